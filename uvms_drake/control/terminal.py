@@ -1,0 +1,50 @@
+"""The terminal ingredients of the nominal MPC: penalty P, controller 𝔎, set ‖ξ‖_P ≤ ε.
+
+The plan's acceleration is constant over an interval of length h, so the terminal controller is
+designed for exactly that: ξ = (y − y_des, ζ) about the equilibrium obeys
+
+    ξ⁺ = A ξ + B ζ̇,   A = [I  hJ_x; 0  I],   B = [½h²J_x; hI],   ū − ū_eq = ζ̇ − F ξ,
+
+with F = [∂f/∂y  ∂f/∂ζ]. In the input w = ζ̇ − Fξ it is a standard discrete-time regulator for
+h(‖ξ‖²_Q + ‖w‖²_R), whose Riccati solution P is the cost to go of the linearised loop.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Terminal penalty, controller and set about the equilibrium (y_des, ζ = 0)."""
+
+    P: np.ndarray
+    """(2(6+n), 2(6+n)) penalty V_f = ‖ξ‖²_P."""
+    gain: np.ndarray
+    """(6+n, 2(6+n)) of the terminal controller ζ̇ = gain · ξ, that is ū = ū_eq − 𝔎ξ."""
+    radius: float
+    """ε of the set ‖ξ‖_P ≤ ε."""
+
+
+def terminal_ingredients(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray, Q: np.ndarray,
+                         R: np.ndarray, time_step: float, radius: float) -> Terminal:
+    """Returns the ingredients for the linearisation (J_x, ∂f/∂y, ∂f/∂ζ) at the equilibrium.
+
+    Args:
+        J_x: Jacobian of the extended task (6+n, 6+n).
+        f_y: ∂f/∂y (6+n, 6+n) [1/s²].
+        f_zeta: ∂f/∂ζ (6+n, 6+n) [1/s].
+        Q: Weight of ξ (2(6+n), 2(6+n)).
+        R: Weight of ū − ū_eq (6+n, 6+n).
+        time_step: h [s].
+        radius: ε.
+    """
+    size = len(J_x)
+    eye, zero = np.eye(size), np.zeros((size, size))
+    A = np.block([[eye, time_step * J_x], [zero, eye]])
+    B = np.concatenate([0.5 * time_step**2 * J_x, time_step * eye])
+    F = np.concatenate([f_y, f_zeta], axis=1)
+    K, P = DiscreteTimeLinearQuadraticRegulator(
+        A=A + B @ F, B=B, Q=time_step * Q, R=time_step * R)
+    return Terminal(P=0.5 * (P + P.T), gain=F - K, radius=radius)

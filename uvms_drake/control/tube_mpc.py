@@ -1,0 +1,69 @@
+"""The controller: nominal MPC, ancillary feedback and input map as one Diagram."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import PassThrough
+
+from uvms_drake.control.ancillary import AncillaryConfig, AncillaryFeedback
+from uvms_drake.control.input_map import InputMap
+from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.scp import SequentialConvexSolver
+
+
+def make_tube_mpc(ocp: Ocp, ancillary: AncillaryConfig, *, iterations: int = 1) -> Diagram:
+    """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
+
+    ::
+
+                  ┌─────────────┐ nominal_state, nominal_acceleration, nominal_input
+        state ─┬─▶│ nominal_mpc │──────────────┐
+               │  └─────────────┘        ┌─────▼─────┐  u   ┌──────┐
+               ├────────────────────────▶│ ancillary │─┬───▶│ M(𝔮) │──▶ tau
+               │                         └───────────┘ │    └──▲───┘
+               └───────────────────────────────────────┼───────┘
+                                                       └──▶ u
+
+    .. pydrake_system::
+
+        name: tube_mpc
+        input_ports:
+        - state
+        output_ports:
+        - tau
+        - u
+        - nominal_state
+        - nominal_input
+        - plan
+        - report
+        - solve_seconds
+
+    - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
+    - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
+    - `u`: 𝔲 (6+n) [m/s², rad/s²].
+    - the others: see `NominalMpc`.
+
+    Args:
+        ocp: The problem that the nominal MPC solves; its model is the controller's.
+        ancillary: The feedback law and its gains.
+        iterations: Convex programs per sample.
+    """
+    builder = DiagramBuilder()
+    state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
+    measured = state.get_output_port()
+    mpc = NominalMpc.AddToBuilder(
+        builder, SequentialConvexSolver(ocp), iterations=iterations, state=measured)
+    feedback = AncillaryFeedback.AddToBuilder(
+        builder, ocp.model, ancillary, nominal=mpc, state=measured)
+    forces = InputMap(ocp.model)
+    builder.AddNamedSystem("M(𝔮)", forces)
+    builder.Connect(measured, forces.GetInputPort("state"))
+    builder.Connect(feedback.GetOutputPort("u"), forces.GetInputPort("u"))
+
+    builder.ExportInput(state.get_input_port(), "state")
+    builder.ExportOutput(forces.GetOutputPort("tau"), "tau")
+    builder.ExportOutput(feedback.GetOutputPort("u"), "u")
+    for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
+        builder.ExportOutput(mpc.GetOutputPort(name), name)
+    diagram = builder.Build()
+    diagram.set_name("tube_mpc")
+    return diagram

@@ -1,0 +1,82 @@
+"""How a bad value is reported: which key, which value, what is allowed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+
+class InvalidParameter(ValueError):
+    """A parameter has a value that its consumer cannot use.
+
+    Attributes:
+        key: Dotted path of the parameter, e.g. `surface.stiffness`.
+        value: The offending value.
+        allowed: What would have been accepted, as the end of "must be ...".
+    """
+
+    def __init__(self, key: str, value: object, allowed: str):
+        self.key = key
+        self.value = value
+        self.allowed = allowed
+        text = np.array2string(value, separator=", ", threshold=12) if isinstance(
+            value, np.ndarray) else repr(value)
+        super().__init__(f"{key} = {' '.join(text.split())}: must be {allowed}")
+
+
+def require(condition: bool, key: str, value: object, allowed: str) -> None:
+    """Raises `InvalidParameter` unless `condition` holds."""
+    if not condition:
+        raise InvalidParameter(key, value, allowed)
+
+
+@contextmanager
+def within(prefix: str) -> Iterator[None]:
+    """Prepends `prefix.` to the key of an `InvalidParameter` raised inside the block."""
+    try:
+        yield
+    except InvalidParameter as error:
+        raise InvalidParameter(f"{prefix}.{error.key}", error.value, error.allowed) from None
+
+
+def vector(key: str, value: object, size: int) -> np.ndarray:
+    """Returns `value` as a finite float vector of the given size, or raises."""
+    return _array(key, value, (size,), f"{size} finite numbers")
+
+
+def matrix(key: str, value: object, rows: int, cols: int) -> np.ndarray:
+    """Returns `value` as a finite float matrix of the given shape, or raises."""
+    return _array(key, value, (rows, cols), f"a {rows}×{cols} matrix of finite numbers")
+
+
+def _array(key: str, value: object, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidParameter(key, value, allowed) from None
+    require(array.shape == shape and bool(np.all(np.isfinite(array))), key, value, allowed)
+    return array
+
+
+def symmetric_matrix(key: str, value: object, size: int, *, definite: bool) -> np.ndarray:
+    """Returns a symmetric positive definite (or semidefinite) matrix, or raises.
+
+    Symmetry is asked for to 1e-9 of the largest entry, semidefiniteness likewise.
+    """
+    allowed = f"a symmetric positive {'definite' if definite else 'semidefinite'} {size}×{size} matrix"
+    array = _array(key, value, (size, size), allowed)
+    scale = max(float(np.max(np.abs(array))), 1e-300)
+    require(bool(np.max(np.abs(array - array.T)) <= 1e-9 * scale), key, array,
+            f"{allowed} (it is not symmetric)")
+    smallest = float(np.linalg.eigvalsh(array)[0])
+    enough = smallest > 0.0 if definite else smallest >= -1e-9 * scale
+    require(enough, key, array, f"{allowed} (its smallest eigenvalue is {smallest:.3g})")
+    return 0.5 * (array + array.T)
+
+
+class ScenarioError(Exception):
+    """A scenario cannot be used. The text is one line: file, key, value and what is allowed."""
+
+
+class RunFailed(RuntimeError):
+    """A run was started and could not be carried through. The text is one line."""

@@ -1,0 +1,1 @@
+"""What plant and controller both know: the robot, its coordinates and the surface's law."""

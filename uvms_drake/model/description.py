@@ -1,0 +1,97 @@
+"""Where the robots live, and how one is put into a `MultibodyPlant`.
+
+A robot is a folder with `<name>.sdf`, `hydrodynamics.yaml` and `package.xml`. Its SDFormat file
+has a floating body `vehicle` in FRD axes, a serial chain of revolute joints, and a frame `tip`
+(the paper's Σ_E).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
+
+import uvms_drake
+from uvms_drake.errors import InvalidParameter, require
+from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters, load_hydrodynamics
+
+STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
+
+
+@dataclass(frozen=True)
+class Uvms:
+    """Handles of a UVMS inside a `MultibodyPlant`."""
+
+    plant: MultibodyPlant
+    model_instance: ModelInstanceIndex
+    vehicle: RigidBody
+    joints: tuple[RevoluteJoint, ...]
+    """The arm's joints, from the vehicle outwards."""
+    tip: Frame
+    hydrodynamics: HydrodynamicParameters
+
+    @property
+    def num_joints(self) -> int:
+        """Returns n."""
+        return len(self.joints)
+
+
+def models_dir() -> Path:
+    """Returns the folder of the robots: inside an installed package, or beside it in a checkout."""
+    package = Path(uvms_drake.__file__).parent
+    installed = package / "models"
+    return installed if installed.is_dir() else package.parent / "models"
+
+
+def model_dir(model: str) -> Path:
+    """Returns the folder of a robot, given the name of a shipped one or a path."""
+    shipped = sorted(path.parent.name for path in models_dir().glob("*/package.xml"))
+    folder = models_dir() / model if model in shipped else Path(model)
+    require((folder / f"{folder.name}.sdf").is_file(), "model", model,
+            f"one of {', '.join(shipped)}, or a folder with <name>.sdf and hydrodynamics.yaml")
+    return folder
+
+
+def add_uvms(plant: MultibodyPlant, model: str) -> Uvms:
+    """Adds a robot to `plant`, sets gravity along +z (Σ_I is NED), and returns its handles.
+
+    Args:
+        plant: A plant that is not finalized; `add_uvms` does not finalize it.
+        model: Name of a shipped robot or path of a robot's folder.
+    """
+    folder = model_dir(model)
+    parser = Parser(plant)
+    parser.package_map().AddPackageXml(str(folder / "package.xml"))
+    (instance,) = parser.AddModels(str(folder / f"{folder.name}.sdf"))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, STANDARD_GRAVITY])
+    for name in ("vehicle", "tip"):
+        require(plant.HasFrameNamed(name, instance), "model", model, f"a robot with a frame '{name}'")
+    return Uvms(
+        plant=plant,
+        model_instance=instance,
+        vehicle=plant.GetBodyByName("vehicle", instance),
+        joints=_serial_joints(plant, instance),
+        tip=plant.GetFrameByName("tip", instance),
+        hydrodynamics=load_hydrodynamics(folder / "hydrodynamics.yaml"),
+    )
+
+
+def _serial_joints(
+    plant: MultibodyPlant, instance: ModelInstanceIndex
+) -> tuple[RevoluteJoint, ...]:
+    """Returns the revolute joints, after checking that each carries the next."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    welds = {joint.child_body().name(): joint.parent_body().name()
+             for joint in joints if joint.type_name() == "weld"}
+    chain = tuple(joint for joint in joints if joint.type_name() == "revolute")
+    outermost = "vehicle"
+    for joint in chain:
+        parent = joint.parent_body().name()
+        while parent in welds:
+            parent = welds[parent]
+        if parent != outermost:
+            raise InvalidParameter(
+                "joint", joint.name(), f"carried by '{outermost}': the arm must be a serial chain")
+        outermost = joint.child_body().name()
+    return chain

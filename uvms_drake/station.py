@@ -1,0 +1,154 @@
+"""The closed loop of a scenario: plant, controller and logs in one Diagram."""
+
+from typing import cast
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
+
+from uvms_drake.control.limits import NominalLimits, tighten
+from uvms_drake.control.nominal_mpc import REPORT_FIELDS
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.errors import require, vector, within
+from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.scenario import Scenario
+
+LOGGED = ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penetration",
+          "disturbance")
+"""Output ports of the station that are logged every `log_period`."""
+
+
+def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
+    """Returns the closed loop as a Diagram named "station".
+
+    ::
+
+        current ──▶ ┌──────┐ state   ┌──────────┐
+                    │ uvms │────────▶│ tube_mpc │──┐
+               ┌───▶└──────┘         └──────────┘  │ tau
+               └───────────────────────────────────┘
+
+    Its output ports are `LOGGED`, `plan`, `report` and `solve_seconds`; see `make_uvms_plant` and
+    `make_tube_mpc`. Each of the logged ports has a VectorLogSink named `log.<port>`, and `report`
+    and `solve_seconds` have one of the sampling period.
+
+    Args:
+        scenario: Everything the run depends on.
+        meshcat: Where to draw the robot, if at all.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used.
+    """
+    ocp = make_ocp(scenario)
+    start_state(scenario, ocp)
+    builder = DiagramBuilder()
+    uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
+        model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
+        seed=scenario.seed, meshcat=meshcat))
+    with within("ancillary"):
+        controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
+            ocp, scenario.ancillary, iterations=scenario.mpc.iterations))
+    current = builder.AddNamedSystem(
+        "current", ConstantVectorSource(vector("current", scenario.current, 3)))
+    builder.Connect(current.get_output_port(), uvms.GetInputPort("current"))
+    builder.Connect(uvms.GetOutputPort("state"), controller.GetInputPort("state"))
+    builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
+
+    for name in (*LOGGED, "plan", "report", "solve_seconds"):
+        system = uvms if uvms.HasOutputPort(name) else controller
+        port = system.GetOutputPort(name)
+        builder.ExportOutput(port, name)
+        if name != "plan":
+            period = scenario.log_period if name in LOGGED else ocp.time_step
+            LogVectorOutput(port, builder, period).set_name(f"log.{name}")
+    station = builder.Build()
+    station.set_name("station")
+    return station
+
+
+def make_ocp(scenario: Scenario) -> Ocp:
+    """Returns the nominal MPC's problem, with a model that is the controller's own.
+
+    Raises:
+        InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
+    """
+    with within("surface"):
+        surface = make_surface_law(scenario.surface)
+    model = UvmsModel.load(scenario.model, surface)
+    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper)
+    task = scenario.task
+    with within("task"):
+        force = vector("force", task.force, 6)
+        pose = None if task.pose is None else vector("pose", task.pose, 6)
+        posture = vector("posture", task.posture, model.num_joints)
+        require(0.0 < task.force_tolerance < np.inf, "force_tolerance", task.force_tolerance,
+                "positive")
+        y_des = np.concatenate([surface.pose_for(force, pose), posture])
+        config = model.configuration(y_des)
+        _check_configuration("pose", "posture", config, y_des, limits)
+    with within("mpc"):
+        ocp = Ocp(model, scenario.mpc, y_des, limits)
+    require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
+            f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
+    return ocp
+
+
+def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
+    """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
+
+    Raises:
+        InvalidParameter: The start is outside of the nominal limits.
+    """
+    with within("start"):
+        eta = vector("eta", scenario.start.eta, 6)
+        q = vector("q", scenario.start.q, ocp.model.num_joints)
+        config = np.concatenate([eta, q])
+        _check_configuration("eta", "q", config, ocp.model.task_pose(config), ocp.limits)
+    return np.concatenate([config, np.zeros_like(config)])
+
+
+def _check_configuration(pose_key: str, joint_key: str, config: np.ndarray, y: np.ndarray,
+                         limits: NominalLimits) -> None:
+    """Raises unless a configuration 𝔮 and its y = (χ, q) are within the nominal limits."""
+    q, eta = config[6:], config[:6]
+    require(bool(np.all((limits.q_lower <= q) & (q <= limits.q_upper))), joint_key, q,
+            f"within the joint limits less tube.e, {limits.q_lower} to {limits.q_upper}")
+    require(abs(eta[4]) <= limits.pitch, pose_key, eta,
+            f"such that the vehicle's pitch, {eta[4]:.3g}, is within ±{limits.pitch:.3g}")
+    require(abs(y[4]) <= limits.tip_pitch, pose_key, eta,
+            f"such that the tip's pitch, {y[4]:.3g}, is within ±{limits.tip_pitch:.3g}")
+
+
+def initialize(station: Diagram, context: Context, scenario: Scenario) -> None:
+    """Sets the state of a station's `context` to the scenario's start."""
+    uvms = cast(Diagram, station.GetSubsystemByName("uvms"))
+    config = np.concatenate([scenario.start.eta, scenario.start.q])
+    set_state(uvms, uvms.GetMyMutableContextFromRoot(context),
+              np.concatenate([config, np.zeros_like(config)]))
+
+
+def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
+    """Returns the logs so far: `time` (T,), each of `LOGGED` (T, size), and the MPC's samples.
+
+    The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
+    `mpc_iterations` (K,), see `REPORT_FIELDS`, and `step_seconds` (K,), wall time.
+    """
+    def log(name: str):
+        return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)
+
+    logs = {name: log(name).data().T.copy() for name in LOGGED}
+    logs["time"] = log("state").sample_times().copy()
+    # A sink publishes before the update of the same instant: the last sample is in the Context.
+    ports = [station.GetOutputPort(name) for name in ("report", "solve_seconds")]
+    samples = np.vstack([
+        np.hstack([port.Eval(station.GetMyContextFromRoot(context)) for port in ports]),
+        np.vstack([log("report").data(), log("solve_seconds").data()]).T])
+    _, first = np.unique(samples[:, 0], return_index=True)
+    for i, field in enumerate(REPORT_FIELDS):
+        logs[f"mpc_{field}"] = samples[first, i]
+    logs["step_seconds"] = samples[first, -1]
+    return logs
