@@ -5,11 +5,15 @@ fourth-order Runge–Kutta method from the last knot, whose error is below 1e-8 
 an underwater vehicle.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from uvms_drake.model.uvms_model import configuration_rate
+
+KNOT_TOLERANCE = 1e-9
+"""A time so close after a knot, as a fraction of an interval, is the knot: rounding of k h."""
 
 
 def advance(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray,
@@ -50,9 +54,14 @@ class Plan:
         return Plan(start_time, time_step, np.array(configs), zetas, zeta_dot)
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,) at `time` [s], within the plan's horizon."""
+        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,) at `time` [s], within the plan's horizon.
+
+        ζ̄̇ at a knot is that of the interval that ends there: an integrator's last stage falls on
+        the knot, and sees the interval that it integrates over.
+        """
         elapsed = time - self.start_time
-        index = int(np.clip(elapsed / self.time_step, 0, len(self.zeta_dot) - 1))
+        index = math.ceil(elapsed / self.time_step - KNOT_TOLERANCE) - 1
+        index = min(max(index, 0), len(self.zeta_dot) - 1)
         duration = elapsed - index * self.time_step
         zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
         return (advance(self.config[index], zeta, zeta_dot, duration),
