@@ -4,8 +4,14 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem, OutputPort
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
 
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
@@ -79,7 +85,12 @@ class NominalMpc(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             self._ocp.time_step, self._ocp.time_step, self._plan_again)
         remembered = {self.abstract_state_ticket(self._memory)}
-        evaluated = remembered | {self.time_ticket()}
+        self._nominal = self.DeclareCacheEntry(
+            description="𝔮̄, ζ̄ and ζ̄̇ now",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(()), calc=self._evaluate_plan),
+            prerequisites_of_calc=remembered | {self.time_ticket()})
+        evaluated = {self._nominal.ticket()}
         self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
         self.DeclareVectorOutputPort(
             "nominal_acceleration", size, self._calc_acceleration, evaluated)
@@ -124,15 +135,18 @@ class NominalMpc(LeafSystem):
             MpcMemory(plan, report, time.perf_counter() - started))
         return EventStatus.Succeeded()
 
+    def _evaluate_plan(self, context, nominal):
+        nominal.set_value(self._plan_now(context).at(context.get_time()))
+
     def _calc_state(self, context, output):
-        config, zeta, _ = self._plan_now(context).at(context.get_time())
+        config, zeta, _ = self._nominal.Eval(context)
         output.SetFromVector(np.concatenate([config, zeta]))
 
     def _calc_acceleration(self, context, output):
-        output.SetFromVector(self._plan_now(context).at(context.get_time())[2])
+        output.SetFromVector(self._nominal.Eval(context)[2])
 
     def _calc_input(self, context, output):
-        config, zeta, zeta_dot = self._plan_now(context).at(context.get_time())
+        config, zeta, zeta_dot = self._nominal.Eval(context)
         output.SetFromVector(zeta_dot - self._ocp.model.drift(config, zeta))
 
     def _calc_plan(self, context, output):

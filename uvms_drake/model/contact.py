@@ -55,7 +55,7 @@ class SurfaceLaw(Protocol):
         """Returns how far the end-effector is inside the surface (...) [m]."""
 
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes what the force leaves free."""
+        """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes what 𝔉_des leaves free."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
 
 
 def dissipation_factor(z: np.ndarray) -> np.ndarray:
-    """Returns ψ(z) = 1 + z for z ≥ 0 and 1/(1 − z) for z < 0: positive, continuously differentiable.
+    """Returns ψ(z) = 1 + z for z ≥ 0, 1/(1 − z) for z < 0: positive, continuously differentiable.
 
     Hunt and Crossley's factor 1 + aδ̇ goes negative on fast withdrawal (the surface would pull)
     and clipping it at zero, as is usual, has a kink; ψ agrees with it to first order at rest.

@@ -11,11 +11,12 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
+from uvms_drake.errors import require
 from uvms_drake.model.description import Uvms
 
 
 class Coordinates:
-    """Maps between the paper's order and the order of a finalized `MultibodyPlant`."""
+    """Maps between the paper's order and that of a finalized `MultibodyPlant` with one UVMS."""
 
     def __init__(self, uvms: Uvms):
         vehicle = uvms.vehicle
@@ -31,6 +32,8 @@ class Coordinates:
         self.num_velocities = uvms.plant.num_velocities()
         self.size = 6 + len(uvms.joints)
         """6 + n, the size of 𝔮 and of ζ."""
+        require(self.num_velocities == self.size, "plant", f"{self.num_velocities} velocities",
+                f"the UVMS alone, with {self.size}")
 
     def from_drake(self, state: np.ndarray) -> np.ndarray:
         """Returns (𝔮, ζ) of a plant state (q, v); |θ| ≤ π/2, φ and ψ in (−π, π]."""

@@ -48,8 +48,10 @@ def model_dir(model: str) -> Path:
     """Returns the folder of a robot, given the name of a shipped one or a path."""
     shipped = sorted(path.parent.name for path in models_dir().glob("*/package.xml"))
     folder = models_dir() / model if model in shipped else Path(model)
-    require((folder / f"{folder.name}.sdf").is_file(), "model", model,
-            f"one of {', '.join(shipped)}, or a folder with <name>.sdf and hydrodynamics.yaml")
+    complete = all((folder / name).is_file()
+                   for name in (f"{folder.name}.sdf", "hydrodynamics.yaml", "package.xml"))
+    require(complete, "model", model, f"one of {', '.join(shipped)}, or a folder with <name>.sdf, "
+            "hydrodynamics.yaml and package.xml")
     return folder
 
 
@@ -59,31 +61,55 @@ def add_uvms(plant: MultibodyPlant, model: str) -> Uvms:
     Args:
         plant: A plant that is not finalized; `add_uvms` does not finalize it.
         model: Name of a shipped robot or path of a robot's folder.
+
+    Raises:
+        InvalidParameter: The robot's files cannot be used.
     """
     folder = model_dir(model)
-    parser = Parser(plant)
-    parser.package_map().AddPackageXml(str(folder / "package.xml"))
-    (instance,) = parser.AddModels(str(folder / f"{folder.name}.sdf"))
+    instance = _parse(plant, folder)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, STANDARD_GRAVITY])
     for name in ("vehicle", "tip"):
         require(plant.HasFrameNamed(name, instance), "model", model, f"a robot with a frame '{name}'")
+    hydrodynamics = load_hydrodynamics(folder / "hydrodynamics.yaml")
+    for name in hydrodynamics.bodies:
+        require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",
+                name, f"a body of {folder.name}.sdf")
     return Uvms(
         plant=plant,
         model_instance=instance,
         vehicle=plant.GetBodyByName("vehicle", instance),
         joints=_serial_joints(plant, instance),
         tip=plant.GetFrameByName("tip", instance),
-        hydrodynamics=load_hydrodynamics(folder / "hydrodynamics.yaml"),
+        hydrodynamics=hydrodynamics,
     )
+
+
+def _parse(plant: MultibodyPlant, folder: Path) -> ModelInstanceIndex:
+    sdf = folder / f"{folder.name}.sdf"
+    parser = Parser(plant)
+    try:
+        parser.package_map().AddPackageXml(str(folder / "package.xml"))
+        (instance,) = parser.AddModels(str(sdf))
+    except RuntimeError as error:
+        raise InvalidParameter("model", str(sdf), f"a readable robot: {_one_line(error)}") from None
+    return instance
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def _serial_joints(
     plant: MultibodyPlant, instance: ModelInstanceIndex
 ) -> tuple[RevoluteJoint, ...]:
-    """Returns the revolute joints, after checking that each carries the next."""
+    """Returns the revolute joints in the order of the file, each of which must carry the next."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    for joint in joints:
+        require(joint.type_name() in ("weld", "revolute"), f"joint {joint.name()}",
+                joint.type_name(), "revolute or a weld")
     welds = {joint.child_body().name(): joint.parent_body().name()
              for joint in joints if joint.type_name() == "weld"}
+    require("vehicle" not in welds, "vehicle", "welded", "a floating body")
     chain = tuple(joint for joint in joints if joint.type_name() == "revolute")
     outermost = "vehicle"
     for joint in chain:

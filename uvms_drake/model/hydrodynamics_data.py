@@ -105,8 +105,10 @@ def load_hydrodynamics(path: Path) -> HydrodynamicParameters:
     """Reads and checks a hydrodynamics YAML file; the key of an error starts with its path."""
     try:
         parameters = yaml_load_typed(schema=HydrodynamicParameters, filename=str(path))
-    except RuntimeError as error:
-        raise InvalidParameter(str(path), "file", f"a hydrodynamics file: {error}") from None
-    with within(f"{path}: "):
         check_hydrodynamics(parameters)
+    except InvalidParameter as error:
+        raise InvalidParameter(f"{path}: {error.key}", error.value, error.allowed) from None
+    except Exception as error:  # PyYAML's and Drake's own, of many types.
+        reason = " ".join(str(error).split()) or "an entry is empty"
+        raise InvalidParameter("hydrodynamics", str(path), f"readable: {reason}") from None
     return parameters

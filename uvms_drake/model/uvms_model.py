@@ -63,7 +63,7 @@ class UvmsModel:
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
 
-        # Joints: placed by constant transforms before (F on the inner link) and after (M to C).
+        # A joint turns about an axis in F on the inner link; M and the outer link follow.
         links = [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
         placements = [plant.CalcRelativeTransform(context, link.body_frame(), joint.frame_on_parent())
                       for link, joint in zip(links, uvms.joints)]
@@ -73,8 +73,9 @@ class UvmsModel:
                  for joint in uvms.joints]
         self._R_MC = np.array([X.rotation().matrix() for X in after])
         self._p_MC = np.array([X.translation() for X in after])
-        self._axis_F = np.array([joint.revolute_axis() for joint in uvms.joints])
-        self._S_axis = skew(self._axis_F)
+        axis_F = np.array([joint.revolute_axis() for joint in uvms.joints])
+        self._axis_L = (self._R_LF @ axis_F[..., None])[..., 0]
+        self._S_axis = skew(axis_F)
         self._joint_damping = np.array([joint.default_damping() for joint in uvms.joints])
         self._rotor_inertia = np.array([_reflected_inertia(uvms, joint) for joint in uvms.joints])
 
@@ -123,21 +124,19 @@ class UvmsModel:
         """Returns the geometry at 𝔮 (..., 6+n)."""
         shape, n = config.shape[:-1], self.num_joints
         R_WB = rotation_matrix(config[..., 3:6])
-        dtype = R_WB.dtype
-        R = np.empty((*shape, n + 1, 3, 3), dtype=dtype)  # links in B
-        p = np.empty((*shape, n + 1, 3), dtype=dtype)
+        R_LM = self._R_LF @ self._joint_rotations(config[..., 6:])
+        R_LC = R_LM @ self._R_MC  # each joint's step to the next link
+        p_LC = self._p_LF + (R_LM @ self._p_MC[..., None])[..., 0]
+        R = np.empty((*shape, n + 1, 3, 3), dtype=R_WB.dtype)  # links in B
+        p = np.empty((*shape, n + 1, 3), dtype=R_WB.dtype)
         R[..., 0, :, :] = np.eye(3)
         p[..., 0, :] = 0.0
-        axis = np.empty((*shape, n, 3), dtype=dtype)
-        anchor = np.empty((*shape, n, 3), dtype=dtype)
-        turn = self._joint_rotations(config[..., 6:])
         for j in range(n):
-            R_BF = R[..., j, :, :] @ self._R_LF[j]
-            anchor[..., j, :] = p[..., j, :] + R[..., j, :, :] @ self._p_LF[j]
-            axis[..., j, :] = R_BF @ self._axis_F[j]
-            R_BM = R_BF @ turn[..., j, :, :]
-            R[..., j + 1, :, :] = R_BM @ self._R_MC[j]
-            p[..., j + 1, :] = anchor[..., j, :] + R_BM @ self._p_MC[j]
+            R[..., j + 1, :, :] = R[..., j, :, :] @ R_LC[..., j, :, :]
+            p[..., j + 1, :] = p[..., j, :] + (R[..., j, :, :] @ p_LC[..., j, :, None])[..., 0]
+        inner = R[..., :-1, :, :]
+        axis = (inner @ self._axis_L[..., None])[..., 0]
+        anchor = p[..., :-1, :] + (inner @ self._p_LF[..., None])[..., 0]
         R_BL = R[..., self._link, :, :] @ self._R_LB
         p_BL = p[..., self._link, :] + (R[..., self._link, :, :] @ self._p_LB[..., None])[..., 0]
         J_bodies = self._body_jacobians(R_BL, p_BL, axis, anchor)
