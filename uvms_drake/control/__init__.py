@@ -1,0 +1,1 @@
+"""The tube-based NMPC: nominal MPC, ancillary feedback, limits and tube."""

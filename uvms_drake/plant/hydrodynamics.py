@@ -1,0 +1,281 @@
+"""What the water does to a robot, solved for the acceleration together with the robot itself.
+
+Frames: W is World (inertial), B a body with origin Bo, P a point of B. Velocities and forces of a
+body are in axes of B and in Fossen's order: ν = (v_WBo_B, ω_WB_B), f = (force, moment about Bo).
+ν_r = ν − (R_BW v_c, 0) is the velocity through the water, in a current v_c that is uniform, steady
+and irrotational. Every law takes stacks of any leading shape.
+
+Reference: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Control*.
+"""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces, RigidBody
+from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, ValueProducer
+
+from uvms_drake.errors import require
+from uvms_drake.model.hydrodynamics_data import (
+    BodyHydrodynamics,
+    HydrodynamicParameters,
+    added_mass_about_origin,
+    check_hydrodynamics,
+)
+from uvms_drake.model.spatial import cross, cross_force, skew
+
+_FROM_DRAKE = [3, 4, 5, 0, 1, 2]  # Drake's spatial vectors have the angular part first.
+
+
+def relative_acceleration(acceleration: np.ndarray, nu_r: np.ndarray) -> np.ndarray:
+    """Returns ν̇_r (..., 6), the rate of the components of ν_r in the turning axes of B.
+
+    Bo accelerates by a and the current turns with −ω as B sees it, v̇_c = −ω × v_c; hence
+    ν̇_r = (a − ω × v − v̇_c, α) = (a − ω × v_r, α).
+
+    Args:
+        acceleration: (a_WBo_B, α_WB_B) (..., 6) [m/s², rad/s²].
+        nu_r: ν_r (..., 6) [m/s, rad/s].
+    """
+    out = acceleration.copy()
+    out[..., :3] -= cross(nu_r[..., 3:], nu_r[..., :3])
+    return out
+
+
+def kirchhoff_force(M_A: np.ndarray, nu_r: np.ndarray, nu_r_dot: np.ndarray) -> np.ndarray:
+    """Returns the force (..., 6) [N, N m] of an ideal fluid on a body that moves through it.
+
+    Kirchhoff's equations, f = −[M_A ν̇_r + ν_r ×* (M_A ν_r)]; the second term is C_A(ν_r) ν_r of
+    Fossen (2021, chapter 6) and does no work.
+
+    Args:
+        M_A: Added mass (..., 6, 6) about Bo, symmetric [kg, kg m, kg m²].
+        nu_r: ν_r (..., 6) [m/s, rad/s].
+        nu_r_dot: ν̇_r (..., 6), see `relative_acceleration` [m/s², rad/s²].
+    """
+    rate = (M_A @ nu_r_dot[..., None])[..., 0]
+    momentum = (M_A @ nu_r[..., None])[..., 0]
+    return -(rate + cross_force(nu_r, momentum))
+
+
+def drag_force(linear: np.ndarray, quadratic: np.ndarray, nu_r: np.ndarray) -> np.ndarray:
+    """Returns −(linear + quadratic ⊙ |ν_r|) ⊙ ν_r (..., 6), see `model.hydrodynamics_data.Drag`."""
+    return -(linear + quadratic * np.abs(nu_r)) * nu_r
+
+
+def buoyancy_force(displaced_mass: np.ndarray, p_BoBb_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+    """Returns −ρV g at the centre of buoyancy Bb, as a force (..., 6) [N, N m] about Bo.
+
+    Args:
+        displaced_mass: ρV (...) [kg].
+        p_BoBb_B: Centre of buoyancy (..., 3) [m].
+        g_B: Gravity in axes of B (..., 3) [m/s²].
+    """
+    force = -displaced_mass[..., None] * g_B
+    return np.concatenate([force, cross(p_BoBb_B, force)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Water:
+    """The parameters of nb bodies with nd drag points between them, stacked."""
+
+    M_A: np.ndarray
+    """Added mass about Bo (nb, 6, 6)."""
+    displaced_mass: np.ndarray
+    """ρV (nb,) [kg]."""
+    p_BoBb_B: np.ndarray
+    """Centres of buoyancy (nb, 3) [m]."""
+    drag_points: np.ndarray
+    """H (6 nd, 6 nb) that maps the ν of all bodies to those of the drag points."""
+    linear: np.ndarray
+    """(nd, 6)."""
+    quadratic: np.ndarray
+    """(nd, 6)."""
+
+    def force(self, nu_r: np.ndarray, nu_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+        """Returns the force on each body (nb, 6): Kirchhoff's, drag and buoyancy."""
+        nu_P = (self.drag_points @ nu_r.ravel()).reshape(-1, 6)
+        drag = self.drag_points.T @ drag_force(self.linear, self.quadratic, nu_P).ravel()
+        return (kirchhoff_force(self.M_A, nu_r, nu_r_dot) + drag.reshape(-1, 6)
+                + buoyancy_force(self.displaced_mass, self.p_BoBb_B, g_B))
+
+
+def make_water(parameters: HydrodynamicParameters) -> Water:
+    """Checks the parameters and stacks them in the order of `parameters.bodies`."""
+    check_hydrodynamics(parameters)
+    bodies: list[BodyHydrodynamics] = list(parameters.bodies.values())
+    drags = [(i, drag) for i, body in enumerate(bodies) for drag in body.drag]
+    drag_points = np.zeros((len(drags), 6, len(bodies), 6))
+    for row, (i, drag) in enumerate(drags):
+        drag_points[row, :, i] = np.eye(6)
+        drag_points[row, :3, i, 3:] = -skew(np.asarray(drag.point, dtype=float))
+    rho = parameters.fluid_density
+    return Water(
+        M_A=_stack([added_mass_about_origin(body.added_mass) for body in bodies], 6, 6),
+        displaced_mass=rho * _stack([body.displaced_volume for body in bodies]),
+        p_BoBb_B=_stack([body.center_of_buoyancy for body in bodies], 3),
+        drag_points=drag_points.reshape(6 * len(drags), 6 * len(bodies)),
+        linear=_stack([drag.linear for _, drag in drags], 6),
+        quadratic=_stack([drag.quadratic for _, drag in drags], 6),
+    )
+
+
+def _stack(items: list, *shape: int) -> np.ndarray:
+    """Returns the items as one array; without items it still has the right shape."""
+    return np.array(items, dtype=float).reshape(-1, *shape)
+
+
+class Hydrodynamics(LeafSystem):
+    """Makes a `MultibodyPlant` move as if under water.
+
+    The generalised acceleration v̇ solves, once and without a loop or a delay,
+
+        (M_RB + Σ JᵢᵀM_AᵢJᵢ) v̇₀ = τ − b(q, v) + Σ Jᵢᵀfᵢ,      v̇ = v̇₀ + d,
+
+    with M_RB and b (bias, gravity, joint damping, springs) the plant's own, Jᵢ the Jacobian of body
+    i in its axes and fᵢ the force of the water on it less M_AᵢJᵢv̇. The output M_RB v̇ + b then makes
+    the plant accelerate by v̇. Feeding the added-mass force back from a measured acceleration
+    instead would be an algebraic loop, or with a delay unstable as soon as M_A > M_RB.
+
+    - Weight acts on the dry mass and is the plant's own; buoyancy uses the plant's gravity vector.
+    - All other forces must come in through `generalized_force`. What reaches the plant in another
+      way (its other ports, contact, joint limits of a discrete plant) moves the dry mass only.
+    - In a discrete plant with time step h, v⁺ = v + h v̇ holds exactly while no constraint acts. Its
+      solvers but TAMSI treat joint damping D as implicit, and so does this system: M_RB + hD
+      stands for M_RB. The force of the water is that at (q, v); h must resolve the drag.
+
+    .. pydrake_system::
+
+        name: Hydrodynamics
+        input_ports:
+        - plant_state
+        - generalized_force (optional)
+        - current (optional)
+        - acceleration_disturbance (optional)
+        output_ports:
+        - applied_generalized_force
+        - acceleration
+
+    With nq, nv of the plant, everything in the plant's order:
+
+    - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
+    - `generalized_force` (nv) [N, N m]: τ, sum of all other forces; unconnected means zero.
+    - `current` (3) [m/s]: v_c, velocity of the water in World; its own acceleration is neglected;
+      unconnected means still water.
+    - `acceleration_disturbance` (nv) [m/s², rad/s²]: d; unconnected means zero.
+    - `applied_generalized_force` (nv) [N, N m]: to
+      `plant.get_applied_generalized_force_input_port()`.
+    - `acceleration` (nv) [m/s², rad/s²]: v̇.
+
+    This system does not have any state. It keeps a Context of the plant as a workspace, overwritten
+    from `plant_state` in every evaluation; parameters are those of the plant's default Context.
+
+    Args:
+        plant: A finalized plant, continuous or discrete.
+        parameters: Added mass, drag and buoyancy by name of the body, see `HydrodynamicParameters`.
+    """
+
+    def __init__(self, plant: MultibodyPlant, parameters: HydrodynamicParameters):
+        super().__init__()
+        self._water = make_water(parameters)
+        self._bodies = [_find_body(plant, name) for name in parameters.bodies]
+        self._plant = plant
+        self._workspace = plant.CreateDefaultContext()
+        self._forces = MultibodyForces(plant)
+        self._no_acceleration = np.zeros(plant.num_velocities())
+        self._implicit_damping = plant.time_step() * _implicit_joint_damping(plant)
+
+        nv = plant.num_velocities()
+        self._plant_state_port = self.DeclareVectorInputPort(
+            "plant_state", plant.num_multibody_states())
+        self._force_port = self.DeclareVectorInputPort("generalized_force", nv)
+        self._current_port = self.DeclareVectorInputPort("current", 3)
+        self._disturbance_port = self.DeclareVectorInputPort("acceleration_disturbance", nv)
+        self._solution = self.DeclareCacheEntry(
+            description="v̇ and the force that brings it about",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make((np.zeros(nv), np.zeros(nv))),
+                calc=self._solve),
+            prerequisites_of_calc={self.all_input_ports_ticket()})
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort(
+            "applied_generalized_force", nv, self._calc_applied_generalized_force, inputs)
+        self.DeclareVectorOutputPort("acceleration", nv, self._calc_acceleration, inputs)
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        plant: MultibodyPlant,
+        parameters: HydrodynamicParameters,
+        name: str = "hydrodynamics",
+    ) -> "Hydrodynamics":
+        """Adds the system to `builder` and wires it to the state and force ports of `plant`."""
+        system = Hydrodynamics(plant, parameters)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+        builder.Connect(system.GetOutputPort("applied_generalized_force"),
+                        plant.get_applied_generalized_force_input_port())
+        return system
+
+    def _calc_applied_generalized_force(self, context, output):
+        output.SetFromVector(self._solution.Eval(context)[1])
+
+    def _calc_acceleration(self, context, output):
+        output.SetFromVector(self._solution.Eval(context)[0])
+
+    def _solve(self, context, solution):
+        plant, workspace = self._plant, self._workspace
+        plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
+        M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
+        plant.CalcForceElementsContribution(workspace, self._forces)
+        bias = plant.CalcInverseDynamics(workspace, self._no_acceleration, self._forces)
+        J, force = self._water_at_no_acceleration(_eval_or_zero(self._current_port, context))
+
+        nb, _, nv = J.shape
+        J_all, M_A_J = J.reshape(6 * nb, nv), (self._water.M_A @ J).reshape(6 * nb, nv)
+        tau = _eval_or_zero(self._force_port, context) + force.ravel() @ J_all
+        v_dot = np.linalg.solve(M_RB + J_all.T @ M_A_J, tau - bias)
+        v_dot += _eval_or_zero(self._disturbance_port, context)
+        solution.set_value((v_dot, M_RB @ v_dot + bias))
+
+    def _water_at_no_acceleration(self, v_c_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0."""
+        plant, workspace = self._plant, self._workspace
+        W, V, zero = plant.world_frame(), JacobianWrtVariable.kV, np.zeros(3)
+        nb, nv = len(self._bodies), plant.num_velocities()
+        J, A, R_WB = np.empty((nb, 6, nv)), np.empty((nb, 6)), np.empty((nb, 3, 3))
+        for i, body in enumerate(self._bodies):
+            B = body.body_frame()
+            J[i] = plant.CalcJacobianSpatialVelocity(workspace, V, B, zero, W, B)
+            A[i] = plant.CalcBiasSpatialAcceleration(workspace, V, B, zero, W, B).get_coeffs()
+            R_WB[i] = body.EvalPoseInWorld(workspace).rotation().matrix()
+        J, A = J[:, _FROM_DRAKE], A[:, _FROM_DRAKE]
+        nu_r = J @ plant.GetVelocities(workspace)
+        nu_r[:, :3] -= v_c_W @ R_WB
+        g_B = plant.gravity_field().gravity_vector() @ R_WB
+        return J, self._water.force(nu_r, relative_acceleration(A, nu_r), g_B)
+
+
+def _eval_or_zero(port: InputPort, context) -> np.ndarray:
+    return cast(np.ndarray, port.Eval(context)) if port.HasValue(context) else np.zeros(port.size())
+
+
+def _find_body(plant: MultibodyPlant, name: str) -> RigidBody:
+    bodies = [plant.get_body(BodyIndex(i)) for i in range(1, plant.num_bodies())]  # 0 is World.
+    found = [body for body in bodies if body.name() == name]
+    names = ", ".join(dict.fromkeys(body.name() for body in bodies))
+    require(len(found) == 1, "bodies", name, f"the name of one body of the plant: {names}")
+    return found[0]
+
+
+def _implicit_joint_damping(plant: MultibodyPlant) -> np.ndarray:
+    """Returns the viscous damping (nv, nv) [N s/m, N m s/rad] that a discrete step takes at v⁺."""
+    D = np.zeros(plant.num_velocities())
+    if plant.get_discrete_contact_approximation().name == "kTamsi":  # Not in newer Drake versions.
+        return np.diag(D)
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        D[joint.velocity_start():][: joint.num_velocities()] = joint.default_damping_vector()
+    return np.diag(D)

@@ -1,0 +1,107 @@
+"""Between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from uvms_drake.model.coordinates import Coordinates
+
+
+class ToPaperOrder(LeafSystem):
+    """Turns the state of a plant into (𝔮, ζ).
+
+    .. pydrake_system::
+
+        name: ToPaperOrder
+        input_ports:
+        - plant_state
+        output_ports:
+        - state
+
+    - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
+    - `state` (2 (6 + n)): 𝔮 [m, rad] in World, ζ [m/s, rad/s] in body axes.
+
+    This system does not have any state.
+
+    Args:
+        coordinates: Of the robot in the plant.
+    """
+
+    def __init__(self, coordinates: Coordinates):
+        super().__init__()
+        self.coordinates = coordinates
+        self._plant_state_port = self.DeclareVectorInputPort(
+            "plant_state", coordinates.num_positions + coordinates.num_velocities)
+        self.DeclareVectorOutputPort("state", 2 * coordinates.size, self._calc_state)
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        plant: MultibodyPlant,
+        coordinates: Coordinates,
+        name: str = "to_paper_order",
+    ) -> "ToPaperOrder":
+        """Adds the system to `builder` and wires it to the state of `plant`."""
+        system = ToPaperOrder(coordinates)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+        return system
+
+    def _calc_state(self, context, output):
+        output.SetFromVector(self.coordinates.from_drake(self._plant_state_port.Eval(context)))
+
+
+class ToDrakeOrder(LeafSystem):
+    """Turns a generalised force τ or acceleration in the paper's order into the plant's.
+
+    With v = T(𝔮) ζ, T orthogonal, the output is T w: a force keeps its power, and d added to ζ̇ is
+    the same as T d added to v̇.
+
+    .. pydrake_system::
+
+        name: ToDrakeOrder
+        input_ports:
+        - plant_state
+        - paper_order (optional)
+        output_ports:
+        - drake_order
+
+    - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
+    - `paper_order` (6 + n): w, e.g. τ [N, N m] or d [m/s², rad/s²], the vehicle's part in body
+      axes; unconnected means zero.
+    - `drake_order` (nv): T w; to an input of `Hydrodynamics`.
+
+    This system does not have any state.
+
+    Args:
+        coordinates: Of the robot in the plant.
+    """
+
+    def __init__(self, coordinates: Coordinates):
+        super().__init__()
+        self._coordinates = coordinates
+        self._plant_state_port = self.DeclareVectorInputPort(
+            "plant_state", coordinates.num_positions + coordinates.num_velocities)
+        self._vector_port = self.DeclareVectorInputPort("paper_order", coordinates.size)
+        self.DeclareVectorOutputPort(
+            "drake_order", coordinates.num_velocities, self._calc_drake_order)
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        plant: MultibodyPlant,
+        coordinates: Coordinates,
+        name: str = "to_drake_order",
+    ) -> "ToDrakeOrder":
+        """Adds the system to `builder` and wires it to the state of `plant`."""
+        system = ToDrakeOrder(coordinates)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+        return system
+
+    def _calc_drake_order(self, context, output):
+        if not self._vector_port.HasValue(context):
+            output.SetFromVector(np.zeros(self._coordinates.num_velocities))
+            return
+        output.SetFromVector(self._coordinates.vector_to_drake(
+            self._plant_state_port.Eval(context), self._vector_port.Eval(context)))

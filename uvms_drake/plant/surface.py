@@ -1,0 +1,118 @@
+"""The compliant surface that the end-effector presses on.
+
+Frames: W is World (the paper's Σ_I), T the tip (Σ_E) with origin To. χ = (p_WTo, φθψ of R_WT) is
+the tip's pose, 𝔉 the force that the tip exerts *on* the surface, conjugate to χ̇: a force in World
+and a torque conjugate to Euler-angle rates. The laws 𝔉(χ, χ̇) are in `model.contact`.
+"""
+
+from typing import cast
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+
+from uvms_drake.model.contact import SurfaceConfig, make_surface_law
+from uvms_drake.model.euler import rate_matrix
+
+
+def pose_and_jacobian(
+    plant: MultibodyPlant, context: Context, tip: Frame
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns χ (6,) [m, rad] of a frame and J_χ (6, nv) with χ̇ = J_χ v, v in the plant's order.
+
+    J_χ = (J_p; T R_TW J_ω) with the Jacobians of p_WTo and ω_WT in World, and T(φ, θ) that takes
+    ω_WT_T to Euler-angle rates (`rate_matrix`); singular at |θ| = π/2.
+    """
+    W = plant.world_frame()
+    X_WT = tip.CalcPoseInWorld(context)
+    R_WT = X_WT.rotation()
+    rpy = RollPitchYaw(R_WT).vector()
+    J = plant.CalcJacobianSpatialVelocity(
+        context, JacobianWrtVariable.kV, tip, np.zeros(3), W, W)
+    J_rpy = rate_matrix(rpy) @ R_WT.matrix().T @ J[:3]
+    return np.concatenate([X_WT.translation(), rpy]), np.concatenate([J[3:], J_rpy])
+
+
+class CompliantSurface(LeafSystem):
+    """Pushes back on the tip of a robot by one of the laws of `model.contact`.
+
+    The robot feels the generalised force −J_χᵀ 𝔉(χ, χ̇), which does the power −𝔉ᵀχ̇ on it.
+
+    .. pydrake_system::
+
+        name: CompliantSurface
+        input_ports:
+        - plant_state
+        output_ports:
+        - generalized_force
+        - force
+        - penetration
+
+    - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
+    - `generalized_force` (nv) [N, N m]: on the robot, in the plant's order: to
+      `Hydrodynamics.generalized_force`, or for a robot in air to
+      `plant.get_applied_generalized_force_input_port()`.
+    - `force` (6) [N, N m]: 𝔉, on the surface; force in World, torque conjugate to Euler rates.
+    - `penetration` (1) [m]: depth of the tip in a plane, stretch of a spring.
+
+    This system does not have any state. It keeps a Context of the plant as a workspace, overwritten
+    from `plant_state` in every evaluation; parameters are those of the plant's default Context.
+
+    Args:
+        plant: A finalized plant.
+        tip: The frame T of `plant` that touches the surface.
+        config: `BilateralSpring` or `UnilateralPlane`.
+    """
+
+    def __init__(self, plant: MultibodyPlant, tip: Frame, config: SurfaceConfig):
+        super().__init__()
+        self._law = make_surface_law(config)
+        self._plant = plant
+        self._tip = tip
+        self._workspace = plant.CreateDefaultContext()
+
+        self._plant_state_port = self.DeclareVectorInputPort(
+            "plant_state", plant.num_multibody_states())
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort(
+            "generalized_force", plant.num_velocities(), self._calc_generalized_force, inputs)
+        self.DeclareVectorOutputPort("force", 6, self._calc_force, inputs)
+        self.DeclareVectorOutputPort("penetration", 1, self._calc_penetration, inputs)
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        plant: MultibodyPlant,
+        tip: Frame,
+        config: SurfaceConfig,
+        name: str = "surface",
+    ) -> "CompliantSurface":
+        """Adds the system to `builder` and wires it to the state of `plant`.
+
+        `generalized_force` is left to the caller, since a plant has one port for the sum of all.
+        """
+        system = CompliantSurface(plant, tip, config)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+        return system
+
+    def _calc_generalized_force(self, context, output):
+        chi, J, chi_dot = self._tip_motion(context)
+        output.SetFromVector(-self._law.force(chi, chi_dot) @ J)
+
+    def _calc_force(self, context, output):
+        chi, _, chi_dot = self._tip_motion(context)
+        output.SetFromVector(self._law.force(chi, chi_dot))
+
+    def _calc_penetration(self, context, output):
+        chi, _, _ = self._tip_motion(context)
+        output.SetFromVector([self._law.penetration(chi)])
+
+    def _tip_motion(self, context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns χ (6,), J_χ (6, nv) and χ̇ (6,)."""
+        plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
+        self._plant.SetPositionsAndVelocities(self._workspace, plant_state)
+        chi, J = pose_and_jacobian(self._plant, self._workspace, self._tip)
+        return chi, J, J @ self._plant.GetVelocities(self._workspace)

@@ -1,0 +1,152 @@
+"""The simulated robot: a MultibodyPlant, the water, a surface and a disturbance in one Diagram."""
+
+from typing import cast
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, PassThrough
+
+from uvms_drake.errors import require, vector, within
+from uvms_drake.model.contact import SurfaceConfig
+from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.description import add_uvms
+from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
+from uvms_drake.plant.hydrodynamics import Hydrodynamics
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
+from uvms_drake.plant.surface import CompliantSurface
+
+MESHCAT_NED = "ned"
+"""Path in Meshcat under which z points down; put there what is drawn in Σ_I."""
+
+
+def make_uvms_plant(
+    *,
+    model: str,
+    surface: SurfaceConfig,
+    disturbance: DisturbanceConfig | None,
+    seed: int = 0,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """Returns a UVMS under water in front of a compliant surface, as a Diagram named "uvms".
+
+    ::
+
+        current ─────────────────────────────────────┐
+        tau ──▶ tau_to_drake_order ──┐               ▼
+                                     ├─▶ (+) ─▶ hydrodynamics ─▶ plant ─┬─▶ plant_state
+                   ┌─▶ surface ──────┘               ▲                  ├─▶ to_paper_order ─▶ state
+                   │      └──▶ force, penetration    │                  │
+                   │         disturbance ─▶ disturbance_to_drake_order  │
+                   │              └──▶ disturbance                      │
+                   └────────────────── plant state (to all) ◀───────────┘
+
+    World is Σ_I (NED); n is the number of the arm's joints.
+
+    .. pydrake_system::
+
+        name: uvms
+        input_ports:
+        - tau (optional)
+        - current (optional)
+        - disturbance (with disturbance=None)
+        output_ports:
+        - state
+        - force
+        - penetration
+        - disturbance
+        - plant_state
+
+    - `tau` (6 + n) [N, N m]: generalised force of thrusters and joints, in the paper's order, the
+      vehicle's part in body axes; unconnected means zero.
+    - `current` (3) [m/s]: velocity of the water in World; unconnected means still water.
+    - `state` (2 (6 + n)): 𝔮 [m, rad], ζ [m/s, rad/s].
+    - `force` (6) [N, N m]: 𝔉, see `CompliantSurface`.
+    - `penetration` (1) [m]: see `CompliantSurface`.
+    - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
+    - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
+
+    The subsystems "plant", "scene_graph", "hydrodynamics", "surface", "disturbance" and, with
+    Meshcat, "meshcat" are found with `GetSubsystemByName`. Joint limits can be read from the plant
+    and are for a controller to keep: a continuous MultibodyPlant has no end stops.
+
+    Args:
+        model: Name of a shipped robot or path of a robot's folder.
+        surface: What the tip presses on.
+        disturbance: What is added to ζ̇; None exports an input port `disturbance` for the caller's.
+        seed: Of the disturbance.
+        meshcat: Where to draw the robot, if at all.
+    """
+    require(seed >= 0, "seed", seed, "zero or positive")
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    uvms = add_uvms(plant, model)
+    plant.Finalize()
+    coordinates = Coordinates(uvms)
+
+    with within("surface"):
+        contact = CompliantSurface.AddToBuilder(builder, plant, uvms.tip, surface)
+    tau = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "tau_to_drake_order")
+    total = Adder(num_inputs=2, size=plant.num_velocities())
+    builder.AddNamedSystem("+", total)
+    builder.Connect(tau.GetOutputPort("drake_order"), total.get_input_port(0))
+    builder.Connect(contact.GetOutputPort("generalized_force"), total.get_input_port(1))
+
+    d_drake = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "disturbance_to_drake_order")
+    if disturbance is None:
+        d_source = builder.AddNamedSystem("disturbance", PassThrough(coordinates.size))
+        builder.ExportInput(d_source.get_input_port(), "disturbance")
+    else:
+        with within("disturbance"):
+            d_source = BoundedDisturbance.AddToBuilder(builder, coordinates.size, disturbance, seed)
+    builder.Connect(d_source.get_output_port(), d_drake.GetInputPort("paper_order"))
+
+    with within("hydrodynamics"):
+        water = Hydrodynamics.AddToBuilder(builder, plant, uvms.hydrodynamics)
+    builder.Connect(total.get_output_port(), water.GetInputPort("generalized_force"))
+    builder.Connect(
+        d_drake.GetOutputPort("drake_order"), water.GetInputPort("acceleration_disturbance"))
+
+    state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    if meshcat is not None:
+        _add_visualizer(builder, scene_graph, meshcat)
+
+    builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
+    builder.ExportInput(water.GetInputPort("current"), "current")
+    builder.ExportOutput(state.GetOutputPort("state"), "state")
+    builder.ExportOutput(contact.GetOutputPort("force"), "force")
+    builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
+    builder.ExportOutput(d_source.get_output_port(), "disturbance")
+    builder.ExportOutput(plant.get_state_output_port(), "plant_state")
+    diagram = builder.Build()
+    diagram.set_name("uvms")
+    return diagram
+
+
+def set_state(uvms: Diagram, context: Context, state: np.ndarray) -> None:
+    """Sets the state of a Diagram made by `make_uvms_plant`.
+
+    Args:
+        uvms: The Diagram.
+        context: Its Context; in a larger Diagram, `uvms.GetMyMutableContextFromRoot(root_context)`.
+        state: (𝔮, ζ) (2 (6 + n)).
+    """
+    coordinates = cast(ToPaperOrder, uvms.GetSubsystemByName("to_paper_order")).coordinates
+    plant = cast(MultibodyPlant, uvms.GetSubsystemByName("plant"))
+    plant.SetPositionsAndVelocities(
+        uvms.GetMutableSubsystemContext(plant, context),
+        coordinates.to_drake(vector("state", state, 2 * coordinates.size)))
+
+
+def _add_visualizer(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat) -> None:
+    """Adds a visualizer under `MESHCAT_NED`; Meshcat's own z-axis points up.
+
+    The turn is set on the parent of the visualizer's path, since the visualizer deletes its own
+    path, with any transform on it, when a simulation starts.
+    """
+    meshcat.SetTransform(MESHCAT_NED, RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), np.zeros(3)))
+    visualizer = MeshcatVisualizer.AddToBuilder(
+        builder, scene_graph, meshcat, MeshcatVisualizerParams(prefix=f"{MESHCAT_NED}/uvms"))
+    visualizer.set_name("meshcat")
