@@ -63,7 +63,8 @@ def symmetric_matrix(key: str, value: object, size: int, *, definite: bool) -> n
 
     Symmetry is asked for to 1e-9 of the largest entry, semidefiniteness likewise.
     """
-    allowed = f"a symmetric positive {'definite' if definite else 'semidefinite'} {size}×{size} matrix"
+    kind = "definite" if definite else "semidefinite"
+    allowed = f"a symmetric positive {kind} {size}×{size} matrix"
     array = _array(key, value, (size, size), allowed)
     scale = max(float(np.max(np.abs(array))), 1e-300)
     require(bool(np.max(np.abs(array - array.T)) <= 1e-9 * scale), key, array,

@@ -66,9 +66,9 @@ class NonlinearSolver:
         xi = np.concatenate([y - ocp.y_des, zeta], axis=1)
         du = zeta_dot - f[:-1] - ocp.u_eq
         weights = [h * ocp.Q] * N + [ocp.terminal.P]
-        value = sum(e @ W @ e for e, W in zip(xi, weights)) + h * np.sum((du @ ocp.R) * du)
-        value += TERMINAL_PENALTY * slack
-        by_xi = np.array([2.0 * W @ e for e, W in zip(xi, weights)])
+        value = sum(e @ W @ e for e, W in zip(xi, weights, strict=True))
+        value += h * np.sum((du @ ocp.R) * du) + TERMINAL_PENALTY * slack
+        by_xi = np.array([2.0 * W @ e for e, W in zip(xi, weights, strict=True)])
         by_u = 2.0 * h * du @ ocp.R
         by_config = (np.swapaxes(y_config, 1, 2) @ by_xi[:, :size, None])[..., 0]
         by_zeta = by_xi[:, size:].copy()
@@ -164,6 +164,6 @@ def _differentiable(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarra
             return value if len(value) > 1 else value[0]
         value, jacobian = function(ExtractValue(x).ravel())
         gradient = jacobian @ ExtractGradient(x)
-        out = np.array([AutoDiffXd(v, row) for v, row in zip(value, gradient)])
+        out = np.array([AutoDiffXd(v, row) for v, row in zip(value, gradient, strict=True)])
         return out if len(out) > 1 else out[0]
     return evaluate

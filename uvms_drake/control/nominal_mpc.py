@@ -82,8 +82,7 @@ class NominalMpc(LeafSystem):
         self._memory = self.DeclareAbstractState(Value(MpcMemory()))
         self._state_port = self.DeclareVectorInputPort("state", 2 * size)
         self.DeclareInitializationUnrestrictedUpdateEvent(self._plan_first)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(
-            self._ocp.time_step, self._ocp.time_step, self._plan_again)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._ocp.time_step, 0.0, self._plan_again)
         remembered = {self.abstract_state_ticket(self._memory)}
         self._nominal = self.DeclareCacheEntry(
             description="𝔮̄, ζ̄ and ζ̄̇ now",
@@ -123,7 +122,10 @@ class NominalMpc(LeafSystem):
 
     def _plan_again(self, context, state):
         started = time.perf_counter()
-        guess = self._ocp.continued(self._plan_now(context))
+        plan = self._plan_now(context)
+        if context.get_time() < plan.start_time + 0.5 * plan.time_step:
+            return EventStatus.DidNothing()  # The first plan was made a moment ago.
+        guess = self._ocp.continued(plan)
         solution = self._solver.solve(guess, self._iterations)
         return self._remember(state, context.get_time(), solution, solution.plan or guess, started)
 

@@ -2,11 +2,11 @@
 
 With y = (χ, q) the extended task, ξ = (y − y_des, ζ), and ζ̇ constant on N intervals of length h,
 
-    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − ū_eq‖²_R) + ‖ξ_N‖²_P + ρ s                 (eq:mpc_cost_function)
-    s.t. ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, ζ̄̇_k),  ζ̄_{k+1} = ζ̄_k + h ζ̄̇_k                            (eq:diff_mpc)
-         ū = ζ̄̇ − f(𝔮̄, ζ̄) in Ū at both ends of every interval                (eq:mpc_constrained_set)
+    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − ū_eq‖²_R) + ‖ξ_N‖²_P + ρ s             (eq:mpc_cost_function)
+    s.t. ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, ζ̄̇_k),  ζ̄_{k+1} = ζ̄_k + h ζ̄̇_k                      (eq:diff_mpc)
+         ū = ζ̄̇ − f(𝔮̄, ζ̄) in Ū at both ends of every interval            (eq:mpc_constrained_set)
          ‖ν̄₁‖, ‖ν̄₂‖, ‖q̄̇‖, joints, pitch of the vehicle and of the end-effector within limits
-         ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                             (eq:mpc_terminal_set)
+         ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                         (eq:mpc_terminal_set)
 
 The decision variable is ζ̄̇ instead of ū: the rollout is then kinematic, never stiff and exact,
 whatever the surface's stiffness; f only enters through ū in cost and limits. y instead of 𝔮 as
@@ -115,7 +115,7 @@ class Ocp:
         self.R = np.diag(weights["weight_u"])
         config_des = model.configuration(y_des)
         self.u_eq = model.equilibrium_input(config_des)
-        f, f_config, f_zeta = model.drift_derivatives(config_des[None], np.zeros((1, size)))
+        _, f_config, f_zeta = model.drift_derivatives(config_des[None], np.zeros((1, size)))
         J_x = model.task_jacobian(config_des)
         f_y = f_config[0] @ configuration_rate_matrix(config_des) @ np.linalg.inv(J_x)
         self.terminal = terminal_ingredients(

@@ -49,7 +49,7 @@ class Plan:
         """Returns the plan that starts at (𝔮, ζ) (6+n,) and has the accelerations (N, 6+n)."""
         configs = [config]
         zetas = np.concatenate([zeta[None], zeta + time_step * np.cumsum(zeta_dot, axis=0)])
-        for velocity, acceleration in zip(zetas, zeta_dot):
+        for velocity, acceleration in zip(zetas[:-1], zeta_dot, strict=True):
             configs.append(advance(configs[-1], velocity, acceleration, time_step))
         return Plan(start_time, time_step, np.array(configs), zetas, zeta_dot)
 

@@ -57,7 +57,8 @@ class SequentialConvexSolver:
             weight = np.tile(h * ocp.R, (2, 2))  # of ū = ζ̇ + g
             prog.AddQuadraticCost(
                 2.0 * weight, -2.0 * weight[:, : len(ocp.u_eq)] @ ocp.u_eq,
-                float(h * ocp.u_eq @ ocp.R @ ocp.u_eq), np.concatenate([a[k], g[k]]), is_convex=True)
+                float(h * ocp.u_eq @ ocp.R @ ocp.u_eq), np.concatenate([a[k], g[k]]),
+                is_convex=True)
         prog.AddQuadraticErrorCost(ocp.terminal.P, target, np.concatenate([y[-1], zeta[-1]]))
         prog.AddLinearCost([TERMINAL_PENALTY], slack)
 

@@ -69,7 +69,8 @@ def add_uvms(plant: MultibodyPlant, model: str) -> Uvms:
     instance = _parse(plant, folder)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, STANDARD_GRAVITY])
     for name in ("vehicle", "tip"):
-        require(plant.HasFrameNamed(name, instance), "model", model, f"a robot with a frame '{name}'")
+        require(plant.HasFrameNamed(name, instance), "model", model,
+                f"a robot with a frame '{name}'")
     hydrodynamics = load_hydrodynamics(folder / "hydrodynamics.yaml")
     for name in hydrodynamics.bodies:
         require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",

@@ -65,8 +65,9 @@ class UvmsModel:
 
         # A joint turns about an axis in F on the inner link; M and the outer link follow.
         links = [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
-        placements = [plant.CalcRelativeTransform(context, link.body_frame(), joint.frame_on_parent())
-                      for link, joint in zip(links, uvms.joints)]
+        placements = [plant.CalcRelativeTransform(
+            context, link.body_frame(), joint.frame_on_parent())
+            for link, joint in zip(links[:-1], uvms.joints, strict=True)]
         self._R_LF = np.array([X.rotation().matrix() for X in placements])
         self._p_LF = np.array([X.translation() for X in placements])
         after = [joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
@@ -86,7 +87,7 @@ class UvmsModel:
         self._link = np.array([next(i for i, owner in enumerate(owners) if frame.body() in owner)
                                for frame in frames])
         offsets = [plant.CalcRelativeTransform(context, links[i].body_frame(), frame)
-                   for i, frame in zip(self._link, frames)]
+                   for i, frame in zip(self._link, frames, strict=True)]
         self._R_LB = np.array([X.rotation().matrix() for X in offsets])
         self._p_LB = np.array([X.translation() for X in offsets])
         self._carries = (np.arange(self.num_joints) < self._link[:, None]).astype(float)
@@ -94,7 +95,7 @@ class UvmsModel:
         water = uvms.hydrodynamics
         wet = [water.bodies.get(body.name(), BodyHydrodynamics()) for body in bodies]
         self._inertia = np.array([_rigid_inertia(body) + added_mass_about_origin(item.added_mass)
-                                  for body, item in zip(bodies, wet)])
+                                  for body, item in zip(bodies, wet, strict=True)])
         masses = np.array([body.default_mass() for body in bodies])
         displaced = water.fluid_density * np.array([item.displaced_volume for item in wet])
         self._net_mass = masses - displaced
@@ -112,7 +113,7 @@ class UvmsModel:
 
     @staticmethod
     def load(model: str, surface: SurfaceLaw) -> "UvmsModel":
-        """Returns the model of a shipped robot or of a robot's folder, read by a plant of its own."""
+        """Returns the model of a shipped robot or a robot's folder, read by a plant of its own."""
         plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
         uvms = add_uvms(plant, model)
         plant.Finalize()
@@ -193,9 +194,9 @@ class UvmsModel:
         return y, J_x.real, J_x.imag / COMPLEX_STEP
 
     def configuration(self, y: np.ndarray) -> np.ndarray:
-        """Returns 𝔮 (..., 6+n) of the extended task y: the vehicle carries the arm, X_WB = X_WE X_BE⁻¹.
+        """Returns 𝔮 (..., 6+n) of the extended task y (..., 6+n), angles in (−π, π].
 
-        The Euler angles are returned in (−π, π].
+        The vehicle is where the arm has the end-effector at χ: X_WB = X_WE X_BE(q)⁻¹.
         """
         config = np.zeros_like(y)
         config[..., 6:] = y[..., 6:]

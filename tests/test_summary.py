@@ -1,0 +1,223 @@
+"""Tests of `uvms_drake.summary`."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import synthetic_record
+
+from uvms_drake.control.ancillary import Transpose
+from uvms_drake.summary import (
+    count_entries,
+    format_summary,
+    jsonable,
+    pose_error,
+    settling_index,
+    summarise,
+    tube_deviation,
+)
+
+KEYS = {
+    "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
+    "task_error", "force", "constraints", "disturbance", "tube"}
+CONSTRAINTS = [
+    "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
+    "q4_max", "pitch", "tip_pitch", "u_surge", "u_sway", "u_heave", "u_roll", "u_pitch", "u_yaw",
+    "u_q1", "u_q2", "u_q3", "u_q4"]
+
+
+def pressing(force_x, **changes):
+    """Returns a record of 1 s steps with this normal force [N] and no other."""
+    force = np.zeros((len(force_x), 6))
+    force[:, 0] = force_x
+    base = synthetic_record()
+    short = {name: getattr(base, name)[: len(force_x)] for name in (
+        "state", "nominal_state", "chi", "chi_nominal", "u", "disturbance")}
+    return replace(base, time=np.arange(float(len(force_x))), force=force, **short, **changes)
+
+
+def test_the_fixed_keys_are_there_and_valid_json():
+    summary = summarise(synthetic_record())
+    assert set(summary) >= KEYS
+    assert set(summary["versions"]) == {"uvms_drake", "drake", "python"}
+    assert set(summary["mpc"]) >= {"solves", "failures", "fallbacks", "step_ms"}
+    assert set(summary["mpc"]["step_ms"]) == {"p50", "p95", "p99", "max"}
+    assert set(summary["task_error"]) >= {"initial", "final", "final_norm"}
+    assert set(summary["force"]) >= {
+        "desired", "final", "final_error_norm", "worst_error_norm_after_settling",
+        "settling_time_s"}
+    assert set(summary["tube"]) == {
+        "certified", "law", "bound_e", "worst_e", "bound_z", "worst_z", "exits"}
+    assert list(summary["constraints"]) == CONSTRAINTS
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+def test_duration_and_wall_time_give_the_real_time_factor():
+    summary = summarise(synthetic_record(wall_time_s=8.0))
+    assert (summary["duration_s"], summary["real_time_factor"]) == (20.0, 2.5)
+
+
+def test_force_settles_at_the_first_time_from_which_it_stays():
+    force = summarise(pressing([0.0, 19.0, 25.0, 21.5, 19.5, 20.5]))["force"]
+    assert force["settling_time_s"] == 3.0
+    assert force["worst_error_norm_after_settling"] == 1.5
+    assert force["final_error_norm"] == 0.5
+    assert force["peak_normal"] == 25.0
+    assert force["overshoot"] == {"newton": 5.0, "percent": 25.0}
+
+
+def test_a_force_that_never_settles_has_no_settling_time():
+    force = summarise(pressing([0.0, 20.0, 30.0]))["force"]
+    assert force["settling_time_s"] is None
+    assert force["worst_error_norm_after_settling"] is None
+    assert force["overshoot"]["newton"] == 10.0
+    assert force["final"] == [30.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_the_overshoot_is_not_negative():
+    assert summarise(pressing([0.0, 10.0]))["force"]["overshoot"]["newton"] == 0.0
+
+
+def test_the_last_seconds_are_averaged():
+    last = summarise(pressing([99.0, 20.0, 20.0, 20.0, 20.0, 20.0, 26.0]))["force"]["last_5_s"]
+    assert last == {"mean_error_norm": 1.0, "worst_normal_error": 6.0}
+
+
+def test_a_force_of_zero_has_no_direction():
+    record = synthetic_record()
+    scenario = replace(record.scenario, task=replace(record.scenario.task, force=np.zeros(6)))
+    force = summarise(replace(record, scenario=scenario))["force"]
+    assert force["peak_normal"] is None
+    assert force["overshoot"]["percent"] is None
+
+
+def test_settling_index():
+    assert settling_index(np.array([3.0, 1.0, 0.5]), 1.0) == 1
+    assert settling_index(np.array([0.0, 0.0]), 1.0) == 0
+    assert settling_index(np.array([0.0, 2.0]), 1.0) is None
+
+
+@pytest.mark.parametrize(("channel", "name"), [(0, "u_surge"), (5, "u_yaw"), (9, "u_q4")])
+def test_inputs_are_limited_on_both_sides(channel, name):
+    record = synthetic_record()
+    u = np.zeros_like(record.u)
+    limit = record.scenario.limits.u[channel]
+    u[100, channel] = -limit - 0.5
+    row = summarise(replace(record, u=u))["constraints"][name]
+    assert row == {"limit": limit, "worst": limit + 0.5, "margin": pytest.approx(-0.5)}
+
+
+def test_velocities_are_limited_by_blocks():
+    record = synthetic_record()
+    state = record.state.copy()
+    state[:, 10:] = 0.0
+    state[50, 10:13] = [0.3, 0.0, 0.4]
+    state[50, 13:16] = [0.0, 0.0, -0.2]
+    constraints = summarise(replace(record, state=state))["constraints"]
+    assert constraints["nu1"]["worst"] == pytest.approx(0.5)
+    assert constraints["nu1"]["margin"] == pytest.approx(-0.2)
+    assert constraints["nu2"]["worst"] == pytest.approx(0.2)
+    assert constraints["qdot"]["worst"] == 0.0
+
+
+def test_joints_have_a_lower_and_an_upper_limit():
+    record = synthetic_record()
+    state = record.state.copy()
+    state[3, 6] = -0.6
+    constraints = summarise(replace(record, state=state))["constraints"]
+    assert constraints["q1_min"] == {
+        "limit": -0.52, "worst": -0.6, "margin": pytest.approx(-0.08)}
+    assert constraints["q1_max"]["margin"] > 0.0
+
+
+def test_a_joint_without_limits_has_no_constraint():
+    record = synthetic_record(joint_upper=np.array([1.46, 1.3114, 0.73, np.inf]))
+    constraints = summarise(record)["constraints"]
+    assert "q4_max" not in constraints
+    assert "q4_min" in constraints
+
+
+def test_pose_errors_go_the_short_way_around():
+    error = pose_error(np.array([0.0, 0.0, 0.0, 3.1, 0.0, -3.1]),
+                       np.array([1.0, 0.0, 0.0, -3.1, 0.0, 3.1]))
+    np.testing.assert_allclose(error, [-1.0, 0, 0, 6.2 - 2 * np.pi, 0, 2 * np.pi - 6.2])
+
+
+def test_the_deviation_is_that_of_pose_and_joints():
+    record = synthetic_record()
+    chi, state = record.chi_nominal.copy(), record.nominal_state.copy()
+    chi[:, 0] += 0.3
+    state[:, 6] += 0.4 + 2.0 * np.pi
+    state[:, 10] += 0.7
+    e, z = tube_deviation(replace(record, chi=chi, state=state))
+    np.testing.assert_allclose(e, 0.5)
+    np.testing.assert_allclose(z, 0.7)
+
+
+def test_excursions_from_the_tube_are_counted_once_each():
+    record = synthetic_record()
+    state, chi = record.nominal_state.copy(), record.chi_nominal.copy()
+    state[100:200, 10] += 1.0
+    state[300, 6] += 1.0
+    tube = summarise(replace(record, state=state, chi=chi))["tube"]
+    assert tube["exits"] == 2
+    assert (tube["worst_e"], tube["worst_z"]) == (pytest.approx(1.0), pytest.approx(1.0))
+    assert (tube["bound_e"], tube["bound_z"]) == (0.006, 0.04)
+    assert tube["certified"] is False
+
+
+def test_count_entries():
+    flags = np.array([True, True, False, True, False, False, True])
+    assert count_entries(flags) == 3
+    assert count_entries(np.zeros(4, dtype=bool)) == 0
+
+
+def test_failures_of_the_solver_are_counted():
+    record = synthetic_record()
+    status = np.zeros_like(record.mpc_status)
+    status[[3, 4]] = 1.0
+    mpc = summarise(replace(record, mpc_status=status))["mpc"]
+    assert (mpc["solves"], mpc["failures"], mpc["fallbacks"]) == (len(status), 2, 2)
+
+
+def test_step_times_are_in_milliseconds():
+    record = synthetic_record()
+    step = summarise(replace(record, step_seconds=np.linspace(0.0, 0.1, 101)))["mpc"]["step_ms"]
+    assert step == {key: pytest.approx(value) for key, value in (
+        ("p50", 50.0), ("p95", 95.0), ("p99", 99.0), ("max", 100.0))}
+
+
+def test_the_disturbance_is_measured_by_its_norm():
+    record = synthetic_record()
+    d = np.zeros_like(record.disturbance)
+    d[7, [0, 9]] = [0.03, -0.04]
+    disturbance = summarise(replace(record, disturbance=d))["disturbance"]
+    assert disturbance == {"bound": 0.1, "worst": pytest.approx(0.05)}
+
+
+def test_numbers_that_are_not_finite_become_null():
+    assert jsonable({"a": np.array([1.0, np.nan]), "b": (np.int64(2), np.inf)}) == {
+        "a": [1.0, None], "b": [2, None]}
+
+
+def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():
+    record = synthetic_record()
+    text = format_summary(summarise(record))
+    assert "certified     no (declared tube)" in text
+    assert "VIOLATED" not in text
+    u = record.u.copy()
+    u[0, 0] = 9.0
+    scenario = replace(record.scenario, ancillary=Transpose())
+    text = format_summary(summarise(replace(record, u=u, scenario=scenario)))
+    assert next(line for line in text.splitlines() if "VIOLATED" in line).startswith("u_surge")
+    assert "law transpose" in text
+
+
+def test_the_table_of_a_run_without_settling_and_samples_is_printable():
+    empty = dict.fromkeys(("mpc_time", "mpc_status", "mpc_terminal_slack", "step_seconds"),
+                          np.zeros(0))
+    summary = summarise(pressing([0.0, 0.0], wall_time_s=0.0, **empty))
+    assert summary["mpc"]["step_ms"] == dict.fromkeys(("p50", "p95", "p99", "max"))
+    assert summary["real_time_factor"] is None
+    assert "never settled" in format_summary(summary)

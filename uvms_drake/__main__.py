@@ -1,0 +1,7 @@
+"""`python -m uvms_drake` is the command `uvms-drake`."""
+
+import sys
+
+from uvms_drake.cli import main
+
+sys.exit(main())

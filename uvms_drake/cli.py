@@ -1,0 +1,169 @@
+"""The command line: `uvms-drake run` and `uvms-drake scenarios`.
+
+The exit status is 0 if all went well, 1 if the run could not be carried through, 2 for bad input
+and 130 after Ctrl-C. An error is one line on stderr.
+"""
+
+import argparse
+import json
+import logging
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import NoReturn
+
+from uvms_drake import __version__
+from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.output import output_folder
+from uvms_drake.progress import ProgressLine
+from uvms_drake.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
+from uvms_drake.scenario import (
+    Scenario,
+    load_scenario,
+    reported_in,
+    scenario_source,
+    shipped_scenarios,
+)
+from uvms_drake.summary import format_summary, summarise
+
+# What takes long to import (simulation, figures, replay) is imported where it is used.
+
+PROGRAM = "uvms-drake"
+MAIN_SCENARIO = "girona500_contact"
+SUMMARY_FILE = "summary.json"
+REPLAY_FILE = "replay.html"
+
+
+class _UsageError(Exception):
+    """The arguments do not make sense."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises instead of printing its usage in front of the error."""
+
+    def error(self, message: str) -> NoReturn:
+        raise _UsageError(f"{message} (see {self.prog} --help)")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line and returns the exit status.
+
+    Args:
+        argv: The arguments, without the program's name; the process's own if it is None.
+    """
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    try:
+        args = make_parser().parse_args(argv)
+        return args.command(args)
+    except (_UsageError, ScenarioError, InvalidParameter) as error:
+        return _report(error, 2)
+    except RunFailed as error:
+        return _report(error, 1)
+    except KeyboardInterrupt:
+        return _report("interrupted, nothing written", 130)
+
+
+def _report(error: object, status: int) -> int:
+    print(f"{PROGRAM}: error: {' '.join(str(error).split())}", file=sys.stderr)
+    return status
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Returns the parser; the function of a subcommand is the `command` of its arguments."""
+    parser = _Parser(prog=PROGRAM, allow_abbrev=False, description=(
+        "Robust interaction control of underwater vehicle-manipulator systems."))
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_run(commands)
+    scenarios = commands.add_parser("scenarios", help="list the shipped scenarios",
+                                    allow_abbrev=False)
+    scenarios.set_defaults(command=list_scenarios)
+    return parser
+
+
+def _add_run(commands: argparse._SubParsersAction) -> None:
+    run = commands.add_parser("run", help="simulate a scenario and write data and figures",
+                              allow_abbrev=False)
+    run.set_defaults(command=run_scenario)
+    run.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
+                     help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    run.add_argument("--output", type=Path, metavar="DIR",
+                     help="where to write (default: out/<scenario>); files of a former run in it "
+                          "are replaced or deleted, others left alone")
+    run.add_argument("--seed", metavar="N", help="the scenario's seed")
+    run.add_argument("--duration", metavar="S", help="the scenario's duration [s]")
+    run.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+                     dest="overrides", help="any value of the scenario, in YAML; can be repeated")
+    run.add_argument("--meshcat", action="store_true",
+                     help="show the run in a browser, in real time")
+    run.add_argument("--no-figures", action="store_true", help="write no PNG files")
+    run.add_argument("--no-replay", action="store_true", help=f"write no {REPLAY_FILE}")
+
+
+def list_scenarios(args: argparse.Namespace) -> int:
+    """Prints the shipped scenarios with a line each."""
+    del args
+    shipped = shipped_scenarios()
+    width = max(len(name) for name in shipped)
+    for name in shipped:
+        print(f"{name:<{width}}  {' '.join(load_scenario(name).description.split())}")
+    return 0
+
+
+def run_scenario(args: argparse.Namespace) -> int:
+    """Simulates a scenario, prints the summary and writes the files."""
+    from uvms_drake.figures import FIGURES
+
+    overrides = scenario_overrides(args)
+    scenario = load_scenario(args.scenario, overrides)
+    output = args.output if args.output is not None else Path("out") / scenario.name
+    owned = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, REPLAY_FILE, *FIGURES)
+    with output_folder(output, owned) as folder:
+        record = _simulate(scenario, scenario_source(args.scenario, overrides), args.meshcat)
+        text = write_outputs(record, folder, figures=not args.no_figures,
+                             replay=not args.no_replay)
+        names = sorted(path.name for path in folder.iterdir())
+    print(f"{text}\n\nwritten to {output}: {', '.join(names)}")
+    return 0
+
+
+def scenario_overrides(args: argparse.Namespace) -> list[str]:
+    """Returns the overrides of the arguments; --seed and --duration go over --set."""
+    named = (("seed", args.seed), ("duration", args.duration))
+    return [*args.overrides, *(f"{key}={value}" for key, value in named if value is not None)]
+
+
+def _simulate(scenario: Scenario, source: str, show: bool) -> Record:
+    """Returns the record of a run, with progress on stderr."""
+    from uvms_drake.simulation import simulate
+
+    meshcat = None
+    if show:
+        from pydrake.geometry import Meshcat
+
+        from uvms_drake.replay import draw_scene
+
+        meshcat = Meshcat()
+        draw_scene(meshcat, scenario)
+        print(f"watch at {meshcat.web_url()}", file=sys.stderr)
+    with closing(ProgressLine(scenario.duration, sys.stderr)) as progress, reported_in(source):
+        return simulate(scenario, meshcat=meshcat, progress=progress,
+                        realtime_rate=1.0 if show else None)
+
+
+def write_outputs(record: Record, folder: Path, *, figures: bool, replay: bool) -> str:
+    """Writes the files of a run into a folder and returns its summary as text."""
+    summary = summarise(record)
+    save_record(record, folder)
+    text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+    if figures:
+        from uvms_drake.figures import make_figures
+
+        make_figures(record, folder)
+    if replay:
+        from uvms_drake.replay import write_replay
+
+        write_replay(record, folder / REPLAY_FILE)
+    return format_summary(summary)

@@ -1,0 +1,103 @@
+"""How the figures of this package look: column width, Okabe–Ito colours, one legend on top."""
+
+from typing import Any
+
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
+
+BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
+"""From Okabe and Ito's palette: told apart with every kind of colour vision."""
+XYZ = (BLUE, VERMILION, GREEN)
+
+STYLE: dict[Any, Any] = {
+    "axes.grid": True,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "axes.prop_cycle": cycler(color=XYZ),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 7.5,
+    "axes.xmargin": 0.0,
+    "font.family": "serif",
+    "font.serif": ["STIXGeneral"],
+    "font.size": 8,
+    "grid.alpha": 0.35,
+    "grid.linewidth": 0.4,
+    "legend.borderaxespad": 0.2,
+    "legend.columnspacing": 1.2,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 1.7,
+    "legend.handletextpad": 0.5,
+    "lines.linewidth": 1.1,
+    "mathtext.fontset": "stix",
+    "savefig.dpi": 300,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+}
+COLUMN_WIDTH = 3.5  # inches, of a two-column paper
+REAL: dict[str, Any] = {"color": BLUE, "label": "real"}
+NOMINAL: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (3, 1.5)), "label": "nominal"}
+LIMIT: dict[str, Any] = {
+    "color": BLACK, "linewidth": 0.8, "linestyle": (0, (6, 2)), "label": "limit"}
+TIGHTENED: dict[str, Any] = {**LIMIT, "linestyle": (0, (1, 1.5)), "label": "tightened"}
+DECLARED = "tube declared, not certified"
+
+
+def panels(rows: int, height: float, columns: int = 1, sharex: bool = True) -> tuple[Figure, Any]:
+    """Returns a figure with axes (rows, columns) over time, each column as wide as a paper's.
+
+    Args:
+        rows: Number of rows.
+        height: Of the figure [in].
+        columns: Number of columns.
+        sharex: Whether all axes show the same time.
+    """
+    figure = Figure(figsize=(COLUMN_WIDTH * columns, height), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False)
+    for axis in axes.flat:
+        axis.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        axis.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    return figure, axes if columns > 1 else axes[:, 0]
+
+
+def log_ticks(axis: Axes) -> None:
+    """Makes the y axis logarithmic, with plain numbers at 1, 2, 5, 10, ..."""
+    axis.set_yscale("log")
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.yaxis.set_minor_locator(NullLocator())
+
+
+def real_and_nominal(axis: Axes, time: np.ndarray, real: np.ndarray, nominal: np.ndarray) -> None:
+    """Draws a real and a nominal signal (T,)."""
+    axis.plot(time, real, **REAL)
+    axis.plot(time, nominal, **NOMINAL)
+
+
+def room_above_zero(axis: Axes) -> None:
+    """Lets the y axis start at zero and leaves a little room above the highest line."""
+    highest = max(float(np.max(np.asarray(line.get_ydata()))) for line in axis.get_lines())
+    axis.set_ylim(0.0, 1.12 * highest if highest > 0.0 else 1.0)
+
+
+def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
+    """Puts one legend for all panels on top; its entries come from the axes `source`."""
+    entries = dict(zip(*reversed(source.get_legend_handles_labels()), strict=True))
+    figure.legend(list(entries.values()), list(entries), ncols=columns, loc="outside upper center")
+
+
+def real_nominal_tube_above(figure: Figure) -> None:
+    """Puts a legend on top that tells real, nominal and tube apart where colour does not."""
+    handles = [Line2D([], [], color="0.45", label="real"),
+               Line2D([], [], color=BLACK, linewidth=0.7, linestyle="--", label="nominal"),
+               Patch(color="0.8", label=DECLARED)]
+    figure.legend(handles=handles, ncols=3, loc="outside upper center")

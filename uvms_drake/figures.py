@@ -1,0 +1,231 @@
+"""The figures of a run, one idea each, at the width of a column in a paper."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uvms_drake.figure_style import (
+    BLACK,
+    BLUE,
+    DECLARED,
+    LIMIT,
+    STYLE,
+    TIGHTENED,
+    VERMILION,
+    XYZ,
+    legend_above,
+    log_ticks,
+    panels,
+    real_and_nominal,
+    real_nominal_tube_above,
+    room_above_zero,
+)
+from uvms_drake.record import Record
+from uvms_drake.summary import input_names, pose_error, settling_index, tube_deviation
+
+
+def make_figures(record: Record, output_dir: Path) -> list[Path]:
+    """Writes all figures of a run as PNG files into a folder and returns their paths."""
+    paths = []
+    for name, draw in FIGURES.items():
+        with matplotlib.rc_context(STYLE):
+            draw(record).savefig(output_dir / name)
+        paths.append(output_dir / name)
+    return paths
+
+
+def draw_task_error(record: Record) -> Figure:
+    """Draws χ − χ_des, real and nominal, with the declared tube; on the right close to zero."""
+    figure, axes = panels(2, 3.2, columns=2)
+    real = pose_error(record.chi, record.chi_des)
+    nominal = pose_error(record.chi_nominal, record.chi_des)
+    bound = record.scenario.tube.e
+    names = (("$x$", "$y$", "$z$"), (r"$\phi$", r"$\theta$", r"$\psi$"))
+    for row, part, labels in zip(axes, (slice(0, 3), slice(3, 6)), names, strict=True):
+        for axis in row:
+            for color, label, e, e_bar in zip(
+                    XYZ, labels, real[:, part].T, nominal[:, part].T, strict=True):
+                axis.fill_between(record.time, e_bar - bound, e_bar + bound, color=color,
+                                  alpha=0.18, linewidth=0)
+                axis.plot(record.time, e, color=color, label=label)
+                axis.plot(record.time, e_bar, color=BLACK, linewidth=0.7, linestyle="--")
+        row[0].legend(ncols=3, loc="best")
+        reach = 2.5 * bound or 2.5 * float(np.max(np.abs(real[-1, part]))) or 1.0
+        row[1].set_ylim(-reach, reach)
+    axes[0, 0].set_ylabel("position error [m]")
+    axes[1, 0].set_ylabel("orientation error [rad]")
+    axes[0, 1].set_title(f"close to zero; the tube is $\\pm${bound:g} m, rad")
+    real_nominal_tube_above(figure)
+    return figure
+
+
+def draw_force(record: Record) -> Figure:
+    """Draws 𝔉 and the penetration, and once more the force from first contact to settling."""
+    torque = bool(np.any(record.force[:, 3:]))
+    figure, axes = panels(4 if torque else 3, 5.4 if torque else 4.2, sharex=False)
+    desired = np.asarray(record.scenario.task.force, dtype=float)
+    _draw_wrench(axes[0], record, desired, slice(0, 3), "$F_{}$")
+    _draw_wrench(axes[-1], record, desired, slice(0, 3), "$F_{}$")
+    axes[0].set_ylabel("force [N]")
+    axes[-1].set_ylabel("force [N]")
+    if torque:
+        _draw_wrench(axes[1], record, desired, slice(3, 6), "$M_{}$")
+        axes[1].set_ylabel("torque [N m]")
+        axes[1].legend(ncols=4, loc="best")
+    axes[-2].plot(record.time, 1e3 * record.penetration)
+    axes[-2].set_ylabel("penetration [mm]")
+    axes[-2].set_xlabel("time [s]")
+    magnitude, tolerance = np.linalg.norm(desired[:3]), record.scenario.task.force_tolerance
+    axes[0].axhspan(magnitude - tolerance, magnitude + tolerance, color=BLUE, alpha=0.12,
+                    linewidth=0, label=f"$\\pm${tolerance:g} N")
+    axes[-1].set_xlim(*_impact_window(record))
+    axes[-1].set_title("from the first contact to settling")
+    for axis in axes[:-1]:
+        axis.sharex(axes[0])
+    for axis in axes[:-2]:
+        axis.tick_params(labelbottom=False)
+    legend_above(figure, axes[0], 5)
+    return figure
+
+
+def _draw_wrench(axis: Axes, record: Record, desired: np.ndarray, part: slice, name: str) -> None:
+    for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True):
+        axis.plot(record.time, force, color=color, label=name.format(letter))
+    for goal in np.unique(desired[part]):
+        axis.axhline(goal, **{**LIMIT, "label": "desired"})
+
+
+def draw_velocities(record: Record) -> Figure:
+    """Draws the block norms of ζ with their limits, full and tightened."""
+    figure, axes = panels(3, 3.6)
+    limits, tube = record.scenario.limits, record.scenario.tube
+    blocks = ((slice(0, 3), r"$\|\nu_1\|$ [m/s]", limits.nu1),
+              (slice(3, 6), r"$\|\nu_2\|$ [rad/s]", limits.nu2),
+              (slice(6, None), r"$\|\dot{q}\|$ [rad/s]", limits.qdot))
+    for axis, (block, label, limit) in zip(axes, blocks, strict=True):
+        real_and_nominal(axis, record.time, np.linalg.norm(record.zeta[:, block], axis=1),
+                         np.linalg.norm(record.nominal_zeta[:, block], axis=1))
+        axis.axhline(limit, **LIMIT)
+        axis.axhline(limit - tube.z, **TIGHTENED)
+        axis.set_ylabel(label)
+        room_above_zero(axis)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_joints(record: Record) -> Figure:
+    """Draws the joint angles with their limits."""
+    n = record.num_joints
+    figure, axes = panels(n, 0.6 + 0.95 * n)
+    for i, axis in enumerate(axes):
+        real_and_nominal(axis, record.time, record.config[:, 6 + i],
+                         record.nominal_config[:, 6 + i])
+        for limit in (record.joint_lower[i], record.joint_upper[i]):
+            if np.isfinite(limit):
+                axis.axhline(limit, **LIMIT)
+        axis.set_ylabel(f"$q_{{{i + 1}}}$ [rad]")
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_inputs(record: Record) -> Figure:
+    """Draws the acceleration commands with their limits, full and tightened, channel by channel."""
+    names = input_names(record.num_joints)
+    rows = -(-len(names) // 2)
+    figure, grid = panels(rows, 0.5 + 1.0 * rows, columns=2)
+    axes = grid.T.ravel()
+    limits, tube = record.scenario.limits.u, record.scenario.tube.u
+    tightening = tube if len(tube) else np.zeros(len(limits))
+    for i, (axis, name) in enumerate(zip(axes, names, strict=False)):
+        real_and_nominal(axis, record.time, record.u[:, i], record.nominal_input[:, i])
+        for sign in (-1.0, 1.0):
+            axis.axhline(sign * limits[i], **LIMIT)
+            axis.axhline(sign * (limits[i] - tightening[i]), **TIGHTENED)
+        axis.set_ylabel(f"{name}\n[{'m' if i < 3 else 'rad'}/s²]")
+    if len(axes) > len(names):
+        axes[-1].set_visible(False)
+        axes[-2].set_xlabel("time [s]")
+        axes[-2].tick_params(labelbottom=True)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_disturbance(record: Record) -> Figure:
+    """Draws the components of d, and its norm against the bound."""
+    figure, axes = panels(2, 2.8)
+    blocks = (slice(0, 3), slice(3, 6), slice(6, None))
+    names = ("surge, sway, heave", "roll, pitch, yaw", "joints")
+    for block, color, name in zip(blocks, XYZ, names, strict=True):
+        axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
+                     label=name)
+    axes[1].plot(record.time, np.linalg.norm(record.disturbance, axis=1), color=BLACK)
+    axes[1].axhline(record.scenario.disturbance.bound, **{**LIMIT, "color": VERMILION})
+    axes[1].set_title(r"dashed: bound $\tilde{d}$")
+    axes[0].set_ylabel("$d_i$ [m/s², rad/s²]")
+    axes[1].set_ylabel(r"$\|d\|_2$ [m/s², rad/s²]")
+    room_above_zero(axes[1])
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_mpc(record: Record) -> Figure:
+    """Draws the step time of the MPC, failed samples, and the slack of the terminal set."""
+    figure, axes = panels(2, 2.8)
+    step_ms = 1e3 * record.step_seconds
+    for chosen, marker, color, label in (
+            (record.mpc_status == 0, ".", BLUE, "solved"),
+            (record.mpc_status != 0, "x", VERMILION, "failed, fallback")):
+        axes[0].plot(record.mpc_time[chosen], step_ms[chosen], marker, color=color, markersize=3.5,
+                     label=label)
+    axes[0].axhline(1e3 * record.scenario.mpc.time_step, **{**LIMIT, "label": "sampling period"})
+    log_ticks(axes[0])
+    axes[0].set_ylabel("step time [ms]")
+    axes[1].plot(record.mpc_time, record.mpc_terminal_slack, ".-", markersize=3.5)
+    axes[1].set_ylabel("terminal slack [-]")
+    axes[1].set_xlim(record.time[0], record.time[-1])
+    room_above_zero(axes[1])
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_deviation(record: Record) -> Figure:
+    """Draws how far the real state is from the nominal one, against the declared bounds."""
+    figure, axes = panels(2, 2.8)
+    tube = record.scenario.tube
+    labels = (r"$\|y-\bar{y}\|_2$ [m, rad]", r"$\|\zeta-\bar{\zeta}\|_2$ [m/s, rad/s]")
+    for axis, deviation, bound, label in zip(
+            axes, tube_deviation(record), (tube.e, tube.z), labels, strict=True):
+        axis.plot(record.time, deviation, label="deviation")
+        axis.axhline(bound, **{**LIMIT, "label": f"bound ({DECLARED})"})
+        axis.fill_between(record.time, 0.0, bound, color=BLUE, alpha=0.1, linewidth=0)
+        axis.set_ylabel(label)
+        room_above_zero(axis)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def _impact_window(record: Record) -> tuple[float, float]:
+    """Returns the times from just before the first contact to just after settling [s]."""
+    force = np.linalg.norm(record.force, axis=1)
+    touching = np.flatnonzero(force > 0.01 * max(float(np.max(force)), 1e-12))
+    start = float(record.time[touching[0]]) if len(touching) else float(record.time[0])
+    error = np.linalg.norm(record.force - record.scenario.task.force, axis=1)
+    settled = settling_index(error, record.scenario.task.force_tolerance)
+    stop = start + 2.0 if settled is None else max(float(record.time[settled]), start) + 0.5
+    return max(start - 0.2, float(record.time[0])), min(stop, float(record.time[-1]))
+
+
+FIGURES: dict[str, Callable[[Record], Figure]] = {
+    "task_error.png": draw_task_error,
+    "force.png": draw_force,
+    "velocities.png": draw_velocities,
+    "joints.png": draw_joints,
+    "inputs.png": draw_inputs,
+    "disturbance.png": draw_disturbance,
+    "mpc.png": draw_mpc,
+    "deviation.png": draw_deviation,
+}

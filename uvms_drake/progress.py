@@ -1,0 +1,46 @@
+"""How far a simulation has come, on a terminal or in a log file."""
+
+import time
+from typing import TextIO
+
+REFRESH_PERIOD = 0.2  # s of wall time, on a terminal
+LINES = 5  # in all, in a log file
+
+
+class ProgressLine:
+    """Callable that reports the simulated time: one updating line on a terminal, few lines else.
+
+    Args:
+        duration: Simulated time at the end [s].
+        stream: Where to write.
+    """
+
+    def __init__(self, duration: float, stream: TextIO):
+        self._duration = duration
+        self._stream = stream
+        self._is_terminal = stream.isatty()
+        self._started = time.perf_counter()
+        self._due = 0.0
+        self._is_open = False
+
+    def __call__(self, now: float) -> None:
+        """Reports that the simulation is at `now` [s]."""
+        wall = time.perf_counter() - self._started
+        if (wall if self._is_terminal else now) < self._due:
+            return
+        text = f"simulating: {now:.1f} of {self._duration:g} s, {wall:.1f} s elapsed"
+        if self._is_terminal:
+            self._due = wall + REFRESH_PERIOD
+            self._stream.write(f"\r{text}\033[K")
+            self._is_open = True
+        else:
+            self._due = now + self._duration / LINES
+            self._stream.write(f"{text}\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Takes the line away, so that what comes next has it."""
+        if self._is_open:
+            self._stream.write("\r\033[K")
+            self._stream.flush()
+            self._is_open = False

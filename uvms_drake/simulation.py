@@ -1,0 +1,109 @@
+"""Runs a scenario: station, Simulator and logs to a `Record`."""
+
+import time
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+from uvms_drake.errors import RunFailed
+from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.record import Record
+from uvms_drake.scenario import Scenario
+from uvms_drake.station import initialize, make_station, read_logs
+
+PROGRESS_PERIOD = 0.1
+"""Simulated time between two calls of `progress` [s]."""
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    meshcat: Meshcat | None = None,
+    realtime_rate: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Record:
+    """Returns the record of a run from t = 0 to the scenario's duration.
+
+    Args:
+        scenario: Everything the run depends on.
+        meshcat: Where to draw the robot during the run, if at all.
+        realtime_rate: Takes the place of the scenario's `simulator.target_realtime_rate`.
+        progress: Called with the simulated time [s] now and then; it does not change the result.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used.
+        RunFailed: The run started, but could not be carried through.
+    """
+    station = make_station(scenario, meshcat)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    if realtime_rate is not None:
+        simulator.set_target_realtime_rate(realtime_rate)
+    context = simulator.get_mutable_context()
+    initialize(station, context, scenario)
+    if progress is not None:
+        simulator.set_monitor(_monitor(progress))
+    wall_time = _run(simulator, scenario.duration)
+    return make_record(scenario, read_logs(station, context), wall_time)
+
+
+def _run(simulator: Simulator, duration: float) -> float:
+    """Simulates to `duration` [s] and returns the wall time without initialization [s]."""
+    try:
+        simulator.Initialize()
+        started = time.perf_counter()
+        simulator.AdvanceTo(duration)
+    except RunFailed:
+        raise
+    except RuntimeError as error:  # This is how Drake reports that it cannot go on.
+        reason = " ".join(str(error).split())
+        now = simulator.get_context().get_time()
+        raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error
+    return time.perf_counter() - started
+
+
+def _monitor(progress: Callable[[float], None]) -> Callable[[Context], EventStatus]:
+    """Returns a monitor of a Simulator that calls `progress`.
+
+    A monitor watches, while AdvanceTo in slices would end an integration step at each of them.
+    """
+    due = 0.0
+
+    def watch(context: Context) -> EventStatus:
+        nonlocal due
+        now = context.get_time()
+        if now >= due:
+            progress(now)
+            due = now + PROGRESS_PERIOD
+        return EventStatus.DidNothing()
+
+    return watch
+
+
+def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float) -> Record:
+    """Returns the record of a station's logs, with the end-effector's poses added.
+
+    Args:
+        scenario: The scenario of the run.
+        logs: As `station.read_logs` returns them.
+        wall_time: Of the simulation [s].
+    """
+    surface = make_surface_law(scenario.surface)
+    model = UvmsModel.load(scenario.model, surface)
+    size = model.size
+    derived = {
+        "chi": model.task_pose(logs["state"][:, :size])[:, :6],
+        "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
+        "chi_des": surface.pose_for(scenario.task.force, scenario.task.pose),
+        "joint_lower": model.q_lower,
+        "joint_upper": model.q_upper,
+    }
+    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1)}
+    known = {f.name for f in fields(Record)}
+    return Record(scenario=scenario, wall_time_s=wall_time,
+                  **{name: value for name, value in arrays.items() if name in known})

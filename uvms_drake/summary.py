@@ -1,0 +1,245 @@
+"""What a run achieved, in numbers: pure functions from a `Record` to the content of summary.json.
+
+A figure of merit that does not exist, such as the settling time of a force that never settled, is
+None. Everything is evaluated at the logged samples.
+"""
+
+import platform
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+import uvms_drake
+from uvms_drake.model.euler import wrap_angle
+from uvms_drake.record import Record
+
+LAST_SECONDS = 5.0
+"""Length of the window at the end over which the force is averaged [s]."""
+
+
+def summarise(record: Record) -> dict[str, object]:
+    """Returns the summary of a run, ready for JSON."""
+    scenario = record.scenario
+    wall = record.wall_time_s
+    summary = {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake"),
+                     "python": platform.python_version()},
+        "duration_s": scenario.duration,
+        "wall_time_s": wall,
+        "real_time_factor": scenario.duration / wall if wall > 0.0 else None,
+        "mpc": summarise_mpc(record),
+        "task_error": summarise_task_error(record),
+        "force": summarise_force(record),
+        "constraints": summarise_constraints(record),
+        "disturbance": {"bound": scenario.disturbance.bound,
+                        "worst": np.max(np.linalg.norm(record.disturbance, axis=1))},
+        "tube": summarise_tube(record),
+    }
+    return jsonable(summary)
+
+
+def pose_error(chi: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Returns χ − χ_ref (..., 6) [m, rad], with the angles in [−π, π)."""
+    error = np.array(chi - reference)
+    error[..., 3:] = wrap_angle(error[..., 3:])
+    return error
+
+
+def tube_deviation(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Returns ‖y − ȳ‖₂, y = (χ, q), and ‖ζ − ζ̄‖₂, both (T,) [m, rad; m/s, rad/s]."""
+    joints = wrap_angle(record.config[:, 6:] - record.nominal_config[:, 6:])
+    y = np.hstack([pose_error(record.chi, record.chi_nominal), joints])
+    return (np.linalg.norm(y, axis=1),
+            np.linalg.norm(record.zeta - record.nominal_zeta, axis=1))
+
+
+def summarise_mpc(record: Record) -> dict[str, object]:
+    """Returns how often the MPC was solved and failed, and how long a step took."""
+    step_ms = 1e3 * record.step_seconds
+    quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
+                 if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
+    return {
+        "solves": len(record.mpc_status),
+        "failures": np.count_nonzero(record.mpc_status),
+        "fallbacks": np.count_nonzero(record.mpc_status == 1),
+        "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
+        "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
+    }
+
+
+def summarise_task_error(record: Record) -> dict[str, object]:
+    """Returns χ − χ_des at both ends [m, rad]."""
+    error = pose_error(record.chi[[0, -1]], record.chi_des)
+    return {"initial": error[0], "final": error[1], "final_norm": np.linalg.norm(error[1])}
+
+
+def summarise_force(record: Record) -> dict[str, object]:
+    """Returns how well 𝔉 came to and stayed at 𝔉_des [N, N m]."""
+    desired = np.asarray(record.scenario.task.force, dtype=float)
+    error = np.linalg.norm(record.force - desired, axis=1)
+    index = settling_index(error, record.scenario.task.force_tolerance)
+    magnitude = float(np.linalg.norm(desired[:3]))
+    direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)
+    normal = record.force[:, :3] @ direction
+    end = record.time >= record.time[-1] - LAST_SECONDS
+    return {
+        "desired": desired,
+        "final": record.force[-1],
+        "final_error_norm": error[-1],
+        "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
+        "settling_time_s": None if index is None else record.time[index],
+        "peak_normal": np.max(normal) if magnitude > 0.0 else None,
+        "overshoot": _overshoot(record.force, magnitude, index),
+        "last_5_s": {"mean_error_norm": np.mean(error[end]),
+                     "worst_normal_error": np.max(np.abs(normal[end] - magnitude))},
+    }
+
+
+def settling_index(error: np.ndarray, tolerance: float) -> int | None:
+    """Returns the first sample from which on `error` (T,) stays within `tolerance`, or None."""
+    outside = np.flatnonzero(error > tolerance)
+    first = int(outside[-1]) + 1 if len(outside) else 0
+    return first if first < len(error) else None
+
+
+def _overshoot(force: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
+    """Returns by how much ‖force‖ exceeded the desired one before it settled."""
+    stop = len(force) if settled is None else settled + 1
+    excess = max(float(np.max(np.linalg.norm(force[:stop, :3], axis=1))) - desired, 0.0)
+    return {"newton": excess, "percent": 100.0 * excess / desired if desired > 0.0 else None}
+
+
+def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
+    """Returns for each constraint g(t) ≤ limit the signal g (T,) and the limit, by name.
+
+    The lower joint limits q_min ≤ q are the exception: there the signal must stay above.
+    """
+    limits, zeta, config = record.scenario.limits, record.zeta, record.config
+    signals = {
+        "nu1": (np.linalg.norm(zeta[:, :3], axis=1), limits.nu1),
+        "nu2": (np.linalg.norm(zeta[:, 3:6], axis=1), limits.nu2),
+        "qdot": (np.linalg.norm(zeta[:, 6:], axis=1), limits.qdot),
+    }
+    for i, (lower, upper) in enumerate(zip(record.joint_lower, record.joint_upper, strict=True)):
+        signals[f"q{i + 1}_min"] = (config[:, 6 + i], lower)
+        signals[f"q{i + 1}_max"] = (config[:, 6 + i], upper)
+    signals["pitch"] = (np.abs(config[:, 4]), limits.pitch)
+    signals["tip_pitch"] = (np.abs(record.chi[:, 4]), limits.tip_pitch)
+    for name, u, limit in zip(input_names(record.num_joints), record.u.T, limits.u, strict=True):
+        signals[f"u_{name}"] = (np.abs(u), limit)
+    return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}
+
+
+def input_names(num_joints: int) -> list[str]:
+    """Returns the names of the 6 + n accelerations."""
+    return ["surge", "sway", "heave", "roll", "pitch", "yaw",
+            *(f"q{i + 1}" for i in range(num_joints))]
+
+
+def summarise_constraints(record: Record) -> dict[str, object]:
+    """Returns limit, worst value and margin of each constraint; negative if violated."""
+    out: dict[str, object] = {}
+    for name, (signal, limit) in constraint_signals(record).items():
+        lower = name.endswith("_min")
+        worst = np.min(signal) if lower else np.max(signal)
+        out[name] = {"limit": limit, "worst": worst,
+                     "margin": worst - limit if lower else limit - worst}
+    return out
+
+
+def summarise_tube(record: Record) -> dict[str, object]:
+    """Returns the declared bounds, the worst deviations and how often they were left."""
+    tube = record.scenario.tube
+    e, z = tube_deviation(record)
+    outside = (e > tube.e) | (z > tube.z)
+    return {
+        "certified": False,
+        "law": type(record.scenario.ancillary).__name__.lower(),
+        "bound_e": tube.e, "worst_e": np.max(e),
+        "bound_z": tube.z, "worst_z": np.max(z),
+        "exits": count_entries(outside),
+    }
+
+
+def count_entries(flags: np.ndarray) -> int:
+    """Returns how often a boolean signal (T,) becomes true, its first sample included."""
+    return int(np.count_nonzero(flags & ~np.concatenate([[False], flags[:-1]])))
+
+
+def jsonable(value: Any) -> Any:
+    """Returns the value in JSON's types; a number that is not finite becomes None."""
+    if isinstance(value, dict):
+        return {key: jsonable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [jsonable(item) for item in value]
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def format_summary(summary: dict) -> str:
+    """Returns the summary as a table for a terminal."""
+    return "\n".join([
+        *_format_run(summary), "", *_format_force(summary["force"]), "",
+        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary)])
+
+
+def _format_run(summary: dict) -> list[str]:
+    mpc, step, task = summary["mpc"], summary["mpc"]["step_ms"], summary["task_error"]
+    initial = float(np.linalg.norm(task["initial"]))
+    return [
+        f"{'scenario':<14}{summary['scenario']}, seed {summary['seed']}: "
+        f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
+        f"({_number(summary['real_time_factor'], '.2f')} times real time)",
+        f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, "
+        f"{mpc['fallbacks']} fallbacks; step {_number(step['p50'], '.1f')} ms median, "
+        f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
+        f"{'task error':<14}{initial:.4g} at the start, {task['final_norm']:.4g} at the end",
+    ]
+
+
+def _format_force(force: dict) -> list[str]:
+    settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
+               if force["settling_time_s"] is not None else "never settled within the tolerance")
+    overshoot = force["overshoot"]
+    last = force["last_5_s"]
+    return [
+        f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} N at the end",
+        f"{'':<14}normal {_number(force['peak_normal'], '.4g')} N at its peak, "
+        f"impact overshoot {overshoot['newton']:.3g} N "
+        f"({_number(overshoot['percent'], '.3g')} %)",
+        f"{'':<14}last {LAST_SECONDS:g} s: error {last['mean_error_norm']:.3g} N on average, "
+        f"normal off by {last['worst_normal_error']:.3g} N at most",
+    ]
+
+
+def _format_constraints(constraints: dict) -> list[str]:
+    rows = [f"{'constraint':<14}{'limit':>11}{'worst':>11}{'margin':>11}"]
+    for name, row in constraints.items():
+        mark = "" if row["margin"] >= 0.0 else "  VIOLATED"
+        numbers = "".join(f"{row[key]:>11.4g}" for key in ("limit", "worst", "margin"))
+        rows.append(f"{name:<14}{numbers}{mark}")
+    return rows
+
+
+def _format_robustness(summary: dict) -> list[str]:
+    tube, disturbance = summary["tube"], summary["disturbance"]
+    certified = "yes" if tube["certified"] else "no (declared tube)"
+    return [
+        f"{'disturbance':<14}{disturbance['worst']:.4g} at most, "
+        f"bound {disturbance['bound']:.4g}",
+        f"{'tube':<14}law {tube['law']}; "
+        f"|y - y_nominal| {tube['worst_e']:.3g} (bound {tube['bound_e']:.3g}), "
+        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g}), "
+        f"{tube['exits']} exits",
+        f"{'certified':<14}{certified}",
+    ]
+
+
+def _number(value: float | None, spec: str) -> str:
+    return "-" if value is None else format(value, spec)
