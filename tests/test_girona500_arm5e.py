@@ -1,5 +1,6 @@
 """Tests of the robot `girona500_arm5e`: its SDFormat file, its YAML file, and how they agree."""
 
+import dh
 import numpy as np
 import pytest
 from pydrake.geometry import Cylinder, Ellipsoid, Role, Sphere
@@ -12,14 +13,6 @@ from pydrake.systems.framework import DiagramBuilder
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description import Uvms, add_uvms, model_dir
 from uvms_drake.model.hydrodynamics_data import added_mass_about_origin
-
-# The paper's table, typed again: standard Denavit-Hartenberg parameters of links 1 to 4.
-A = (0.10, 0.26, 0.09, 0.0)
-D = (0.0, 0.0, 0.0, 0.29)
-ALPHA = (-np.pi / 2, 0.0, np.pi / 2, 0.0)
-ARM_BASE = (0.53, 0.0, 0.36)
-LOWER = (-0.52, -0.1471, -1.297, -3.14)
-UPPER = (1.46, 1.3114, 0.73, 3.14)
 
 # Cylinders of the arm, typed again: radius, length, axis, centre in the body's frame [m].
 CYLINDERS = {
@@ -53,54 +46,18 @@ def _context(uvms: Uvms, eta, q):
     return context
 
 
-def _random_configurations(seed: int, count: int):
-    rng = np.random.default_rng(seed)
-    for _ in range(count):
-        attitude = rng.uniform([-np.pi, -1.4, -np.pi], [np.pi, 1.4, np.pi])
-        yield np.concatenate([rng.normal(size=3), attitude]), rng.uniform(LOWER, UPPER)
-
-
-def _rotation(axis: str, angle: float) -> np.ndarray:
-    """Returns an elementary rotation as a homogeneous matrix (4, 4)."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    X = np.eye(4)
-    X[i, i] = X[j, j] = c
-    X[i, j], X[j, i] = -s, s
-    return X
-
-
-def _translation(x: float, y: float, z: float) -> np.ndarray:
-    X = np.eye(4)
-    X[:3, 3] = x, y, z
-    return X
-
-
-def _chain(eta: np.ndarray, q: np.ndarray) -> dict[str, np.ndarray]:
-    """Returns the poses in Σ_I of vehicle, arm and tip by the paper's table."""
-    X = (_translation(*eta[:3]) @ _rotation("z", eta[5]) @ _rotation("y", eta[4])
-         @ _rotation("x", eta[3]))
-    poses = {"vehicle": X}
-    X = poses["arm_base"] = X @ _translation(*ARM_BASE)
-    for i in range(4):
-        X = (X @ _rotation("z", q[i]) @ _translation(0, 0, D[i]) @ _translation(A[i], 0, 0)
-             @ _rotation("x", ALPHA[i]))
-        poses[f"link{i + 1}"] = X
-    poses["tip"] = X @ _rotation("y", -np.pi / 2)
-    return poses
-
-
 def test_every_frame_is_where_the_papers_table_puts_it(uvms):
-    for eta, q in _random_configurations(seed=1, count=20):
+    for config in dh.random_configurations(seed=1, count=20):
+        eta, q = config[:6], config[6:]
         context = _context(uvms, eta, q)
-        for name, expected in _chain(eta, q).items():
+        for name, expected in dh.chain(dh.vehicle(eta), q).items():
             X_WF = uvms.plant.GetFrameByName(name).CalcPoseInWorld(context)
             np.testing.assert_allclose(X_WF.GetAsMatrix4(), expected, atol=1e-12, err_msg=name)
 
 
 def test_joint_limits_are_the_papers(uvms):
-    assert [joint.position_lower_limit() for joint in uvms.joints] == list(LOWER)
-    assert [joint.position_upper_limit() for joint in uvms.joints] == list(UPPER)
+    assert [joint.position_lower_limit() for joint in uvms.joints] == list(dh.LOWER)
+    assert [joint.position_upper_limit() for joint in uvms.joints] == list(dh.UPPER)
 
 
 def test_every_joint_has_a_torque_and_a_speed_limit(uvms):
@@ -230,8 +187,8 @@ def test_inertia_with_added_mass_is_positive_definite_everywhere(uvms):
     """M = M_RB + Σ Jᵀ M_A J, and the water makes it larger."""
     plant = uvms.plant
     permutation = np.r_[3:6, 0:3]  # Drake's (ω, v) to Fossen's (v, ω).
-    for eta, q in _random_configurations(seed=2, count=20):
-        context = _context(uvms, eta, q)
+    for config in dh.random_configurations(seed=2, count=20):
+        context = _context(uvms, config[:6], config[6:])
         dry = plant.CalcMassMatrix(context)
         added = np.zeros_like(dry)
         for name, body in uvms.hydrodynamics.bodies.items():
@@ -318,8 +275,8 @@ def test_an_upper_hull_has_length_and_volume_of_the_real_one(shapes, side):
 
 def test_the_lower_hull_ends_behind_the_arm(shapes):
     X_tube, tube = shapes["vehicle/hull_lower"]
-    assert X_tube.translation()[0] + tube.length() / 2 < ARM_BASE[0] - 0.03
-    assert X_tube.translation()[2] == pytest.approx(ARM_BASE[2], abs=2e-3)
+    assert X_tube.translation()[0] + tube.length() / 2 < dh.ARM_BASE[0] - 0.03
+    assert X_tube.translation()[2] == pytest.approx(dh.ARM_BASE[2], abs=2e-3)
 
 
 def test_thrusters_stand_where_the_real_ones_do(shapes):

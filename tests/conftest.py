@@ -1,0 +1,92 @@
+"""What several test files share: the robot, its model, its MPC problem and differences."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.plan import Plan
+from uvms_drake.model.contact import UnilateralPlane, make_surface_law
+from uvms_drake.model.description import Uvms, add_uvms
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.scenario import load_scenario
+from uvms_drake.station import make_ocp
+
+STIFFNESS = 1000.0  # N/m
+
+
+@pytest.fixture(scope="session")
+def uvms() -> Uvms:
+    """The Girona 500 with its arm in a plant of its own."""
+    plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
+    uvms = add_uvms(plant, "girona500_arm5e")
+    plant.Finalize()
+    return uvms
+
+
+@pytest.fixture(scope="session")
+def plane() -> UnilateralPlane:
+    """The wall of the main scenario: at x = 0, facing −x."""
+    return UnilateralPlane(stiffness=STIFFNESS)
+
+
+@pytest.fixture(scope="session")
+def model(uvms: Uvms, plane: UnilateralPlane) -> UvmsModel:
+    """The prediction model in front of a wall of 1000 N/m."""
+    return UvmsModel(uvms, make_surface_law(plane))
+
+
+@pytest.fixture(scope="session")
+def ocp() -> Ocp:
+    """The MPC problem of the main scenario."""
+    return make_ocp(load_scenario("girona500_contact"))
+
+
+@pytest.fixture(scope="session")
+def derivative() -> Callable:
+    """The central difference of fourth order, d/ds g(s) at s = 0."""
+    def five_point(g: Callable[[float], np.ndarray], step: float = 1e-3) -> np.ndarray:
+        return (8.0 * (g(step) - g(-step)) - (g(2.0 * step) - g(-2.0 * step))) / (12.0 * step)
+    return five_point
+
+
+@pytest.fixture(scope="session")
+def states(model: UvmsModel) -> dict[str, np.ndarray]:
+    """States (𝔮, ζ) (8, 20) with the tip away from the wall, in its soft skin, and deep in it."""
+    rng = np.random.default_rng(seed=10)
+    out = {}
+    for name, depth in (("free", -0.2), ("skin", 0.001), ("deep", 0.012)):
+        scatter = rng.uniform(-1.0, 1.0, size=(8, 10))
+        y = scatter * np.array([0.0005, 1.0, 1.0, 0.4, 0.4, 0.4, 0.4, 0.3, 0.3, 1.0])
+        y += np.array([depth, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.9, 0.2, 0.0])
+        zeta = rng.uniform(-1.0, 1.0, size=(8, 10)) * np.repeat([0.25, 0.2, 0.4], [3, 3, 4])
+        out[name] = np.hstack([model.configuration(y), zeta])
+    return out
+
+
+@pytest.fixture(scope="session")
+def short_ocp() -> Ocp:
+    """The MPC problem of the main scenario with a horizon of 5 intervals, 1 s."""
+    return make_ocp(load_scenario("girona500_contact", ["mpc.horizon=5"]))
+
+
+@pytest.fixture(scope="session")
+def start_plans(short_ocp: Ocp) -> dict[str, list[Plan]]:
+    """First guesses from 20 random feasible states: off, just before, and on the wall.
+
+    The vehicle is nearly level, for its limited inputs cannot hold a large roll or pitch; all
+    velocities are within their limits.
+    """
+    model, rng = short_ocp.model, np.random.default_rng(0)
+    plans: dict[str, list[Plan]] = {"off": [], "before": [], "on": []}
+    depths = {"off": (-0.4, -0.25), "before": (-0.08, -0.02), "on": (0.015, 0.03)}
+    for i in range(20):
+        where = list(plans)[i % 3]
+        config = model.configuration(short_ocp.y_des) + rng.uniform(-1.0, 1.0, size=10) * np.array(
+            [0.0, 0.1, 0.1, 0.03, 0.03, 0.1, 0.1, 0.1, 0.1, 0.2])
+        config[0] += rng.uniform(*depths[where]) - model.task_pose(config)[0]
+        zeta = rng.uniform(-1.0, 1.0, size=10) * np.repeat([0.05, 0.03, 0.06], [3, 3, 4])
+        plans[where].append(short_ocp.resting_plan(0.0, config, zeta))
+    return plans

@@ -1,0 +1,90 @@
+"""Tests of `uvms_drake.control.nlp`; `test_scp` holds the fast solver against it."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
+from pydrake.solvers import SnoptSolver
+
+from uvms_drake.control.nlp import NonlinearSolver, _differentiable
+from uvms_drake.control.plan import Plan
+
+N, SIZE = 5, 10
+
+
+@pytest.fixture(scope="module")
+def nlp(short_ocp) -> NonlinearSolver:
+    return NonlinearSolver(short_ocp, SnoptSolver())
+
+
+@pytest.fixture(scope="module", params=["off", "on"])
+def point(request, start_plans) -> tuple[Plan, np.ndarray]:
+    """A guess, and values of the variables that satisfy none of the equations."""
+    guess = start_plans[request.param][0]
+    rng = np.random.default_rng(1)
+    values = np.concatenate([
+        (guess.config[1:] + rng.uniform(-0.003, 0.003, size=(N, SIZE))).ravel(),
+        rng.uniform(-0.1, 0.1, size=2 * N * SIZE), [0.4]])
+    return guess, values
+
+
+def test_the_gradient_of_the_cost_is_that_of_differences(nlp, point, derivative):
+    guess, values = point
+    _, gradient = nlp._cost(values, guess)
+    expected = [derivative(lambda s, d=d: nlp._cost(values + s * d, guess)[0][0], 1e-5)
+                for d in np.eye(len(values))]
+    np.testing.assert_allclose(
+        gradient[0], expected, rtol=1e-6, atol=1e-7 * np.max(np.abs(gradient)))
+
+
+def test_the_jacobian_of_the_constraints_is_that_of_differences(nlp, point, derivative):
+    guess, values = point
+    _, jacobian = nlp._constraints(values, guess)
+    scale = np.max(np.abs(jacobian), axis=1)
+    for j, direction in enumerate(np.eye(len(values))):
+        column = derivative(
+            lambda s, d=direction: nlp._constraints(values + s * d, guess)[0], 1e-5)
+        assert np.all(np.abs(jacobian[:, j] - column) <= 1e-6 * scale + 1e-8), f"column {j}"
+    assert np.min(scale) > 0.0
+
+
+def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, nlp, start_plans):
+    """At a rollout the equations hold, and the inequalities say what `Ocp.evaluate` says."""
+    lower, upper = nlp._bounds()
+    equations = 2 * N * SIZE
+    for guess in [*start_plans["off"], *start_plans["on"]]:
+        slack = short_ocp.evaluate(guess).terminal_slack
+        values = np.concatenate([guess.config[1:].ravel(), guess.zeta[1:].ravel(),
+                                 guess.zeta_dot.ravel(), [slack]])
+        evaluation = short_ocp.evaluate(guess)
+        assert nlp._cost(values, guess)[0][0] == pytest.approx(evaluation.cost, rel=1e-12)
+        constraints = nlp._constraints(values, guess)[0]
+        np.testing.assert_allclose(constraints[:equations], 0.0, atol=1e-14)
+        u = np.concatenate([each.ravel() for each in short_ocp.inputs(guess)])
+        np.testing.assert_allclose(constraints[equations: equations + len(u)], u, rtol=1e-12)
+        if slack > 0.0:
+            assert constraints[-1] == pytest.approx(0.0, abs=1e-9), "on the edge of the set"
+        excess = np.maximum(lower - constraints, constraints - upper)[equations:]
+        assert (np.max(excess) > 1e-9) == (evaluation.violation > 1e-9)
+
+
+def test_a_function_with_its_jacobian_is_differentiable_for_drake():
+    """The gradients of the arguments are chained, not replaced."""
+    matrix = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
+    function = _differentiable(lambda x: (matrix @ x, matrix))
+    np.testing.assert_array_equal(function(np.array([1.0, 2.0])), matrix @ [1.0, 2.0])
+    inner = np.array([[1.0, 1.0, 0.0], [0.0, 2.0, 5.0]])
+    x = InitializeAutoDiff(np.array([1.0, 2.0]), inner).ravel()
+    np.testing.assert_allclose(ExtractGradient(function(x)), matrix @ inner)
+    scalar = _differentiable(lambda x: (np.array([x @ x]), 2.0 * x[None]))
+    assert scalar(np.array([3.0, 4.0])) == 25.0
+    assert isinstance(scalar(x), AutoDiffXd)
+
+
+def test_a_problem_without_a_solution_leaves_no_plan(short_ocp, start_plans):
+    weak = copy.copy(short_ocp)
+    weak.limits = replace(short_ocp.limits, u=1e-3 * short_ocp.limits.u)
+    solution = NonlinearSolver(weak, SnoptSolver()).solve(start_plans["on"][0])
+    assert (solution.plan, solution.evaluation, solution.converged) == (None, None, False)

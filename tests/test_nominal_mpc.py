@@ -1,0 +1,200 @@
+"""Tests of `uvms_drake.control.nominal_mpc`, in a Diagram of its own with a constant state."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from uvms_drake.control.nominal_mpc import REPORT_FIELDS, NominalMpc
+from uvms_drake.control.scp import SequentialConvexSolver, Solution
+from uvms_drake.errors import RunFailed
+from uvms_drake.model.uvms_model import configuration_rate
+
+H = 0.2  # s
+
+
+class FailingSolver:
+    """Solves as the real one does, but for the calls whose numbers are in `failures`."""
+
+    def __init__(self, ocp, failures=()):
+        self.ocp = ocp
+        self.calls = 0
+        self._real = SequentialConvexSolver(ocp)
+        self._failures = failures
+
+    def solve(self, guess, iterations):
+        self.calls += 1
+        if self.calls - 1 in self._failures:
+            return Solution(None, None, iterations, converged=False)
+        return self._real.solve(guess, iterations)
+
+
+class Setup:
+    """A planner alone, with a measured state that does not follow the plan."""
+
+    def __init__(self, solver, state: np.ndarray, iterations: int = 2):
+        builder = DiagramBuilder()
+        self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
+        self.mpc = NominalMpc.AddToBuilder(
+            builder, solver, iterations=iterations, state=self.source.get_output_port())
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+        self.ocp = solver.ocp
+
+    def go(self, time: float) -> None:
+        self.simulator.AdvanceTo(time)
+
+    def read(self, name: str, context=None):
+        context = context or self.simulator.get_context()
+        return self.mpc.GetOutputPort(name).Eval(self.mpc.GetMyContextFromRoot(context))
+
+    def report(self) -> dict[str, float]:
+        return dict(zip(REPORT_FIELDS, self.read("report"), strict=True))
+
+    def jump(self, state: np.ndarray) -> None:
+        context = self.source.GetMyMutableContextFromRoot(
+            self.simulator.get_mutable_context())
+        self.source.get_mutable_source_value(context).set_value(state)
+
+
+@pytest.fixture
+def start(start_plans) -> np.ndarray:
+    """A measured state (𝔮, ζ) 0.05 m off the wall, in motion."""
+    guess = start_plans["before"][0]
+    return np.concatenate([guess.config[0], guess.zeta[0]])
+
+
+def test_the_nominal_state_starts_at_the_measured_one(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.Initialize()
+    np.testing.assert_array_equal(setup.read("nominal_state"), start)
+    assert setup.report()["time"] == 0.0
+    assert setup.read("plan").start_time == 0.0
+
+
+def test_the_first_plan_is_converged_and_later_ones_take_the_iterations_asked_for(
+        short_ocp, start):
+    solver = SequentialConvexSolver(short_ocp)
+    setup = Setup(solver, start, iterations=1)
+    setup.simulator.Initialize()
+    guess = short_ocp.resting_plan(0.0, start[:10], start[10:])
+    expected = solver.solve(guess, 100)
+    assert setup.report()["cost"] == pytest.approx(expected.evaluation.cost, rel=1e-6)
+    setup.go(H + 0.01)
+    expected = solver.solve(short_ocp.continued(expected.plan), 1)
+    assert setup.report()["iterations"] == 1
+    np.testing.assert_allclose(setup.read("plan").zeta_dot, expected.plan.zeta_dot, atol=1e-9)
+
+
+def test_it_plans_once_in_each_interval_and_not_twice_at_the_start(short_ocp, start):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    for k in range(8):
+        setup.go((k + 0.5) * H)
+        assert solver.calls == k + 1
+        assert setup.report()["time"] == pytest.approx(k * H, abs=1e-12)
+        assert setup.read("plan").start_time == pytest.approx(k * H, abs=1e-9)
+
+
+def test_every_plan_starts_where_the_last_one_went_wherever_the_robot_is(short_ocp, start):
+    """The tube is about the nominal trajectory: a jump of the measurement does not matter."""
+    followed = []
+    for offset in (0.0, 0.1):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.go(0.05)
+        setup.jump(start + offset)
+        plan = setup.read("plan")
+        for k in range(1, 5):
+            setup.go(k * H + 1e-6)
+            predicted = np.concatenate(plan.at(k * H)[:2])
+            plan = setup.read("plan")
+            np.testing.assert_allclose(
+                np.concatenate([plan.config[0], plan.zeta[0]]), predicted, atol=1e-12)
+        followed.append(setup.read("nominal_state"))
+    np.testing.assert_array_equal(followed[0], followed[1])
+    assert np.linalg.norm(followed[0] - start) > 0.02, "the plan does go somewhere"
+
+
+def test_between_samples_the_outputs_are_a_motion_under_the_nominal_input(short_ocp, start):
+    """ζ̄̇ = f(𝔮̄, ζ̄) + ū, and the nominal state moves by 𝔮̄̇ = Γζ̄ and ζ̄̇; nothing is held."""
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    states, times = [], 0.5 + np.array([-1e-3, 0.0, 1e-3])
+    for time in times:
+        setup.go(time)
+        states.append(setup.read("nominal_state"))
+        if time == 0.5:
+            zeta_dot, u = setup.read("nominal_acceleration"), setup.read("nominal_input")
+    config, zeta = np.split(states[1], 2)
+    f = short_ocp.model.drift(config, zeta)
+    np.testing.assert_allclose(f + u, zeta_dot, rtol=1e-9, atol=1e-12)
+    rate = (states[2] - states[0]) / 2e-3
+    np.testing.assert_allclose(rate[:10], configuration_rate(config, zeta), atol=1e-6)
+    np.testing.assert_allclose(rate[10:], zeta_dot, atol=1e-9)
+    assert np.linalg.norm(zeta_dot) > 0.01
+
+
+def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short_ocp, start):
+    solver = FailingSolver(short_ocp, failures={2, 3})
+    setup = Setup(solver, start)
+    setup.go(1.5 * H)
+    assert setup.report()["status"] == 0.0
+    plan = setup.read("plan")
+    for k in (2, 3):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        taken, report = setup.read("plan"), setup.report()
+        for name in ("config", "zeta", "zeta_dot"):
+            np.testing.assert_array_equal(getattr(taken, name), getattr(plan, name))
+        assert report["status"] == 1.0
+        evaluation = short_ocp.evaluate(plan)
+        assert report["cost"] == evaluation.cost
+        assert report["violation"] == evaluation.violation
+        for port in ("nominal_state", "nominal_input", "nominal_acceleration", "report"):
+            assert np.all(np.isfinite(setup.read(port)))
+    setup.go(4.5 * H)
+    assert setup.report()["status"] == 0.0
+    assert solver.calls == 5
+    before = short_ocp.evaluate(short_ocp.continued(plan))
+    assert setup.report()["cost"] <= before.cost + 1e3 * before.total_violation
+
+
+def test_without_a_first_plan_the_run_fails_with_one_line(short_ocp, start):
+    setup = Setup(FailingSolver(short_ocp, failures={0}), start)
+    with pytest.raises(RunFailed, match=r"no solution at the start") as caught:
+        setup.simulator.Initialize()
+    assert "\n" not in str(caught.value)
+
+
+def test_outputs_before_initialization_say_what_is_missing(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    with pytest.raises(RuntimeError, match="Initialize"):
+        setup.read("nominal_state")
+
+
+def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
+    """All that changes in time is in the Context, at a sampling instant and between two."""
+    for pause in (0.5, 2 * H):
+        solver = FailingSolver(short_ocp)
+        setup = Setup(solver, start)
+        setup.go(pause)
+        clone = setup.simulator.get_context().Clone()
+        at_pause = solver.calls
+        setup.go(1.1)
+        at_end = solver.calls
+        other = Simulator(setup.diagram, clone)
+        other.Initialize()
+        other.AdvanceTo(1.1)
+        for port in ("nominal_state", "nominal_input", "report"):
+            np.testing.assert_array_equal(
+                setup.read(port, other.get_context()), setup.read(port))
+        assert solver.calls - at_end == at_end - at_pause >= 3
+
+
+def test_the_reports_of_two_contexts_do_not_mix(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.go(0.5)
+    fresh = setup.diagram.CreateDefaultContext()
+    assert np.all(np.isnan(setup.read("report", fresh)))
+    assert np.all(np.isfinite(setup.read("report")))
+    assert setup.read("solve_seconds")[0] > 0.0

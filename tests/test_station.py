@@ -1,0 +1,247 @@
+"""Tests of `uvms_drake.station`: the closed loop of a scenario, and what the main one achieves."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from uvms_drake.errors import InvalidParameter
+from uvms_drake.plant.disturbance import RandomDisturbance
+from uvms_drake.record import Record
+from uvms_drake.scenario import Scenario, load_scenario
+from uvms_drake.simulation import simulate
+from uvms_drake.station import LOGGED, initialize, make_ocp, make_station, read_logs, start_state
+from uvms_drake.summary import constraint_signals, tube_deviation
+
+SHORT = ["mpc.horizon=8"]
+
+
+def logs_of(scenario: Scenario, duration: float) -> dict[str, np.ndarray]:
+    """Returns the logs of a run, without the wall times."""
+    station = make_station(scenario)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    initialize(station, simulator.get_mutable_context(), scenario)
+    simulator.AdvanceTo(duration)
+    return without_wall_times(read_logs(station, simulator.get_context()))
+
+
+def without_wall_times(logs: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: values for name, values in logs.items() if name != "step_seconds"}
+
+
+def assert_identical(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    assert one.keys() == other.keys()
+    for name, values in one.items():
+        np.testing.assert_array_equal(other[name], values, err_msg=name)
+
+
+# The main scenario -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def main() -> Record:
+    """The main scenario as it is: 20 s, disturbed, seed 0."""
+    return simulate(load_scenario("girona500_contact"))
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Record:
+    return simulate(load_scenario("girona500_contact", ["disturbance.bound=0"]))
+
+
+def last_normal_forces(record: Record) -> np.ndarray:
+    """Returns the force on the wall over the last 5 s [N]."""
+    assert record.time[-1] == pytest.approx(20.0)
+    return record.force[record.time >= 15.0, 0]
+
+
+def test_it_starts_off_the_wall_and_makes_contact(main):
+    assert main.chi[0, 0] == pytest.approx(-0.3, abs=0.01)
+    assert np.all(main.penetration[main.time < 0.5] == 0.0)
+    assert np.all(main.penetration[main.time > 5.0] > 0.0)
+
+
+def test_it_holds_20_newtons_within_5_under_the_disturbance(main):
+    np.testing.assert_allclose(last_normal_forces(main), 20.0, atol=5.0)
+    size = np.linalg.norm(main.disturbance, axis=1)
+    assert 0.09 < np.max(size) <= 0.1
+
+
+def test_without_the_disturbance_it_holds_20_newtons_within_1(undisturbed):
+    assert np.max(np.abs(undisturbed.disturbance)) == 0.0
+    np.testing.assert_allclose(last_normal_forces(undisturbed), 20.0, atol=1.0)
+    np.testing.assert_allclose(undisturbed.chi[-1], undisturbed.chi_des, atol=1e-3)
+
+
+@pytest.mark.parametrize("run", ["main", "undisturbed"])
+def test_no_limit_is_exceeded(request, run):
+    signals = constraint_signals(request.getfixturevalue(run))
+    assert len(signals) == 3 + 8 + 2 + 10
+    for name, (values, limit) in signals.items():
+        excess = limit - values if name.endswith("_min") else values - limit
+        assert np.max(excess) <= 0.0, name
+
+
+@pytest.mark.parametrize("run", ["main", "undisturbed"])
+def test_every_solve_succeeds_and_reaches_the_terminal_set(request, run):
+    record = request.getfixturevalue(run)
+    np.testing.assert_array_equal(record.mpc_status, 0.0)
+    np.testing.assert_allclose(record.mpc_terminal_slack, 0.0, atol=1e-9)
+    np.testing.assert_allclose(record.mpc_violation, 0.0, atol=1e-6)
+
+
+def test_every_sample_of_the_mpc_is_in_the_logs_once(main):
+    np.testing.assert_allclose(main.mpc_time[:100], 0.2 * np.arange(100), atol=1e-9)
+    assert len(main.mpc_time) in (100, 101)  # with or without the one at 20 s
+
+
+def test_the_real_state_stays_in_the_declared_tube(main):
+    e, z = tube_deviation(main)
+    tube = main.scenario.tube
+    assert np.max(e) <= tube.e
+    assert np.max(z) <= tube.z
+    pitch = np.abs(main.config[:, 4] - main.nominal_config[:, 4])
+    assert np.max(pitch) <= tube.pitch
+    assert np.all(np.max(np.abs(main.u - main.nominal_input), axis=0) <= tube.u)
+
+
+def test_the_limits_are_used(main):
+    """The run is fast enough for the tightened limits to matter."""
+    speed = np.max(np.linalg.norm(main.nominal_zeta[:, :3], axis=1))
+    assert speed == pytest.approx(main.scenario.limits.nu1 - main.scenario.tube.z, rel=0.01)
+
+
+# Other scenarios ---------------------------------------------------------------------------------
+
+
+def test_the_papers_spring_is_pressed_from_inside_the_contact():
+    record = simulate(load_scenario("girona500_bilateral", ["duration=6"]))
+    assert np.linalg.norm(record.force[0] - record.scenario.task.force) > 5.0
+    late = record.force[record.time > 5.0]
+    assert np.max(np.linalg.norm(late - record.scenario.task.force, axis=1)) < 5.0
+    np.testing.assert_array_equal(record.mpc_status, 0.0)
+    stiffness = record.scenario.surface.stiffness
+    np.testing.assert_allclose(record.force, record.chi @ stiffness.T, atol=1e-9)
+
+
+def test_a_current_that_the_controller_does_not_know_is_felt():
+    calm, flow = (logs_of(load_scenario("girona500_contact", [*SHORT, *more]), 0.6)
+                  for more in ([], ["current=[0, 0.05, 0]"]))
+    np.testing.assert_array_equal(calm["nominal_state"], flow["nominal_state"])
+    assert 1e-5 < np.max(np.abs(flow["state"] - calm["state"])) < 0.05
+
+
+# Repeatability -----------------------------------------------------------------------------------
+
+
+def with_random_disturbance(seed: int = 0) -> Scenario:
+    scenario = load_scenario("girona500_contact", [*SHORT, f"seed={seed}"])
+    scenario.disturbance = RandomDisturbance(bound=0.1, bandwidth=2.0)
+    return scenario
+
+
+def test_the_same_seed_gives_identical_logs_and_another_seed_does_not():
+    first, again, other = (logs_of(with_random_disturbance(seed), 0.6) for seed in (3, 3, 4))
+    assert_identical(first, again)
+    assert not np.array_equal(first["disturbance"], other["disturbance"])
+    assert not np.array_equal(first["state"], other["state"])
+    assert np.max(np.linalg.norm(first["disturbance"], axis=1)) <= 0.1
+
+
+@pytest.mark.parametrize("pause", [1.0, 0.93])
+def test_a_clone_of_the_context_goes_on_as_the_original(pause):
+    """Bit for bit, in a Simulator of its own, with the logs so far.
+
+    1.0 s is a sampling instant of the MPC, where a pause does not cut a step of the integrator:
+    then it also equals the run that was not interrupted.
+    """
+    scenario = with_random_disturbance()
+    station = make_station(scenario)
+    original = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, original)
+    initialize(station, original.get_mutable_context(), scenario)
+    original.AdvanceTo(pause)
+    clone = original.get_context().Clone()
+    original.AdvanceTo(2.0)
+
+    other = Simulator(station, clone)
+    ApplySimulatorConfig(scenario.simulator, other)
+    clone.SetTime(pause)  # The configuration has a start time.
+    other.Initialize()
+    other.AdvanceTo(2.0)
+    continued, expected = (without_wall_times(read_logs(station, each.get_context()))
+                           for each in (other, original))
+    for logs in (continued, expected):
+        np.testing.assert_allclose(logs["mpc_time"][:10], 0.2 * np.arange(10), atol=1e-9)
+    for name in ("time", *LOGGED):
+        late = continued["time"] > pause, expected["time"] > pause
+        assert np.sum(late[0]) >= 50
+        np.testing.assert_array_equal(
+            continued[name][late[0]], expected[name][late[1]], err_msg=name)
+    if pause == 1.0:
+        assert_identical(expected, logs_of(scenario, 2.0))
+
+
+# Ports and bad values ----------------------------------------------------------------------------
+
+
+def test_the_station_exports_what_it_documents():
+    station = make_station(load_scenario("girona500_contact", SHORT))
+    names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
+    assert names == {*LOGGED, "plan", "report", "solve_seconds"}
+    assert station.num_input_ports() == 0
+    assert station.get_name() == "station"
+
+
+def test_the_start_is_the_scenarios_at_rest():
+    scenario = load_scenario("girona500_contact", SHORT)
+    state = start_state(scenario, make_ocp(scenario))
+    np.testing.assert_array_equal(state[:6], scenario.start.eta)
+    np.testing.assert_array_equal(state[6:10], scenario.start.q)
+    np.testing.assert_array_equal(state[10:], 0.0)
+
+
+def test_plant_and_controller_have_models_of_their_own():
+    """A mismatch put into the controller's model leaves the plant as it is."""
+    scenario = load_scenario("girona500_contact", SHORT)
+    assert make_ocp(scenario).model is not make_ocp(scenario).model
+
+
+@pytest.mark.parametrize(("name", "overrides", "key"), [
+    ("girona500_contact", ["start.eta.4=0.3"], "start.eta"),
+    ("girona500_contact", ["start.q.1=0.1"], "start.eta"),  # the tip's pitch
+    ("girona500_contact", ["start.q.2=0.7285"], "start.q"),
+    ("girona500_contact", ["start.q.0=-0.6"], "start.q"),
+    ("girona500_contact", ["start.q=[0, 1]"], "start.q"),
+    ("girona500_contact", ["task.force=[-20, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.force=[20, 5, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.pose.4=0.9"], "task.pose"),
+    ("girona500_contact", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
+    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]"], "task.pose"),  # pitch of the vehicle
+    ("girona500_contact", ["task.posture=[0, 1.1]"], "task.posture"),
+    ("girona500_contact", ["limits.u.4=0.14"], "limits.u"),
+    ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "limits.u"),
+    ("girona500_contact", ["limits.nu1=0.03"], "limits.nu1"),
+    ("girona500_contact", ["surface.stiffness=-1"], "surface.stiffness"),
+    ("girona500_contact", ["disturbance.bound=-0.1"], "disturbance.bound"),
+    ("girona500_contact", ["ancillary.k=0"], "ancillary.k"),
+    ("girona500_contact", ["mpc.weight_u.3=0"], "mpc.weight_u"),
+    ("girona500_contact", ["mpc.horizon=0"], "mpc.horizon"),
+    ("girona500_contact", ["model=no_such_robot"], "model"),
+    ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
+    ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
+])
+def test_what_cannot_be_used_is_named(name, overrides, key):
+    with pytest.raises(InvalidParameter) as caught:
+        make_station(load_scenario(name, overrides))
+    assert caught.value.key == key
+    assert "\n" not in str(caught.value)
+
+
+def test_a_plane_needs_a_pose():
+    scenario = load_scenario("girona500_contact")
+    scenario.task.pose = None
+    with pytest.raises(InvalidParameter) as caught:
+        make_station(scenario)
+    assert caught.value.key == "task.pose"
