@@ -10,9 +10,13 @@ from uvms_drake.scenario import load_scenario
 NUMBERS = (
     "log_period=0.02", "mpc.time_step=0.2", "disturbance.bound=0.1",
     "task.force=[20, 0, 0, 0, 0, 0]", "task.force_tolerance=2",
-    "limits.nu1=0.3", "limits.nu2=0.25", "limits.qdot=0.4", "limits.pitch=0.3",
-    "limits.tip_pitch=1.2", "limits.u=[0.4, 0.25, 0.4, 0.5, 0.5, 0.4, 3, 3, 3, 3]",
-    "tube.e=0.006", "tube.z=0.04", "tube.u=[0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.3]")
+    "limits.nu1=0.3", "limits.nu2=0.25", "limits.qdot=0.4", "limits.roll=0.25", "limits.pitch=0.3",
+    "limits.tip_pitch=1.2", "limits.q_lower=[-0.4, 0.6, -0.1, -0.8]", "limits.q_upper=null",
+    "limits.tau=null", "limits.u=[0.4, 0.25, 0.4, 0.5, 0.5, 0.4, 3, 3, 3, 3]",
+    "tube.e=0.006", "tube.position=0.005", "tube.orientation=0.004", "tube.joints=0.003",
+    "tube.z=0.04", "tube.nu1=0.03", "tube.nu2=0.02", "tube.qdot=0.01",
+    "tube.roll=0.002", "tube.pitch=0.001",
+    "tube.u=[0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.3]")
 """So that the shipped scenario can be tuned without touching what is expected of the record."""
 
 
@@ -44,7 +48,7 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "force": np.hstack([press[:, None], np.zeros((len(time), 5))]),
         "penetration": press / 1000.0,
         "disturbance": 0.1 * np.sin(time)[:, None] * np.full(10, 1.0 / np.sqrt(10.0)),
-        "joint_lower": np.array([-0.52, -0.1471, -1.297, -3.14]),
+        "joint_lower": np.array([-0.4, 0.6, -0.1, -0.8]),
         "joint_upper": np.array([1.46, 1.3114, 0.73, 3.14]),
         "mpc_time": mpc_time,
         "mpc_status": np.zeros(len(mpc_time)),
@@ -52,6 +56,10 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "mpc_terminal_slack": np.maximum(0.0, 0.3 - 0.1 * mpc_time),
         "mpc_violation": np.zeros(len(mpc_time)),
         "mpc_iterations": np.ones(len(mpc_time)),
+        "certified": np.array(False),
+        "tube_report": np.concatenate([np.zeros(3), np.full(3, np.inf), np.full(13, 0.4)]),
+        "tube_deviation": np.abs(wave[:, :1]) * 1e-3 * np.arange(1.0, 7.0),
+        "tube_bound": np.tile(2e-3 * np.arange(1.0, 7.0), (len(time), 1)),
         "step_seconds": 0.03 + 0.01 * np.sin(7.0 * mpc_time) ** 2,
     }
     return replace(Record(scenario=scenario, wall_time_s=10.0, **arrays), **changes)

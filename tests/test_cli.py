@@ -1,6 +1,7 @@
 """Tests of the command line, as users meet it: files, exit status, one line for an error."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from uvms_drake import simulation
+from uvms_drake.certificate.certificate import Certificate, read_certificate
 from uvms_drake.cli import main
 from uvms_drake.errors import RunFailed
 from uvms_drake.figures import FIGURES
@@ -20,7 +22,21 @@ from uvms_drake.scenario import dump_scenario, load_scenario
 from uvms_drake.summary import summarise
 
 DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz"}
-QUICK = ["--no-figures", "--no-replay"]
+DATA_ONLY = ["--no-figures", "--no-replay"]
+QUICK = [*DATA_ONLY, "--uncertified"]
+VOID = ["--set", "disturbance.bound=0.2"]
+"""Makes a tube that is larger than a limit of the shipped scenarios."""
+FEW = ["--set", "certificate.tube_samples=10", "--set", "certificate.terminal_samples=10"]
+"""So that a certificate of its own takes a test less time; the constants are those of the rest."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """Lets all of these tests, and no one else, share what they compute."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(os.environ, "XDG_CACHE_HOME", str(folder))
+        yield folder
 
 
 def refusal(capsys, tmp_path, *args):
@@ -52,7 +68,17 @@ def smoke(tmp_path_factory):
     output = tmp_path_factory.mktemp("smoke") / "out"
     done = subprocess.run(
         [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--seed", "3",
-         "--output", str(output)], capture_output=True, text=True, check=False)
+         "--output", str(output), "--uncertified"], capture_output=True, text=True, check=False)
+    return output, done
+
+
+@pytest.fixture(scope="module")
+def certified(tmp_path_factory):
+    """Runs half a second of the main scenario with a certificate."""
+    output = tmp_path_factory.mktemp("certified") / "out"
+    done = subprocess.run(
+        [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--output", str(output),
+         *DATA_ONLY], capture_output=True, text=True, check=False)
     return output, done
 
 
@@ -109,7 +135,8 @@ def test_the_scenarios_are_listed_with_a_line_each(capsys):
 
 
 @pytest.mark.parametrize("args", [
-    [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"]])
+    [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
+    ["certify", "--uncertified"], ["certify", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     assert main(args) == 2
     out, err = capsys.readouterr()
@@ -123,6 +150,10 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--set", "surface.stifness=3"], "surface.stifness = 3: must be under one of the keys point"),
     (["--set", "surface.stiffness=hard"], "surface.stiffness = 'hard': must be a finite number"),
     (["--seed", "x"], "seed = 'x': must be a whole number"),
+    (["--seed", "-1"], "seed = -1: must be zero or positive"),
+    (["--set", "current=[0, 0]"], "current = [0., 0.]: must be 3 finite numbers"),
+    (["--set", "task.force_tolerance=0"], "task.force_tolerance = 0.0: must be positive"),
+    (["--set", "task.force=[1]"], "task.force = [1.]: must be 6 finite numbers"),
     (["--duration", "-1"], "duration = -1.0: must be positive"),
     (["--set", "model=girona501"], "model = 'girona501': must be one of girona500_arm5e"),
     (["--set", "surface.stiffness=-1"], "surface.stiffness = -1.0: must be positive"),
@@ -147,7 +178,7 @@ def test_bad_input_names_the_scenario_file(capsys, tmp_path):
     file = tmp_path / "mine.yaml"
     scenario = load_scenario("girona500_contact", ["disturbance.bound=-0.125"])
     file.write_text(dump_scenario(scenario), encoding="utf-8")
-    assert main(["run", str(file), "--output", str(tmp_path / "out")]) == 2
+    assert main(["run", str(file), "--output", str(tmp_path / "out"), "--uncertified"]) == 2
     assert capsys.readouterr().err == (
         f"uvms-drake: error: {file}: disturbance.bound = -0.125: must be zero or positive\n")
 
@@ -196,7 +227,7 @@ def test_a_run_that_cannot_go_on_has_exit_status_1_and_leaves_nothing(
         raise RunFailed("no plan")
 
     monkeypatch.setattr(simulation, "simulate", simulate)
-    assert main(["run", "--output", str(tmp_path / "out")]) == 1
+    assert main(["run", "--output", str(tmp_path / "out"), "--uncertified"]) == 1
     assert capsys.readouterr().err == "uvms-drake: error: no plan\n"
     assert not (tmp_path / "out").exists()
 
@@ -217,4 +248,191 @@ def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
 
 def test_the_log_holds_no_nan(smoke):
     with np.load(smoke[0] / "log.npz") as log:
-        assert all(np.all(np.isfinite(log[name])) for name in log.files)
+        assert not any(np.any(np.isnan(log[name])) for name in log.files)
+
+
+# Certificates ------------------------------------------------------------------------------------
+
+
+def certificate_of(folder) -> Certificate:
+    return read_certificate(folder / "certificate.json")
+
+
+def run_in(folder, *args):
+    """Returns the status of a run of 0.1 s without --uncertified."""
+    return main(["run", "--duration", "0.1", "--output", str(folder), *DATA_ONLY, *args])
+
+
+@pytest.fixture
+def committed(certified, tmp_path, capsys):
+    """Returns a folder in which `certify` has left the certificate of the main scenario."""
+    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    return tmp_path / "out"
+
+
+def test_a_certified_run_writes_its_certificate_and_uses_its_tube(certified):
+    output, done = certified
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in output.iterdir()} == DATA | {"certificate.json"}
+    assert "certified     yes" in done.stdout
+    assert done.stderr.splitlines()[0] == "certifying ..."
+    certificate = certificate_of(output)
+    assert (certificate.certified, certificate.made_by) == (True, "run")
+    record = load_record(output)
+    assert record.certified
+    assert record.scenario.mpc.terminal_radius == certificate.terminal.radius
+    tube = summarise(record)["tube"]
+    assert (tube["bound_e"], tube["bound_z"]) == (certificate.tube.e, certificate.tube.z)
+    assert (tube["certified"], tube["exits"]) == (True, 0)
+    for name, value in vars(certificate.tube).items():
+        np.testing.assert_array_equal(getattr(record.scenario.tube, name), value, err_msg=name)
+
+
+def test_the_written_scenario_of_a_certified_run_runs_again_to_the_same_log(
+        certified, tmp_path, capsys):
+    output, _ = certified
+    assert main(["run", str(output / "scenario.yaml"), "--output", str(tmp_path),
+                 *DATA_ONLY]) == 0
+    for name in ("certificate.json", "log.npz", "scenario.yaml"):
+        assert (tmp_path / name).read_bytes() == (output / name).read_bytes(), name
+
+
+def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
+    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith("girona500_contact: law resolved, k = 20 1/s")
+    assert out.splitlines()[-1].startswith("certified: all ")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["certificate.json"]
+    certificate = certificate_of(tmp_path / "out")
+    assert (certificate.certified, certificate.made_by) == (True, "certify")
+
+
+def test_the_certificate_goes_to_a_folder_named_after_the_scenario(
+        certified, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["certify"]) == 0
+    assert (tmp_path / "out" / "girona500_contact" / "certificate.json").is_file()
+
+
+def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tmp_path):
+    kept = {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")}
+    assert main(["certify", "--output", str(tmp_path)]) == 0
+    assert kept
+    assert {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")} == kept
+
+
+def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
+    assert main(["certify", *VOID, *FEW, "--output", str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "DOES NOT HOLD" in out
+    assert out.splitlines()[-1].startswith("void: tube in limits.u[")
+    assert "what would help: " in out.splitlines()[-1]
+    certificate = certificate_of(tmp_path)
+    assert not certificate.certified
+    assert certificate.terminal is None
+
+
+def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
+    assert run_in(tmp_path / "out", *VOID, *FEW) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    first, last = err.splitlines()
+    assert first == "certifying ..."
+    assert last.startswith("uvms-drake: error: ")
+    assert ": void: tube in limits.u[" in last
+    assert last.endswith("; --uncertified runs anyway")
+    assert not (tmp_path / "out").exists()
+    assert run_in(tmp_path / "out", *VOID, *FEW, "--uncertified") == 0
+
+
+@pytest.mark.parametrize("args", [
+    ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "limits.u.0=-1"],
+    ["--set", "limits.q_lower=[0]"], ["--set", "certificate.tube_samples=1"],
+    ["--set", "model=girona501"], ["--set", "ancillary.k=0"], ["--set", "disturbance.bound=-0.1"],
+    ["--set", "task.force=[-5, 0, 0, 0, 0, 0]"]])
+def test_bad_input_is_refused_by_certify_too(args, capsys, tmp_path):
+    assert main(["certify", *args, "--output", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_input_of_a_certified_run_has_exit_status_2(capsys, tmp_path):
+    assert run_in(tmp_path / "out", "--set", "surface.stiffness=-1") == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith(
+        "surface.stiffness = -1.0: must be positive")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_uses_the_certificate_that_certify_left(committed, capsys):
+    assert run_in(committed) == 0
+    assert "certifying" not in capsys.readouterr().err
+    assert certificate_of(committed).made_by == "certify"
+    assert load_record(committed).certified
+
+
+def test_what_a_certificate_does_not_depend_on_can_change(committed, capsys):
+    assert run_in(committed, "--seed", "5", "--set", "current=[0, 0.01, 0]",
+                  "--set", "tube.e=0.1", "--set", "mpc.terminal_radius=0.1") == 0
+    assert load_record(committed).scenario.tube.e == certificate_of(committed).tube.e
+
+
+def test_a_certificate_that_was_changed_by_hand_is_refused(committed, capsys):
+    path = committed / "certificate.json"
+    changed = path.read_text(encoding="utf-8").replace('"d_bound": 0.1', '"d_bound": 0.2')
+    for text in (changed, "{}", "[]", "", path.read_text(encoding="utf-8")[:-20]):
+        path.write_text(text, encoding="utf-8")
+        assert run_in(committed) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"uvms-drake: error: {path}: its content does not match its SHA-256")
+        assert err.count("\n") == 1
+        assert [item.name for item in committed.iterdir()] == ["certificate.json"]
+        assert path.read_text(encoding="utf-8") == text
+
+
+def test_a_stale_certificate_is_refused(committed, capsys):
+    path = committed / "certificate.json"
+    text = path.read_text(encoding="utf-8")
+    assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
+    assert capsys.readouterr().err == (
+        f"uvms-drake: error: {path}: stale, the scenario has changed since it was made; make it "
+        "again with 'certify', or run with --uncertified\n")
+    assert [item.name for item in committed.iterdir()] == ["certificate.json"]
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
+        certified, tmp_path, capsys):
+    for args, bound, how in (([], 0.1, "certifying"), (["--set", "disturbance.bound=0.09"], 0.09,
+                                                       "certifying"),
+                             (["--set", "disturbance.bound=0.09"], 0.09, "simulating")):
+        assert run_in(tmp_path, *FEW, *args) == 0
+        assert capsys.readouterr().err.startswith(how)
+        assert (certificate_of(tmp_path).d_bound, certificate_of(tmp_path).made_by) == (
+            bound, "run")
+        assert load_record(tmp_path).scenario.tube.e == certificate_of(tmp_path).tube.e
+
+
+def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
+    robot, output = broken_robot(tmp_path, "", ""), tmp_path / "out"
+    args = [*VOID, *FEW, "--set", f"model={robot}"]
+    assert main(["certify", *args, "--output", str(output)]) == 1  # void is enough for this
+    capsys.readouterr()
+    file = robot / "hydrodynamics.yaml"
+    file.write_text(file.read_text(encoding="utf-8") + "# touched\n", encoding="utf-8")
+    assert run_in(output, *args) == 1
+    err = capsys.readouterr().err
+    assert "certificate.json: stale, a file of the robot has changed" in err
+    assert err.count("\n") == 1
+
+
+def test_an_uncertified_run_takes_the_certificate_out_of_its_folder(certified, tmp_path, capsys):
+    assert run_in(tmp_path) == 0
+    assert run_in(tmp_path, "--uncertified") == 0
+    assert {path.name for path in tmp_path.iterdir()} == DATA

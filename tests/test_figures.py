@@ -5,19 +5,34 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 from synthetic import synthetic_record
 
-from uvms_drake.figure_style import COLUMN_WIDTH, DECLARED, STYLE
+from uvms_drake.control.ancillary import Transpose
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.figure_style import COLUMN_WIDTH, STYLE, tube_label
 from uvms_drake.figures import FIGURES, make_figures
 
 NAMES = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.png",
          "disturbance.png", "mpc.png", "deviation.png"}
+WITH_TUBE = {"task_error.png", "velocities.png", "joints.png", "inputs.png", "deviation.png"}
 
 
 @pytest.fixture(scope="module")
 def record():
     return synthetic_record(4.0)
+
+
+def axes_of(name, record):
+    with matplotlib.rc_context(STYLE):
+        return FIGURES[name](record).axes
+
+
+def levels(axis, label):
+    """Returns the heights of an axis's horizontal lines with a label, the lowest first."""
+    return sorted(float(line.get_ydata()[0]) for line in axis.get_lines()
+                  if line.get_label() == label)
 
 
 def texts_of(figure):
@@ -49,10 +64,87 @@ def test_every_visible_axis_has_a_label_with_its_unit(record, name):
     assert "time [s]" in [axis.get_xlabel() for axis in figure.axes]
 
 
-@pytest.mark.parametrize("name", ["task_error.png", "deviation.png"])
-def test_figures_with_the_tube_say_that_it_is_declared(record, name):
-    with matplotlib.rc_context(STYLE):
-        assert DECLARED in texts_of(FIGURES[name](record))
+@pytest.mark.parametrize("certified", [False, True])
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_figures_with_the_tube_say_whether_it_is_certified(record, name, certified):
+    text = texts_of(FIGURES[name](replace(record, certified=np.array(certified))))
+    assert (tube_label(certified) in text) == (name in WITH_TUBE)
+    assert tube_label(not certified) not in text
+
+
+def test_the_labels_of_the_tube():
+    assert tube_label(True) == "certified tube"
+    assert tube_label(False) == "tube declared, not certified"
+
+
+def test_velocities_are_tightened_by_their_own_radii(record):
+    axes = axes_of("velocities.png", record)
+    assert [levels(axis, "limit") for axis in axes] == [[0.3], [0.25], [0.4]]
+    np.testing.assert_allclose([levels(axis, "tightened") for axis in axes],
+                               [[0.27], [0.23], [0.39]])
+
+
+def test_a_radius_that_is_left_out_is_the_total(record):
+    tube = replace(record.scenario.tube, nu1=None, joints=None, position=None)
+    record = replace(record, scenario=replace(record.scenario, tube=tube))
+    np.testing.assert_allclose(levels(axes_of("velocities.png", record)[0], "tightened"), [0.26])
+    np.testing.assert_allclose(
+        levels(axes_of("joints.png", record)[0], "tightened"), [-0.394, 1.454])
+    assert "0.006 m" in axes_of("task_error.png", record)[1].get_title(loc="left")
+
+
+def test_joints_have_the_limits_in_force_full_and_tightened(record):
+    for i, axis in enumerate(axes_of("joints.png", record)):
+        limits = [record.joint_lower[i], record.joint_upper[i]]
+        np.testing.assert_allclose(levels(axis, "limit"), limits)
+        np.testing.assert_allclose(
+            levels(axis, "tightened"), [limits[0] + 0.003, limits[1] - 0.003])
+
+
+def test_a_joint_without_limits_has_no_lines_for_them(record):
+    record = replace(record, joint_upper=np.array([1.46, 1.3114, 0.73, np.inf]))
+    axis = axes_of("joints.png", record)[3]
+    assert (len(levels(axis, "limit")), len(levels(axis, "tightened"))) == (1, 1)
+
+
+def test_inputs_are_tightened_channel_by_channel(record):
+    axes = axes_of("inputs.png", record)
+    tightened = [levels(axis, "tightened")[1] for axis in axes]
+    # The figure fills its left column first, and its axes are listed row by row.
+    expected = (record.scenario.limits.u - record.scenario.tube.u).reshape(2, 5).T.ravel()
+    np.testing.assert_allclose(tightened, expected)
+
+
+def test_the_tube_about_the_task_error_is_that_of_position_and_of_orientation(record):
+    for row, (part, bound, unit) in enumerate(
+            ((slice(0, 3), 0.005, "m"), (slice(3, 6), 0.004, "rad"))):
+        left, right = axes_of("task_error.png", record)[2 * row: 2 * row + 2]
+        assert f"{bound} {unit}" in right.get_title(loc="left")
+        nominal = (record.chi_nominal - record.chi_des)[:, part].T
+        for axis in (left, right):
+            bands = [c for c in axis.collections if isinstance(c, PolyCollection)]
+            for band, e_bar in zip(bands, nominal, strict=True):
+                heights = band.get_paths()[0].vertices[:, 1]
+                assert np.max(heights) == pytest.approx(np.max(e_bar) + bound)
+                assert np.min(heights) == pytest.approx(np.min(e_bar) - bound)
+
+
+def test_the_deviation_is_drawn_with_both_bounds(record):
+    for axis, column, bound in zip(axes_of("deviation.png", record), (0, 4), (0.006, 0.04),
+                                   strict=True):
+        lines = {line.get_label(): line.get_ydata() for line in axis.get_lines()}
+        np.testing.assert_array_equal(lines["deviation"], record.tube_deviation[:, column])
+        np.testing.assert_array_equal(lines["bound along the run"], record.tube_bound[:, column])
+        assert levels(axis, tube_label(False)) == [bound]
+
+
+def test_a_bound_along_the_run_that_does_not_exist_is_not_drawn(record, tmp_path):
+    nowhere = replace(record, tube_bound=np.full_like(record.tube_bound, np.inf),
+                      scenario=replace(record.scenario, ancillary=Transpose()))
+    make_figures(nowhere, tmp_path)
+    axes = axes_of("deviation.png", nowhere)
+    assert "bound along the run" not in texts_of(axes[0].figure)
+    assert "chi" in axes[0].get_ylabel()
 
 
 def test_torques_get_a_panel_if_there_are_any(record):
@@ -63,8 +155,7 @@ def test_torques_get_a_panel_if_there_are_any(record):
 
 
 def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_path):
-    scenario = replace(record.scenario, tube=replace(record.scenario.tube, e=0.0, z=0.0,
-                                                     u=np.zeros(10)))
+    scenario = replace(record.scenario, tube=TubeRadii(u=np.zeros(10)))
     quiet = replace(
         record, scenario=scenario, force=np.zeros_like(record.force),
         penetration=np.zeros_like(record.penetration), state=record.nominal_state,

@@ -41,7 +41,7 @@ def uvms() -> Uvms:
 
 def _context(uvms: Uvms, eta, q):
     context = uvms.plant.CreateDefaultContext()
-    state = np.concatenate([eta, q, np.zeros(6 + uvms.num_joints)])
+    state = np.concatenate([eta, q, np.zeros(6 + len(uvms.joints))])
     uvms.plant.SetPositionsAndVelocities(context, Coordinates(uvms).to_drake(state))
     return context
 

@@ -50,10 +50,18 @@ def test_the_jacobian_of_the_constraints_is_that_of_differences(nlp, point, deri
     assert np.min(scale) > 0.0
 
 
-def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, nlp, start_plans):
+FORCES = np.array([60.0, 50.0, 60.0, 15.0, 40.0, 25.0, 5.0, 5.0, 2.0, 0.2])  # N, N m
+
+
+@pytest.mark.parametrize("tau", [None, FORCES, 10.0 * FORCES])
+def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, start_plans, tau):
     """At a rollout the equations hold, and the inequalities say what `Ocp.evaluate` says."""
+    short_ocp = copy.copy(short_ocp)
+    short_ocp.limits = replace(short_ocp.limits, tau=tau)
+    nlp = NonlinearSolver(short_ocp, SnoptSolver())
     lower, upper = nlp._bounds()
     equations = 2 * N * SIZE
+    forced = 0
     for guess in [*start_plans["off"], *start_plans["on"]]:
         slack = short_ocp.evaluate(guess).terminal_slack
         values = np.concatenate([guess.config[1:].ravel(), guess.zeta[1:].ravel(),
@@ -62,12 +70,25 @@ def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, nlp, star
         assert nlp._cost(values, guess)[0][0] == pytest.approx(evaluation.cost, rel=1e-12)
         constraints = nlp._constraints(values, guess)[0]
         np.testing.assert_allclose(constraints[:equations], 0.0, atol=1e-14)
-        u = np.concatenate([each.ravel() for each in short_ocp.inputs(guess)])
+        inputs = short_ocp.inputs(guess)
+        u = np.concatenate([each.ravel() for each in inputs])
         np.testing.assert_allclose(constraints[equations: equations + len(u)], u, rtol=1e-12)
+        forces = constraints[equations + len(u): equations + 2 * len(u)].reshape(2, N, SIZE)
+        for end in (0, 1):
+            for k in range(N):
+                M = short_ocp.model.mass_matrix(short_ocp.model.kinematics(guess.config[k + end]))
+                np.testing.assert_allclose(
+                    forces[end, k], M @ inputs[end][k], rtol=1e-9, atol=1e-9)
+        forced += tau is not None and np.any(np.abs(forces) > tau)
         if slack > 0.0:
             assert constraints[-1] == pytest.approx(0.0, abs=1e-9), "on the edge of the set"
         excess = np.maximum(lower - constraints, constraints - upper)[equations:]
         assert (np.max(excess) > 1e-9) == (evaluation.violation > 1e-9)
+        if tau is FORCES:
+            beyond = np.max(np.abs(forces) - tau)
+            within = beyond <= np.max(excess, initial=0.0) <= evaluation.violation + 1e-9
+            assert within, "an excess of force is that of the evaluation or less"
+    assert (forced > 0) == (tau is FORCES)
 
 
 def test_a_function_with_its_jacobian_is_differentiable_for_drake():
@@ -81,6 +102,21 @@ def test_a_function_with_its_jacobian_is_differentiable_for_drake():
     scalar = _differentiable(lambda x: (np.array([x @ x]), 2.0 * x[None]))
     assert scalar(np.array([3.0, 4.0])) == 25.0
     assert isinstance(scalar(x), AutoDiffXd)
+
+
+@pytest.mark.parametrize(("kind", "coordinate"), [("roll", 3), ("pitch", 4)])
+def test_the_attitude_is_bounded_at_every_knot_but_the_first(short_ocp, start_plans, kind,
+                                                             coordinate):
+    """The start is given: a limit below it leaves no plan only if it cannot be returned to."""
+    guess = start_plans["off"][0]
+    start = abs(guess.config[0, coordinate])
+    bounded = copy.copy(short_ocp)
+    bounded.limits = replace(short_ocp.limits, **{kind: 0.95 * start})
+    solution = NonlinearSolver(bounded, SnoptSolver()).solve(guess)
+    assert solution.converged
+    assert np.max(np.abs(solution.plan.config[1:, coordinate])) <= 0.95 * start + 1e-6
+    bounded.limits = replace(short_ocp.limits, **{kind: 1e-3 * start})
+    assert NonlinearSolver(bounded, SnoptSolver()).solve(guess).plan is None
 
 
 def test_a_problem_without_a_solution_leaves_no_plan(short_ocp, start_plans):

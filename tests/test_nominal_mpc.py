@@ -1,12 +1,15 @@
 """Tests of `uvms_drake.control.nominal_mpc`, in a Diagram of its own with a constant state."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from uvms_drake.control.nominal_mpc import REPORT_FIELDS, NominalMpc
+from uvms_drake.control.nominal_mpc import FEASIBLE, REPORT_FIELDS, NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.errors import RunFailed
 from uvms_drake.model.uvms_model import configuration_rate
@@ -30,14 +33,31 @@ class FailingSolver:
         return self._real.solve(guess, iterations)
 
 
+class ViolatingSolver(FailingSolver):
+    """Says of the plans that it finds that a limit is violated by so much, or finds none."""
+
+    def __init__(self, ocp, violation: float | None):
+        super().__init__(ocp, failures=() if violation is not None else {0})
+        self._violation = violation
+
+    def solve(self, guess, iterations):
+        solution = super().solve(guess, iterations)
+        if solution.plan is None:
+            return solution
+        return replace(
+            solution, evaluation=replace(solution.evaluation, violation=self._violation))
+
+
 class Setup:
     """A planner alone, with a measured state that does not follow the plan."""
 
     def __init__(self, solver, state: np.ndarray, iterations: int = 2):
+        solver.ocp = copy.copy(solver.ocp)
+        solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
         self.mpc = NominalMpc.AddToBuilder(
-            builder, solver, iterations=iterations, state=self.source.get_output_port())
+            builder, solver, state=self.source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.ocp = solver.ocp
@@ -156,14 +176,34 @@ def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short
     assert setup.report()["status"] == 0.0
     assert solver.calls == 5
     before = short_ocp.evaluate(short_ocp.continued(plan))
-    assert setup.report()["cost"] <= before.cost + 1e3 * before.total_violation
+    assert setup.report()["cost"] <= before.merit
 
 
-def test_without_a_first_plan_the_run_fails_with_one_line(short_ocp, start):
-    setup = Setup(FailingSolver(short_ocp, failures={0}), start)
+@pytest.mark.parametrize("violation", [None, 1.01 * FEASIBLE, 1.0])
+def test_without_a_first_plan_within_the_limits_the_run_fails_with_one_line(
+        short_ocp, start, violation):
+    setup = Setup(ViolatingSolver(short_ocp, violation), start)
     with pytest.raises(RunFailed, match=r"no solution at the start") as caught:
         setup.simulator.Initialize()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("violation", [0.0, 0.99 * FEASIBLE])
+def test_a_first_plan_may_violate_the_limits_by_rounding(short_ocp, start, violation):
+    setup = Setup(ViolatingSolver(short_ocp, violation), start)
+    setup.simulator.Initialize()
+    assert setup.report()["violation"] == violation
+    assert setup.report()["status"] == 0.0
+
+
+def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, start):
+    """The solver returns a plan, for it softens limits; it is not followed."""
+    weak = copy.copy(short_ocp)
+    weak.limits = replace(short_ocp.limits, u=1e-3 * short_ocp.limits.u)
+    solver = FailingSolver(weak)
+    with pytest.raises(RunFailed, match=r"the limits cannot be kept from there"):
+        Setup(solver, start).simulator.Initialize()
+    assert solver.calls == 1
 
 
 def test_outputs_before_initialization_say_what_is_missing(short_ocp, start):
@@ -189,6 +229,50 @@ def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
             np.testing.assert_array_equal(
                 setup.read(port, other.get_context()), setup.read(port))
         assert solver.calls - at_end == at_end - at_pause >= 3
+
+
+def test_before_its_first_instant_has_passed_the_first_plan_can_be_made_anew(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.Initialize()
+    moved = start + 0.001
+    setup.jump(moved)
+    setup.simulator.Initialize()
+    np.testing.assert_array_equal(setup.read("nominal_state"), moved)
+    setup.go(0.05)
+    followed = setup.read("nominal_state")
+    setup.jump(start)
+    setup.simulator.Initialize()
+    np.testing.assert_array_equal(setup.read("nominal_state"), followed)
+
+
+def test_a_context_whose_time_was_set_to_another_starts_again(short_ocp, start):
+    """Back to the start, or further on than its plan goes without another sample."""
+    for time in (0.0, 4 * H):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.go(1.5 * H)
+        assert np.linalg.norm(setup.read("nominal_state") - start) > 1e-3
+        setup.simulator.get_mutable_context().SetTime(time)
+        setup.simulator.Initialize()
+        np.testing.assert_array_equal(setup.read("nominal_state"), start)
+        assert setup.read("plan").start_time == time
+        assert setup.report()["time"] == time
+
+
+@pytest.mark.parametrize("time", [H, 3 * H])
+def test_it_may_start_at_any_sampling_instant(short_ocp, start, time):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    setup.simulator.get_mutable_context().SetTime(time)
+    setup.go(time + 1.5 * H)
+    assert solver.calls == 2
+    assert setup.read("plan").start_time == pytest.approx(time + H, abs=1e-9)
+
+
+def test_it_does_not_start_between_two_sampling_instants(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.get_mutable_context().SetTime(0.3)
+    with pytest.raises(RunFailed, match=r"starts at t = 0\.3 s: must be a multiple .* 0\.2 s$"):
+        setup.simulator.Initialize()
 
 
 def test_the_reports_of_two_contexts_do_not_mix(short_ocp, start):

@@ -7,14 +7,15 @@ import dh
 import numpy as np
 import pytest
 
-from uvms_drake.control.ocp import TERMINAL_PENALTY, Ocp
+from uvms_drake.control.ocp import TERMINAL_PENALTY, VIOLATION_PENALTY, Ocp
 from uvms_drake.control.plan import Plan, advance
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.scenario import load_scenario
 
 H = 0.2  # s
-Q = np.array([20.0] * 3 + [10.0] * 3 + [2.0] * 4 + [5.0] * 6 + [1.0] * 4)
-R = np.array([1.0] * 6 + [0.01] * 4)
+MPC = load_scenario("girona500_contact").mpc
+Q = np.concatenate([MPC.weight_y, MPC.weight_zeta])
+R = MPC.weight_u
 
 
 def plan_around(ocp, seed: int, depth: float = 0.0) -> Plan:
@@ -37,6 +38,27 @@ def plan(request, ocp) -> Plan:
     return plan
 
 
+@pytest.fixture
+def limited_forces(ocp) -> Ocp:
+    """The problem with limits on the forces, of some size."""
+    return with_limits(ocp, tau=np.full(10, 50.0))
+
+
+def with_limits(ocp: Ocp, **limits: object) -> Ocp:
+    other = copy.copy(ocp)
+    other.limits = replace(ocp.limits, **limits)
+    return other
+
+
+def forces(ocp, plan) -> np.ndarray:
+    """Returns M(𝔮̄)ū (2, N, 10) at the beginning and at the end of every interval."""
+    model, N = ocp.model, len(plan.zeta_dot)
+    return np.array([[
+        model.mass_matrix(model.kinematics(plan.config[k + end]))
+        @ (plan.zeta_dot[k] - model.drift(plan.config[k + end], plan.zeta[k + end]))
+        for k in range(N)] for end in (0, 1)])
+
+
 # First-order model -------------------------------------------------------------------------------
 
 
@@ -44,7 +66,7 @@ def test_the_knots_are_linearised_about_their_own_values(ocp, plan):
     linear = ocp.linearise(plan)
     np.testing.assert_allclose(linear.y[:, :6], [dh.chi(c) for c in plan.config], atol=1e-12)
     np.testing.assert_array_equal(linear.y[:, 6:], plan.config[:, 6:])
-    np.testing.assert_array_equal(linear.pitch, plan.config[:, 4])
+    np.testing.assert_array_equal(linear.attitude, plan.config[:, [3, 4]])
     np.testing.assert_allclose(linear.f, ocp.model.drift(plan.config, plan.zeta), rtol=1e-12)
 
 
@@ -61,7 +83,7 @@ def test_every_derivative_by_y_is_that_of_differences(ocp, plan, derivative):
 
         np.testing.assert_allclose(linear.dy_dy[..., j], derivative(next_y), atol=1e-8)
         np.testing.assert_allclose(
-            linear.pitch_y[:, j], derivative(config)[:, 4], atol=1e-8)
+            linear.attitude_y[..., j], derivative(config)[:, [3, 4]], atol=1e-8)
         np.testing.assert_allclose(
             linear.f_y[..., j],
             derivative(lambda s, config=config: model.drift(config(s), plan.zeta), 1e-4),
@@ -89,6 +111,31 @@ def test_every_derivative_by_velocity_and_acceleration_is_that_of_differences(
             linear.f_zeta[..., j], derivative(drift, 1e-6), rtol=1e-6, atol=2e-6)
 
 
+def test_forces_are_linearised_about_the_plan(limited_forces, plan, derivative):
+    """With dū from elsewhere, d(Mū) = M dū + (∂(Mū)/∂y) dy at the knot."""
+    model, linear = limited_forces.model, limited_forces.linearise(plan)
+    y, inputs = linear.y, limited_forces.inputs(plan)
+
+    def mass(config: np.ndarray) -> np.ndarray:
+        return np.array([model.mass_matrix(model.kinematics(c)) for c in config])
+
+    np.testing.assert_allclose(linear.M, mass(plan.config), rtol=1e-12, atol=1e-12)
+    assert linear.tau_y.shape == (2, 4, 10, 10)
+    for j, direction in enumerate(np.eye(10)):
+        M_y = derivative(lambda s, d=direction: mass(model.configuration(y + s * d)))
+        for end, M_y_there, u in ((0, M_y[:-1], inputs[0]), (1, M_y[1:], inputs[1])):
+            np.testing.assert_allclose(
+                linear.tau_y[end, :, :, j], (M_y_there @ u[..., None])[..., 0],
+                rtol=1e-6, atol=1e-8 * np.max(np.abs(linear.tau_y)))
+    assert np.max(np.abs(linear.tau_y)) > 0.1
+
+
+def test_without_force_limits_no_forces_are_linearised(ocp, plan):
+    linear = ocp.linearise(plan)
+    assert ocp.limits.tau is None
+    assert (linear.M.size, linear.tau_y.size) == (0, 0)
+
+
 # Objective and limits ----------------------------------------------------------------------------
 
 
@@ -102,7 +149,7 @@ def test_the_cost_is_the_sum_that_the_documentation_says(ocp, plan):
         u = plan.zeta_dot[k] - ocp.model.drift(plan.config[k], plan.zeta[k])
         cost += H * (np.sum(Q * xi(k) ** 2) + np.sum(R * (u - ocp.u_eq) ** 2))
     terminal = xi(4) @ ocp.terminal.P @ xi(4)
-    slack = max(0.0, np.sqrt(terminal) - 0.5)  # terminal_radius of the scenario
+    slack = max(0.0, np.sqrt(terminal) - MPC.terminal_radius)
     evaluation = ocp.evaluate(plan)
     assert slack > 0.0
     assert evaluation.terminal_slack == pytest.approx(slack, rel=1e-9)
@@ -130,41 +177,58 @@ def extremes(ocp, plan) -> dict[str, object]:
         "nu1": np.max(np.linalg.norm(zeta[:, :3], axis=1)),
         "nu2": np.max(np.linalg.norm(zeta[:, 3:6], axis=1)),
         "qdot": np.max(np.linalg.norm(zeta[:, 6:], axis=1)),
+        "roll": np.max(np.abs(config[:, 3])),
         "pitch": np.max(np.abs(config[:, 4])),
         "tip_pitch": np.max(np.abs([dh.chi(c)[4] for c in config])),
         "q_lower": np.min(config[:, 6:], axis=0),
         "q_upper": np.max(config[:, 6:], axis=0),
         "u": np.max(np.abs(u), axis=0),
+        "tau": np.max(np.abs(forces(ocp, plan)), axis=(0, 1)),
     }
 
 
-@pytest.mark.parametrize("kind", ["nu1", "nu2", "qdot", "pitch", "tip_pitch"])
+@pytest.mark.parametrize("kind", ["nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"])
 def test_a_plan_that_exceeds_a_limit_is_seen_to(ocp, plan, kind):
     touched = extremes(ocp, plan)
-    tight = copy.copy(ocp)
-    tight.limits = replace(ocp.limits, **touched)
+    tight = with_limits(ocp, **touched)
     assert tight.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
-    tight.limits = replace(tight.limits, **{kind: touched[kind] - 1e-3})
-    evaluation = tight.evaluate(plan)
+    evaluation = with_limits(tight, **{kind: touched[kind] - 1e-3}).evaluate(plan)
     assert evaluation.violation == pytest.approx(1e-3, rel=1e-6)
     assert 1e-3 <= evaluation.total_violation * (1.0 + 1e-9) <= 5e-3
 
 
-@pytest.mark.parametrize(("kind", "inwards"), [("q_lower", 1.0), ("q_upper", -1.0), ("u", -1.0)])
-def test_every_joint_and_every_input_has_its_own_limit(ocp, plan, kind, inwards):
+@pytest.mark.parametrize(
+    ("kind", "inwards"), [("q_lower", 1.0), ("q_upper", -1.0), ("u", -1.0), ("tau", -1.0)])
+def test_every_joint_every_input_and_every_force_has_its_own_limit(ocp, plan, kind, inwards):
     touched = extremes(ocp, plan)
-    tight = copy.copy(ocp)
     for i in range(len(touched[kind])):
         bound = touched[kind].copy()
         bound[i] += inwards * 1e-3
-        tight.limits = replace(ocp.limits, **{**touched, kind: bound})
+        tight = with_limits(ocp, **{**touched, kind: bound})
         assert tight.evaluate(plan).violation == pytest.approx(1e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_forces_are_limited_at_both_ends_of_every_interval(ocp, plan, end):
+    """A limit that is exceeded at one of the ends only, half-way between the two's largest."""
+    tau = np.max(np.abs(forces(ocp, plan)), axis=1)
+    gap = tau[end] - tau[1 - end]
+    channel = np.argmax(gap)
+    assert gap[channel] > 1e-3
+    limit = np.full(10, np.inf)
+    limit[channel] = np.mean(tau[:, channel])
+    tight = with_limits(ocp, **{**extremes(ocp, plan), "tau": limit})
+    assert tight.evaluate(plan).violation == pytest.approx(0.5 * gap[channel], rel=1e-6)
+
+
+def test_without_limits_on_forces_none_is_seen(ocp, plan):
+    lax = with_limits(ocp, **{**extremes(ocp, plan), "tau": None})
+    assert lax.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
 
 
 def test_violations_add_up(ocp, plan):
     touched = extremes(ocp, plan)
-    tight = copy.copy(ocp)
-    tight.limits = replace(ocp.limits, **{
+    tight = with_limits(ocp, **{
         **touched, "nu1": touched["nu1"] - 1e-3, "tip_pitch": touched["tip_pitch"] - 2e-3})
     zeta, config = plan.zeta[1:], plan.config[1:]
     speed = np.linalg.norm(zeta[:, :3], axis=1) - tight.limits.nu1
@@ -173,6 +237,9 @@ def test_violations_add_up(ocp, plan):
     evaluation = tight.evaluate(plan)
     assert evaluation.total_violation == pytest.approx(expected, rel=1e-9)
     assert evaluation.violation == pytest.approx(2e-3, rel=1e-6)
+    assert evaluation.merit == pytest.approx(
+        evaluation.cost + VIOLATION_PENALTY * expected, rel=1e-12)
+    assert ocp.evaluate(plan).cost == evaluation.cost, "limits cost nothing"
 
 
 def test_the_first_knot_is_given_and_violates_nothing(ocp):
@@ -204,7 +271,7 @@ def test_a_resting_plan_comes_to_rest(ocp):
     rng = np.random.default_rng(5)
     config, zeta = rng.uniform(-0.3, 0.3, size=(2, 10))
     plan = ocp.resting_plan(1.6, config, zeta)
-    assert (plan.start_time, plan.time_step, len(plan.zeta_dot)) == (1.6, H, 20)
+    assert (plan.start_time, plan.time_step, len(plan.zeta_dot)) == (1.6, H, MPC.horizon)
     np.testing.assert_array_equal(plan.config[0], config)
     np.testing.assert_array_equal(plan.zeta[0], zeta)
     np.testing.assert_allclose(plan.zeta[-1], 0.0, atol=1e-15)

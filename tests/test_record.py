@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.record`."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,6 +30,18 @@ def test_the_state_is_split_into_configuration_and_velocity(record):
     np.testing.assert_array_equal(
         np.hstack([record.nominal_config, record.nominal_zeta]), record.nominal_state)
     assert record.zeta.shape[1] == 6 + record.num_joints == 10
+
+
+def test_deviations_and_their_bounds_are_found_by_name(record):
+    for i, part in enumerate(("task", "position", "orientation", "joints", "z", "r")):
+        np.testing.assert_array_equal(record.deviation_of(part), record.tube_deviation[:, i])
+        np.testing.assert_array_equal(record.bound_of(part), record.tube_bound[:, i])
+
+
+def test_whether_the_tube_is_certified_is_kept(record, tmp_path):
+    for certified in (False, True):
+        save_record(replace(record, certified=np.array(certified)), tmp_path)
+        assert bool(load_record(tmp_path).certified) is certified
 
 
 def test_the_log_does_not_depend_on_when_it_is_written(record, tmp_path, monkeypatch):

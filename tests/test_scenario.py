@@ -6,6 +6,7 @@ import typing
 
 import numpy as np
 import pytest
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 
 from uvms_drake.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
@@ -50,6 +51,31 @@ def test_a_shipped_scenario_has_its_name_and_a_description(name):
 def test_loading_the_dump_gives_the_same_scenario(name, tmp_path):
     dump = dump_scenario(load_scenario(name))
     assert dump_scenario(load_text(tmp_path, dump)) == dump
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_dump_has_the_fields_in_their_order(name):
+    data = yaml_load_data(dump_scenario(load_scenario(name)))
+    assert list(data) == [field.name for field in dataclasses.fields(Scenario)]
+    assert list(data["start"]) == ["eta", "q"]
+    assert list(data["simulator"]) == [
+        "integration_scheme", "max_step_size", "accuracy", "use_error_control", "start_time",
+        "target_realtime_rate"]
+
+
+@pytest.mark.parametrize("description", [
+    "publish_every_time_step: is mentioned first",
+    "One line.\npublish_every_time_step: false\n",
+    "One line.\n  publish_every_time_step: true\nAnother line.",
+    yaml_dump_typed(Scenario().simulator, child_name="simulator"),
+])
+def test_no_text_is_lost_in_the_dump(description, tmp_path):
+    """Whatever it says about a setting that is left out for the sake of other versions of Drake."""
+    dump = dump_scenario(Scenario(name="mine", description=description))
+    assert "publish_every_time_step" not in yaml_load_data(dump)["simulator"]
+    loaded = load_text(tmp_path, dump)
+    assert loaded.description == description
+    assert dump_scenario(loaded) == dump
 
 
 def test_an_empty_file_is_the_default_scenario_named_after_the_file(tmp_path):
@@ -119,11 +145,8 @@ def test_private_top_level_keys_are_room_for_anchors(tmp_path):
     ("duration=0", "duration = 0.0: must be positive"),
     ("duration.x=1", "duration = {'x': 1}: must be a finite number"),
     ("log_period=1e3", "log_period = 1000.0: must be at most the duration, 20 s"),
-    ("seed=-1", "seed = -1: must be zero or positive"),
     ("seed=0.5", "seed = 0.5: must be a whole number"),
-    ("current=[0, 0]", "current = [0., 0.]: must be 3 finite numbers"),
     ("current=[0, 0, .inf]", "current[2] = inf: must be a finite number"),
-    ("task.force=[1]", "task.force = [1.]: must be 6 finite numbers"),
     ("task.force_tolerance=0", "task.force_tolerance = 0.0: must be positive"),
     ("limits.u.99=1", "limits.u.99 = 1: must be given with an index below 10"),
     ("surface=!Wall {}", "surface = '!Wall': must be a mapping tagged !UnilateralPlane or "

@@ -1,16 +1,20 @@
 """Tests of `uvms_drake.simulation`."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
+from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
 from uvms_drake.errors import InvalidParameter, RunFailed
+from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.record import LOG_FILE, save_record
 from uvms_drake.scenario import load_scenario
-from uvms_drake.simulation import _run, simulate
+from uvms_drake.simulation import _run, make_record, simulate
 
 SHORT = ["duration=1.5", "log_period=0.01"]
 
@@ -27,6 +31,11 @@ class Breaks(LeafSystem):
         raise self._error
 
 
+def logs_of(record):
+    return {field.name: getattr(record, field.name) for field in fields(record)
+            if field.name not in ("scenario", "wall_time_s")}
+
+
 @pytest.fixture(scope="module")
 def record():
     return simulate(load_scenario("girona500_contact", SHORT))
@@ -40,8 +49,40 @@ def test_the_record_has_all_signals_at_all_samples(record):
     assert record.penetration.ndim == 1
     assert record.state.shape[1] == 20
     for field in fields(record):
-        if field.name != "scenario":
+        if field.name not in ("scenario", "tube_report"):
             assert np.all(np.isfinite(getattr(record, field.name))), field.name
+    assert record.tube_deviation.shape == record.tube_bound.shape == (151, len(FIELDS))
+    assert record.tube_report.shape == (len(REPORT_FIELDS),)
+    assert not np.any(np.isnan(record.tube_report))  # inf: no exit
+
+
+def test_the_deviation_is_that_of_pose_joints_and_velocity(record):
+    pose = task_error(record.chi, record.chi_nominal)
+    joints = (record.config - record.nominal_config)[:, 6:]
+    for part, error in (
+            ("task", np.hstack([pose, joints])), ("position", pose[:, :3]),
+            ("orientation", pose[:, 3:]), ("joints", joints),
+            ("z", record.zeta - record.nominal_zeta)):
+        np.testing.assert_allclose(record.deviation_of(part), np.linalg.norm(error, axis=1),
+                                   atol=1e-12, err_msg=part)
+
+
+def test_the_joint_limits_are_those_in_force(record):
+    """Those of the scenario where it has its own, which are narrower; the robot's elsewhere."""
+    limits = record.scenario.limits
+    np.testing.assert_array_equal(record.joint_lower, limits.q_lower)
+    np.testing.assert_array_equal(record.joint_upper, limits.q_upper)
+    wide = replace(record.scenario, limits=replace(limits, q_lower=None))
+    recorded = make_record(wide, logs_of(record), 1.0, certified=False)
+    robot = UvmsModel.load(wide.model, make_surface_law(wide.surface))
+    np.testing.assert_array_equal(recorded.joint_lower, robot.q_lower)
+    np.testing.assert_array_equal(recorded.joint_upper, limits.q_upper)
+    assert np.all(recorded.joint_lower < record.joint_lower)
+
+
+def test_the_record_knows_whether_the_tube_is_certified(record):
+    assert not record.certified
+    assert make_record(record.scenario, logs_of(record), 1.0, certified=True).certified
 
 
 def test_the_run_starts_at_the_scenario_start_at_rest(record):

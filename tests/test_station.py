@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
+from uvms_drake.control.ancillary import task_error
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario, load_scenario
 from uvms_drake.simulation import simulate
 from uvms_drake.station import LOGGED, initialize, make_ocp, make_station, read_logs, start_state
-from uvms_drake.summary import constraint_signals, tube_deviation
+from uvms_drake.summary import constraint_signals
 
 SHORT = ["mpc.horizon=8"]
+WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
+        "limits.pitch=0.3"]
+"""The joint limits of the robot itself, and a wide range of attitudes."""
 
 
 def logs_of(scenario: Scenario, duration: float) -> dict[str, np.ndarray]:
@@ -75,8 +79,12 @@ def test_without_the_disturbance_it_holds_20_newtons_within_1(undisturbed):
 
 @pytest.mark.parametrize("run", ["main", "undisturbed"])
 def test_no_limit_is_exceeded(request, run):
-    signals = constraint_signals(request.getfixturevalue(run))
-    assert len(signals) == 3 + 8 + 2 + 10
+    record = request.getfixturevalue(run)
+    limits, signals = record.scenario.limits, constraint_signals(record)
+    assert len(signals) == 3 + 8 + 3 + 10
+    for i in range(4):  # The scenario's are narrower than the robot's.
+        assert signals[f"q{i + 1}_min"][1] == limits.q_lower[i]
+        assert signals[f"q{i + 1}_max"][1] == limits.q_upper[i]
     for name, (values, limit) in signals.items():
         excess = limit - values if name.endswith("_min") else values - limit
         assert np.max(excess) <= 0.0, name
@@ -96,19 +104,31 @@ def test_every_sample_of_the_mpc_is_in_the_logs_once(main):
 
 
 def test_the_real_state_stays_in_the_declared_tube(main):
-    e, z = tube_deviation(main)
     tube = main.scenario.tube
-    assert np.max(e) <= tube.e
-    assert np.max(z) <= tube.z
-    pitch = np.abs(main.config[:, 4] - main.nominal_config[:, 4])
-    assert np.max(pitch) <= tube.pitch
+    config, zeta = main.config - main.nominal_config, main.zeta - main.nominal_zeta
+    chi = task_error(main.chi, main.chi_nominal)
+    for name, vectors in (
+        ("e", np.hstack([chi, config[:, 6:]])), ("z", zeta),
+        ("position", chi[:, :3]), ("orientation", chi[:, 3:]), ("joints", config[:, 6:]),
+        ("roll", config[:, 3:4]), ("pitch", config[:, 4:5]),
+        ("nu1", zeta[:, :3]), ("nu2", zeta[:, 3:6]), ("qdot", zeta[:, 6:]),
+    ):
+        worst = np.max(np.linalg.norm(vectors, axis=1))
+        assert 0.0 < worst <= getattr(tube, name), name
     assert np.all(np.max(np.abs(main.u - main.nominal_input), axis=0) <= tube.u)
 
 
 def test_the_limits_are_used(main):
-    """The run is fast enough for the tightened limits to matter."""
-    speed = np.max(np.linalg.norm(main.nominal_zeta[:, :3], axis=1))
-    assert speed == pytest.approx(main.scenario.limits.nu1 - main.scenario.tube.z, rel=0.01)
+    """The run is fast enough for the tightened limits to matter, and keeps to them."""
+    limits, tube, zeta = main.scenario.limits, main.scenario.tube, main.nominal_zeta
+    speeds = [np.max(np.linalg.norm(zeta[:, block], axis=1)) / (limit - radius)
+              for block, limit, radius in (
+                  (slice(0, 3), limits.nu1, tube.nu1), (slice(3, 6), limits.nu2, tube.nu2),
+                  (slice(6, 10), limits.qdot, tube.qdot))]
+    inputs = np.max(np.abs(main.nominal_input), axis=0) / (limits.u - tube.u)
+    for ratios in (speeds, inputs):
+        assert np.max(ratios) == pytest.approx(1.0, rel=0.01)
+        assert np.max(ratios) <= 1.0 + 1e-5
 
 
 # Other scenarios ---------------------------------------------------------------------------------
@@ -188,7 +208,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
 def test_the_station_exports_what_it_documents():
     station = make_station(load_scenario("girona500_contact", SHORT))
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
-    assert names == {*LOGGED, "plan", "report", "solve_seconds"}
+    assert names == {*LOGGED, "plan", "report", "solve_seconds", "tube_report"}
     assert station.num_input_ports() == 0
     assert station.get_name() == "station"
 
@@ -208,21 +228,33 @@ def test_plant_and_controller_have_models_of_their_own():
 
 
 @pytest.mark.parametrize(("name", "overrides", "key"), [
-    ("girona500_contact", ["start.eta.4=0.3"], "start.eta"),
-    ("girona500_contact", ["start.q.1=0.1"], "start.eta"),  # the tip's pitch
-    ("girona500_contact", ["start.q.2=0.7285"], "start.q"),
-    ("girona500_contact", ["start.q.0=-0.6"], "start.q"),
+    ("girona500_contact", ["start.eta.3=0.296", "limits.roll=0.299"], "start.eta"),
+    ("girona500_contact", ["start.eta.4=0.296", "limits.pitch=0.299"], "start.eta"),
+    ("girona500_contact", ["start.q.1=0.1", *WIDE], "start.eta"),  # the tip's pitch
+    ("girona500_contact", ["start.q.2=0.7295", *WIDE], "start.q"),
+    ("girona500_contact", ["start.q.0=-0.6", *WIDE], "start.q"),
+    ("girona500_contact", ["limits.q_lower=[-0.4, 0.8995, -1, -3]"], "start.q"),
+    ("girona500_contact", ["limits.q_upper=[0.1505, 1.3, 0.7, 3]"], "start.q"),
+    ("girona500_contact", ["limits.q_lower=[-0.53, -0.1, -1, -3]"], "limits.q_lower"),
+    ("girona500_contact", ["limits.q_upper=[1.4, 1.3, 0.7]"], "limits.q_upper"),
+    ("girona500_contact", ["limits.q_upper=[1.4, 1.0, 0.7, 3]"], "task.posture"),
     ("girona500_contact", ["start.q=[0, 1]"], "start.q"),
     ("girona500_contact", ["task.force=[-20, 0, 0, 0, 0, 0]"], "task.force"),
     ("girona500_contact", ["task.force=[20, 5, 0, 0, 0, 0]"], "task.force"),
     ("girona500_contact", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
     ("girona500_contact", ["task.pose.4=0.9"], "task.pose"),
     ("girona500_contact", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
-    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]"], "task.pose"),  # pitch of the vehicle
+    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.pose"),  # vehicle's pitch
     ("girona500_contact", ["task.posture=[0, 1.1]"], "task.posture"),
-    ("girona500_contact", ["limits.u.4=0.14"], "limits.u"),
+    ("girona500_contact", ["limits.u.4=0.14"], "limits.u[4]"),
+    ("girona500_contact", ["limits.u.4=0"], "limits.u"),
+    ("girona500_contact", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "tube.tau"),
+    ("girona500_contact", ["limits.tau=[1, 1, 1]"], "limits.tau"),
     ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "limits.u"),
-    ("girona500_contact", ["limits.nu1=0.03"], "limits.nu1"),
+    ("girona500_contact", ["limits.nu1=0.03", "tube.nu1=0.03"], "limits.nu1"),
+    ("girona500_contact", ["limits.roll=0.003", "tube.roll=0.004"], "limits.roll"),
+    ("girona500_contact", ["tube.qdot=-1"], "tube.qdot"),
+    ("girona500_contact", ["tube.joints=0.75", *WIDE], "limits.q2"),
     ("girona500_contact", ["surface.stiffness=-1"], "surface.stiffness"),
     ("girona500_contact", ["disturbance.bound=-0.1"], "disturbance.bound"),
     ("girona500_contact", ["ancillary.k=0"], "ancillary.k"),

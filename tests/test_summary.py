@@ -8,14 +8,12 @@ import pytest
 from synthetic import synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
+from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
 from uvms_drake.summary import (
-    count_entries,
     format_summary,
     jsonable,
-    pose_error,
     settling_index,
     summarise,
-    tube_deviation,
 )
 
 KEYS = {
@@ -23,8 +21,20 @@ KEYS = {
     "task_error", "force", "constraints", "disturbance", "tube"}
 CONSTRAINTS = [
     "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
-    "q4_max", "pitch", "tip_pitch", "u_surge", "u_sway", "u_heave", "u_roll", "u_pitch", "u_yaw",
-    "u_q1", "u_q2", "u_q3", "u_q4"]
+    "q4_max", "roll", "pitch", "tip_pitch", "u_surge", "u_sway", "u_heave", "u_roll", "u_pitch",
+    "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
+TUBE = {
+    "certified", "law", "bound_e", "worst_e", "bound_z", "worst_z", "exits", "first_exit_s",
+    "exits_along_the_run", "worst_ratio", "disturbance_excesses"}
+
+
+def reporting(**values):
+    """Returns a record whose monitor reports these values, and its usual ones for the rest."""
+    record = synthetic_record(2.0)
+    report = record.tube_report.copy()
+    for name, value in values.items():
+        report[REPORT_FIELDS.index(name)] = value
+    return replace(record, tube_report=report)
 
 
 def pressing(force_x, **changes):
@@ -33,7 +43,8 @@ def pressing(force_x, **changes):
     force[:, 0] = force_x
     base = synthetic_record()
     short = {name: getattr(base, name)[: len(force_x)] for name in (
-        "state", "nominal_state", "chi", "chi_nominal", "u", "disturbance")}
+        "state", "nominal_state", "chi", "chi_nominal", "u", "tau", "disturbance",
+        "tube_deviation", "tube_bound")}
     return replace(base, time=np.arange(float(len(force_x))), force=force, **short, **changes)
 
 
@@ -41,14 +52,15 @@ def test_the_fixed_keys_are_there_and_valid_json():
     summary = summarise(synthetic_record())
     assert set(summary) >= KEYS
     assert set(summary["versions"]) == {"uvms_drake", "drake", "python"}
-    assert set(summary["mpc"]) >= {"solves", "failures", "fallbacks", "step_ms"}
+    assert set(summary["mpc"]) == {
+        "solves", "failures", "fallbacks", "step_ms", "worst_terminal_slack", "worst_violation"}
     assert set(summary["mpc"]["step_ms"]) == {"p50", "p95", "p99", "max"}
     assert set(summary["task_error"]) >= {"initial", "final", "final_norm"}
     assert set(summary["force"]) >= {
         "desired", "final", "final_error_norm", "worst_error_norm_after_settling",
         "settling_time_s"}
-    assert set(summary["tube"]) == {
-        "certified", "law", "bound_e", "worst_e", "bound_z", "worst_z", "exits"}
+    assert set(summary["tube"]) == TUBE
+    assert set(summary["tube"]["worst_ratio"]) == {"set", "trajectory"}
     assert list(summary["constraints"]) == CONSTRAINTS
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
@@ -124,10 +136,10 @@ def test_velocities_are_limited_by_blocks():
 def test_joints_have_a_lower_and_an_upper_limit():
     record = synthetic_record()
     state = record.state.copy()
-    state[3, 6] = -0.6
+    state[3, 6] = -0.5
     constraints = summarise(replace(record, state=state))["constraints"]
     assert constraints["q1_min"] == {
-        "limit": -0.52, "worst": -0.6, "margin": pytest.approx(-0.08)}
+        "limit": -0.4, "worst": -0.5, "margin": pytest.approx(-0.1)}
     assert constraints["q1_max"]["margin"] > 0.0
 
 
@@ -138,39 +150,95 @@ def test_a_joint_without_limits_has_no_constraint():
     assert "q4_min" in constraints
 
 
-def test_pose_errors_go_the_short_way_around():
-    error = pose_error(np.array([0.0, 0.0, 0.0, 3.1, 0.0, -3.1]),
-                       np.array([1.0, 0.0, 0.0, -3.1, 0.0, 3.1]))
-    np.testing.assert_allclose(error, [-1.0, 0, 0, 6.2 - 2 * np.pi, 0, 2 * np.pi - 6.2])
-
-
-def test_the_deviation_is_that_of_pose_and_joints():
+@pytest.mark.parametrize(("name", "angle"), [("roll", 3), ("pitch", 4)])
+def test_the_attitude_of_the_vehicle_is_limited_on_both_sides(name, angle):
     record = synthetic_record()
-    chi, state = record.chi_nominal.copy(), record.nominal_state.copy()
-    chi[:, 0] += 0.3
-    state[:, 6] += 0.4 + 2.0 * np.pi
-    state[:, 10] += 0.7
-    e, z = tube_deviation(replace(record, chi=chi, state=state))
-    np.testing.assert_allclose(e, 0.5)
-    np.testing.assert_allclose(z, 0.7)
+    state, limit = record.state.copy(), getattr(record.scenario.limits, name)
+    state[70, angle] = -limit - 0.125
+    row = summarise(replace(record, state=state))["constraints"][name]
+    assert row == {"limit": limit, "worst": limit + 0.125, "margin": pytest.approx(-0.125)}
 
 
-def test_excursions_from_the_tube_are_counted_once_each():
+def test_forces_are_constraints_only_if_they_are_limited():
     record = synthetic_record()
-    state, chi = record.nominal_state.copy(), record.chi_nominal.copy()
-    state[100:200, 10] += 1.0
-    state[300, 6] += 1.0
-    tube = summarise(replace(record, state=state, chi=chi))["tube"]
-    assert tube["exits"] == 2
-    assert (tube["worst_e"], tube["worst_z"]) == (pytest.approx(1.0), pytest.approx(1.0))
+    tau = np.zeros_like(record.tau)
+    tau[5, 0], tau[6, 9] = -130.0, 0.5
+    limits = replace(record.scenario.limits, tau=np.array([120.0] * 9 + [2.0]))
+    limited = replace(record, tau=tau, scenario=replace(record.scenario, limits=limits))
+    constraints = summarise(limited)["constraints"]
+    assert list(constraints) == CONSTRAINTS + [
+        name.replace("u_", "tau_") for name in CONSTRAINTS if name.startswith("u_")]
+    assert constraints["tau_surge"] == {"limit": 120.0, "worst": 130.0, "margin": -10.0}
+    assert constraints["tau_q4"] == {"limit": 2.0, "worst": 0.5, "margin": 1.5}
+    assert "tau_q4" in format_summary(summarise(limited))
+
+
+def test_task_errors_go_the_short_way_around():
+    record = synthetic_record()
+    chi = np.tile([0.0, 0.0, 0.0, 3.1, 0.0, -3.1], (len(record.time), 1))
+    task = summarise(replace(
+        record, chi=chi, chi_des=np.array([1.0, 0.0, 0.0, -3.1, 0.0, 3.1])))["task_error"]
+    np.testing.assert_allclose(task["final"], [-1.0, 0, 0, 6.2 - 2 * np.pi, 0, 2 * np.pi - 6.2])
+    assert task["final_norm"] == pytest.approx(np.linalg.norm(task["final"]))
+
+
+def test_the_worst_deviations_are_those_that_the_monitor_logged():
+    record = synthetic_record()
+    logged = np.zeros_like(record.tube_deviation)
+    logged[100] = np.arange(1.0, 7.0)
+    tube = summarise(replace(record, tube_deviation=logged))["tube"]
+    assert (tube["worst_e"], tube["worst_z"]) == (1.0 + FIELDS.index("task"),
+                                                 1.0 + FIELDS.index("z"))
     assert (tube["bound_e"], tube["bound_z"]) == (0.006, 0.04)
+
+
+def test_a_run_that_stays_in_the_tube_has_no_exits():
+    tube = summarise(synthetic_record())["tube"]
+    assert (tube["exits"], tube["exits_along_the_run"], tube["disturbance_excesses"]) == (0, 0, 0)
+    assert tube["first_exit_s"] is None
     assert tube["certified"] is False
+    assert tube["law"] == "resolved"
 
 
-def test_count_entries():
-    flags = np.array([True, True, False, True, False, False, True])
-    assert count_entries(flags) == 3
-    assert count_entries(np.zeros(4, dtype=bool)) == 0
+def test_exits_are_those_of_the_monitor():
+    record = reporting(set_exits=2.0, set_first_exit=0.75, trajectory_exits=3.0,
+                       trajectory_first_exit=0.5, disturbance_exits=4.0)
+    summary = summarise(record)
+    tube = summary["tube"]
+    assert (tube["exits"], tube["exits_along_the_run"], tube["disturbance_excesses"]) == (2, 3, 4)
+    assert tube["first_exit_s"] == 0.75
+    text = format_summary(summary)
+    assert "exits: 2 set-wise (first at 0.75 s), 3 along the run" in text
+    assert "exceeded 4 times" in text
+
+
+def test_the_worst_ratio_is_that_of_position_orientation_joints_and_velocity():
+    ratio = summarise(reporting(
+        worst_set_orientation=0.8, worst_trajectory_z=0.9, worst_set_r=5.0, worst_set_task=5.0,
+        worst_trajectory_r=5.0))["tube"]["worst_ratio"]
+    assert ratio == {"set": 0.8, "trajectory": 0.9}
+
+
+def test_without_a_bound_along_the_run_there_is_no_ratio_to_it():
+    record = synthetic_record()
+    tube = summarise(replace(record, tube_bound=np.full_like(record.tube_bound, np.inf)))["tube"]
+    assert tube["worst_ratio"] == {"set": 0.4, "trajectory": None}
+
+
+def test_a_certified_run_says_so():
+    summary = summarise(synthetic_record(certified=np.array(True)))
+    assert summary["tube"]["certified"] is True
+    assert "certified     yes" in format_summary(summary)
+
+
+def test_the_worst_plan_is_reported():
+    record = synthetic_record()
+    violation = np.zeros_like(record.mpc_violation)
+    violation[7] = 3e-5
+    summary = summarise(replace(record, mpc_violation=violation))
+    assert summary["mpc"]["worst_violation"] == 3e-5
+    assert summary["mpc"]["worst_terminal_slack"] == pytest.approx(0.3)
+    assert "plans exceed a limit by 3e-05 and the terminal set by 0.3" in format_summary(summary)
 
 
 def test_failures_of_the_solver_are_counted():
@@ -211,13 +279,14 @@ def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():
     scenario = replace(record.scenario, ancillary=Transpose())
     text = format_summary(summarise(replace(record, u=u, scenario=scenario)))
     assert next(line for line in text.splitlines() if "VIOLATED" in line).startswith("u_surge")
-    assert "law transpose" in text
+    assert "law transpose; |chi - chi_nominal|" in text
 
 
 def test_the_table_of_a_run_without_settling_and_samples_is_printable():
-    empty = dict.fromkeys(("mpc_time", "mpc_status", "mpc_terminal_slack", "step_seconds"),
-                          np.zeros(0))
+    empty = dict.fromkeys(("mpc_time", "mpc_status", "mpc_terminal_slack", "mpc_violation",
+                           "step_seconds"), np.zeros(0))
     summary = summarise(pressing([0.0, 0.0], wall_time_s=0.0, **empty))
     assert summary["mpc"]["step_ms"] == dict.fromkeys(("p50", "p95", "p99", "max"))
+    assert summary["mpc"]["worst_violation"] is None
     assert summary["real_time_factor"] is None
     assert "never settled" in format_summary(summary)

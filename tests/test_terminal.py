@@ -8,6 +8,7 @@ import pytest
 from uvms_drake.control.plan import advance
 from uvms_drake.control.terminal import INFLATION, terminal_ingredients
 from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.scenario import load_scenario
 
 
 class Loop(NamedTuple):
@@ -51,7 +52,7 @@ def loop(ocp) -> Loop:
 def test_the_problem_has_these_ingredients_with_an_inflated_penalty(ocp, loop):
     np.testing.assert_allclose(ocp.terminal.P, (1.0 + INFLATION) * loop.P, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(ocp.terminal.gain, loop.gain, rtol=1e-9, atol=1e-9)
-    assert ocp.terminal.radius == 0.5  # the scenario's
+    assert ocp.terminal.radius == load_scenario("girona500_contact").mpc.terminal_radius
 
 
 def test_without_inflation_the_penalty_solves_the_riccati_equation(loop):

@@ -176,7 +176,7 @@ def test_without_water_mass_matrix_and_inverse_dynamics_are_drakes(uvms):
         plant.CalcForceElementsContribution(context, forces)  # weight and joint damping
         expected = T.T @ plant.CalcInverseDynamics(context, v_dot, forces)
         np.testing.assert_allclose(
-            dry.inverse_dynamics(kinematics, config, zeta, zeta_dot), expected,
+            dry.inverse_dynamics(kinematics, zeta, zeta_dot), expected,
             rtol=1e-9, atol=1e-9)
 
 
@@ -231,7 +231,7 @@ def test_the_equilibrium_input_holds_the_robot_still_on_the_wall(uvms, model, st
         kinematics = model.kinematics(config)
         tau = model.mass_matrix(kinematics) @ model.equilibrium_input(config)
         np.testing.assert_allclose(
-            tau, model.inverse_dynamics(kinematics, config, still, still), atol=1e-10)
+            tau, model.inverse_dynamics(kinematics, still, still), atol=1e-10)
         assert np.linalg.norm(tau) > 5.0, "there is something to hold"
         np.testing.assert_allclose(
             plant.zeta_dot(np.concatenate([config, still]), tau), 0.0, atol=1e-9)
@@ -244,13 +244,13 @@ def test_a_stack_of_states_is_the_same_as_one_after_the_other(model, states):
     y = model.task_pose(config)
     batched = [y, model.configuration(y), model.drift(config, zeta), *kinematics,
                model.mass_matrix(kinematics), *model.task_motion(config, zeta),
-               model.inverse_dynamics(kinematics, config, zeta, 2.0 * zeta)]
+               model.inverse_dynamics(kinematics, zeta, 2.0 * zeta)]
     for i in np.ndindex(2, 8):
         one = Kinematics(*model.kinematics(config[i]))
         single = [model.task_pose(config[i]), model.configuration(y[i]),
                   model.drift(config[i], zeta[i]), *one, model.mass_matrix(one),
                   *model.task_motion(config[i], zeta[i]),
-                  model.inverse_dynamics(one, config[i], zeta[i], 2.0 * zeta[i])]
+                  model.inverse_dynamics(one, zeta[i], 2.0 * zeta[i])]
         for many, expected in zip(batched, single, strict=True):
             np.testing.assert_allclose(many[i], expected, rtol=1e-9, atol=1e-11)
 

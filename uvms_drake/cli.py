@@ -1,7 +1,7 @@
-"""The command line: `uvms-drake run` and `uvms-drake scenarios`.
+"""The command line: `uvms-drake run`, `uvms-drake certify` and `uvms-drake scenarios`.
 
-The exit status is 0 if all went well, 1 if the run could not be carried through, 2 for bad input
-and 130 after Ctrl-C. An error is one line on stderr.
+The exit status is 0 if all went well, 1 if the run could not be carried through or the certificate
+is void, 2 for bad input and 130 after Ctrl-C. An error is one line on stderr.
 """
 
 import argparse
@@ -10,10 +10,18 @@ import logging
 import sys
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 from uvms_drake import __version__
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    read_certificate,
+    stale_reason,
+    write_certificate,
+)
 from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.output import output_folder
 from uvms_drake.progress import ProgressLine
@@ -76,6 +84,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_run(commands)
+    _add_certify(commands)
     scenarios = commands.add_parser("scenarios", help="list the shipped scenarios",
                                     allow_abbrev=False)
     scenarios.set_defaults(command=list_scenarios)
@@ -97,8 +106,42 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
                      dest="overrides", help="any value of the scenario, in YAML; can be repeated")
     run.add_argument("--meshcat", action="store_true",
                      help="show the run in a browser, in real time")
+    run.add_argument("--uncertified", action="store_true",
+                     help="run without a certificate, with the tube that the scenario declares")
     run.add_argument("--no-figures", action="store_true", help="write no PNG files")
     run.add_argument("--no-replay", action="store_true", help=f"write no {REPLAY_FILE}")
+
+
+def _add_certify(commands: argparse._SubParsersAction) -> None:
+    certify = commands.add_parser("certify", help="compute and check a scenario's certificate",
+                                  allow_abbrev=False)
+    certify.set_defaults(command=certify_scenario)
+    certify.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
+                         help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    certify.add_argument("--output", type=Path, metavar="DIR",
+                         help="where to write certificate.json (default: out/<scenario>)")
+    certify.add_argument("--front", action="store_true",
+                         help="also print what other gains and disturbance bounds would give")
+    certify.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+                         dest="overrides", help="any value of the scenario; can be repeated")
+
+
+def certify_scenario(args: argparse.Namespace) -> int:
+    """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
+    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.front import format_front, front
+    from uvms_drake.certificate.table import format_certificate
+
+    scenario = load_scenario(args.scenario, args.overrides)
+    output = args.output if args.output is not None else Path("out") / scenario.name
+    with output_folder(output, ()) as folder:
+        with reported_in(scenario_source(args.scenario, args.overrides)):
+            certificate = certified_once(scenario)
+        write_certificate(certificate, folder)
+        print(format_certificate(certificate))
+        if args.front:
+            print(f"\n{format_front(front(scenario))}")
+    return 0 if certificate.certified else 1
 
 
 def list_scenarios(args: argparse.Namespace) -> int:
@@ -117,10 +160,16 @@ def run_scenario(args: argparse.Namespace) -> int:
 
     overrides = scenario_overrides(args)
     scenario = load_scenario(args.scenario, overrides)
+    source = scenario_source(args.scenario, overrides)
     output = args.output if args.output is not None else Path("out") / scenario.name
-    owned = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, REPLAY_FILE, *FIGURES)
+    owned = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, REPLAY_FILE, CERTIFICATE_FILE,
+             *FIGURES)
     with output_folder(output, owned) as folder:
-        record = _simulate(scenario, scenario_source(args.scenario, overrides), args.meshcat)
+        if not args.uncertified:
+            certificate = _certificate(scenario, source, output / CERTIFICATE_FILE)
+            write_certificate(certificate, folder)
+            scenario = certificate.applied_to(scenario)
+        record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
         text = write_outputs(record, folder, figures=not args.no_figures,
                              replay=not args.no_replay)
         names = sorted(path.name for path in folder.iterdir())
@@ -134,7 +183,31 @@ def scenario_overrides(args: argparse.Namespace) -> list[str]:
     return [*args.overrides, *(f"{key}={value}" for key, value in named if value is not None)]
 
 
-def _simulate(scenario: Scenario, source: str, show: bool) -> Record:
+def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
+    """Returns the certificate of a run: the one in its folder if it is fit, else a new one.
+
+    One that `certify` has written is a commitment: if it no longer fits, the run is refused. One
+    that a former run has written is that run's, and makes room for a new one.
+    """
+    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.table import verdict
+
+    certificate = read_certificate(path) if path.is_file() else None
+    with reported_in(source):
+        if certificate is not None and (changed := stale_reason(certificate, scenario)):
+            if certificate.made_by == "certify":
+                raise RunFailed(f"{path}: stale, {changed} has changed since it was made; make it "
+                                "again with 'certify', or run with --uncertified")
+            certificate = None
+        if certificate is None:
+            print("certifying ...", file=sys.stderr)
+            certificate = replace(certified_once(scenario), made_by="run")
+    if not certificate.certified:
+        raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
+    return certificate
+
+
+def _simulate(scenario: Scenario, source: str, show: bool, certified: bool) -> Record:
     """Returns the record of a run, with progress on stderr."""
     from uvms_drake.simulation import simulate
 
@@ -148,7 +221,7 @@ def _simulate(scenario: Scenario, source: str, show: bool) -> Record:
         draw_scene(meshcat, scenario)
         print(f"watch at {meshcat.web_url()}", file=sys.stderr)
     with closing(ProgressLine(scenario.duration, sys.stderr)) as progress, reported_in(source):
-        return simulate(scenario, meshcat=meshcat, progress=progress,
+        return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
                         realtime_rate=1.0 if show else None)
 
 

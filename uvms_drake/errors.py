@@ -18,10 +18,10 @@ class InvalidParameter(ValueError):
     def __init__(self, key: str, value: object, allowed: str):
         self.key = key
         self.value = value
-        self.allowed = allowed
+        self.allowed = " ".join(allowed.split())
         text = np.array2string(value, separator=", ", threshold=12) if isinstance(
             value, np.ndarray) else repr(value)
-        super().__init__(f"{key} = {' '.join(text.split())}: must be {allowed}")
+        super().__init__(f"{key} = {' '.join(text.split())}: must be {self.allowed}")
 
 
 def require(condition: bool, key: str, value: object, allowed: str) -> None:
@@ -42,11 +42,6 @@ def within(prefix: str) -> Iterator[None]:
 def vector(key: str, value: object, size: int) -> np.ndarray:
     """Returns `value` as a finite float vector of the given size, or raises."""
     return _array(key, value, (size,), f"{size} finite numbers")
-
-
-def matrix(key: str, value: object, rows: int, cols: int) -> np.ndarray:
-    """Returns `value` as a finite float matrix of the given shape, or raises."""
-    return _array(key, value, (rows, cols), f"a {rows}×{cols} matrix of finite numbers")
 
 
 def _array(key: str, value: object, shape: tuple[int, ...], allowed: str) -> np.ndarray:

@@ -47,7 +47,11 @@ NOMINAL: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (3, 1.5)), "label":
 LIMIT: dict[str, Any] = {
     "color": BLACK, "linewidth": 0.8, "linestyle": (0, (6, 2)), "label": "limit"}
 TIGHTENED: dict[str, Any] = {**LIMIT, "linestyle": (0, (1, 1.5)), "label": "tightened"}
-DECLARED = "tube declared, not certified"
+
+
+def tube_label(certified: bool) -> str:
+    """Returns what every figure with a tube says about it."""
+    return "certified tube" if certified else "tube declared, not certified"
 
 
 def panels(rows: int, height: float, columns: int = 1, sharex: bool = True) -> tuple[Figure, Any]:
@@ -95,9 +99,9 @@ def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
     figure.legend(list(entries.values()), list(entries), ncols=columns, loc="outside upper center")
 
 
-def real_nominal_tube_above(figure: Figure) -> None:
+def real_nominal_tube_above(figure: Figure, certified: bool) -> None:
     """Puts a legend on top that tells real, nominal and tube apart where colour does not."""
     handles = [Line2D([], [], color="0.45", label="real"),
                Line2D([], [], color=BLACK, linewidth=0.7, linestyle="--", label="nominal"),
-               Patch(color="0.8", label=DECLARED)]
+               Patch(color="0.8", label=tube_label(certified))]
     figure.legend(handles=handles, ncols=3, loc="outside upper center")

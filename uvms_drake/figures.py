@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_drake.control.ancillary import Transpose, task_error
+from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
 from uvms_drake.figure_style import (
     BLACK,
     BLUE,
-    DECLARED,
     LIMIT,
     STYLE,
     TIGHTENED,
@@ -23,9 +24,10 @@ from uvms_drake.figure_style import (
     real_and_nominal,
     real_nominal_tube_above,
     room_above_zero,
+    tube_label,
 )
 from uvms_drake.record import Record
-from uvms_drake.summary import input_names, pose_error, settling_index, tube_deviation
+from uvms_drake.summary import input_names, settling_index
 
 
 def make_figures(record: Record, output_dir: Path) -> list[Path]:
@@ -39,13 +41,15 @@ def make_figures(record: Record, output_dir: Path) -> list[Path]:
 
 
 def draw_task_error(record: Record) -> Figure:
-    """Draws χ − χ_des, real and nominal, with the declared tube; on the right close to zero."""
+    """Draws χ − χ_des, real and nominal, with the tube; on the right close to zero."""
     figure, axes = panels(2, 3.2, columns=2)
-    real = pose_error(record.chi, record.chi_des)
-    nominal = pose_error(record.chi_nominal, record.chi_des)
-    bound = record.scenario.tube.e
-    names = (("$x$", "$y$", "$z$"), (r"$\phi$", r"$\theta$", r"$\psi$"))
-    for row, part, labels in zip(axes, (slice(0, 3), slice(3, 6)), names, strict=True):
+    real = task_error(record.chi, record.chi_des)
+    nominal = task_error(record.chi_nominal, record.chi_des)
+    tube = resolved_radii(record.scenario.tube)
+    rows = ((slice(0, 3), ("$x$", "$y$", "$z$"), "position", "m"),
+            (slice(3, 6), (r"$\phi$", r"$\theta$", r"$\psi$"), "orientation", "rad"))
+    for row, (part, labels, name, unit) in zip(axes, rows, strict=True):
+        bound = getattr(tube, name)
         for axis in row:
             for color, label, e, e_bar in zip(
                     XYZ, labels, real[:, part].T, nominal[:, part].T, strict=True):
@@ -56,10 +60,9 @@ def draw_task_error(record: Record) -> Figure:
         row[0].legend(ncols=3, loc="best")
         reach = 2.5 * bound or 2.5 * float(np.max(np.abs(real[-1, part]))) or 1.0
         row[1].set_ylim(-reach, reach)
-    axes[0, 0].set_ylabel("position error [m]")
-    axes[1, 0].set_ylabel("orientation error [rad]")
-    axes[0, 1].set_title(f"close to zero; the tube is $\\pm${bound:g} m, rad")
-    real_nominal_tube_above(figure)
+        row[1].set_title(f"close to zero; the tube is $\\pm${bound:.3g} {unit}")
+        row[0].set_ylabel(f"{name} error [{unit}]")
+    real_nominal_tube_above(figure, bool(record.certified))
     return figure
 
 
@@ -101,33 +104,37 @@ def _draw_wrench(axis: Axes, record: Record, desired: np.ndarray, part: slice, n
 
 def draw_velocities(record: Record) -> Figure:
     """Draws the block norms of ζ with their limits, full and tightened."""
-    figure, axes = panels(3, 3.6)
-    limits, tube = record.scenario.limits, record.scenario.tube
-    blocks = ((slice(0, 3), r"$\|\nu_1\|$ [m/s]", limits.nu1),
-              (slice(3, 6), r"$\|\nu_2\|$ [rad/s]", limits.nu2),
-              (slice(6, None), r"$\|\dot{q}\|$ [rad/s]", limits.qdot))
-    for axis, (block, label, limit) in zip(axes, blocks, strict=True):
+    figure, axes = panels(3, 3.8)
+    limits, nominal = record.scenario.limits, nominal_limits(record)
+    blocks = ((slice(0, 3), r"$\|\nu_1\|$ [m/s]", "nu1"),
+              (slice(3, 6), r"$\|\nu_2\|$ [rad/s]", "nu2"),
+              (slice(6, None), r"$\|\dot{q}\|$ [rad/s]", "qdot"))
+    for axis, (block, label, key) in zip(axes, blocks, strict=True):
         real_and_nominal(axis, record.time, np.linalg.norm(record.zeta[:, block], axis=1),
                          np.linalg.norm(record.nominal_zeta[:, block], axis=1))
-        axis.axhline(limit, **LIMIT)
-        axis.axhline(limit - tube.z, **TIGHTENED)
+        axis.axhline(getattr(limits, key), **LIMIT)
+        axis.axhline(getattr(nominal, key), **TIGHTENED)
         axis.set_ylabel(label)
         room_above_zero(axis)
+    _name_tube(axes[0], record)
     legend_above(figure, axes[0])
     return figure
 
 
 def draw_joints(record: Record) -> Figure:
-    """Draws the joint angles with their limits."""
-    n = record.num_joints
-    figure, axes = panels(n, 0.6 + 0.95 * n)
+    """Draws the joint angles with their limits, full and tightened."""
+    n, nominal = record.num_joints, nominal_limits(record)
+    figure, axes = panels(n, 0.8 + 0.95 * n)
     for i, axis in enumerate(axes):
         real_and_nominal(axis, record.time, record.config[:, 6 + i],
                          record.nominal_config[:, 6 + i])
-        for limit in (record.joint_lower[i], record.joint_upper[i]):
+        for limit, tightened in ((record.joint_lower[i], nominal.q_lower[i]),
+                                 (record.joint_upper[i], nominal.q_upper[i])):
             if np.isfinite(limit):
                 axis.axhline(limit, **LIMIT)
+                axis.axhline(tightened, **TIGHTENED)
         axis.set_ylabel(f"$q_{{{i + 1}}}$ [rad]")
+    _name_tube(axes[0], record)
     legend_above(figure, axes[0])
     return figure
 
@@ -138,18 +145,18 @@ def draw_inputs(record: Record) -> Figure:
     rows = -(-len(names) // 2)
     figure, grid = panels(rows, 0.5 + 1.0 * rows, columns=2)
     axes = grid.T.ravel()
-    limits, tube = record.scenario.limits.u, record.scenario.tube.u
-    tightening = tube if len(tube) else np.zeros(len(limits))
+    limits, tightened = record.scenario.limits.u, nominal_limits(record).u
     for i, (axis, name) in enumerate(zip(axes, names, strict=False)):
         real_and_nominal(axis, record.time, record.u[:, i], record.nominal_input[:, i])
         for sign in (-1.0, 1.0):
             axis.axhline(sign * limits[i], **LIMIT)
-            axis.axhline(sign * (limits[i] - tightening[i]), **TIGHTENED)
+            axis.axhline(sign * tightened[i], **TIGHTENED)
         axis.set_ylabel(f"{name}\n[{'m' if i < 3 else 'rad'}/s²]")
     if len(axes) > len(names):
         axes[-1].set_visible(False)
         axes[-2].set_xlabel("time [s]")
         axes[-2].tick_params(labelbottom=True)
+    _name_tube(axes[0], record)
     legend_above(figure, axes[0])
     return figure
 
@@ -193,19 +200,36 @@ def draw_mpc(record: Record) -> Figure:
 
 
 def draw_deviation(record: Record) -> Figure:
-    """Draws how far the real state is from the nominal one, against the declared bounds."""
+    """Draws how far the real state is from the nominal one, against both bounds of the tube."""
     figure, axes = panels(2, 2.8)
     tube = record.scenario.tube
-    labels = (r"$\|y-\bar{y}\|_2$ [m, rad]", r"$\|\zeta-\bar{\zeta}\|_2$ [m/s, rad/s]")
-    for axis, deviation, bound, label in zip(
-            axes, tube_deviation(record), (tube.e, tube.z), labels, strict=True):
-        axis.plot(record.time, deviation, label="deviation")
-        axis.axhline(bound, **{**LIMIT, "label": f"bound ({DECLARED})"})
+    error = r"\chi" if isinstance(record.scenario.ancillary, Transpose) else "y"
+    labels = (rf"$\|{error}-\bar{{{error}}}\|_2$ [m, rad]",
+              r"$\|\zeta-\bar{\zeta}\|_2$ [m/s, rad/s]")
+    name = tube_label(bool(record.certified))
+    for axis, part, bound, label in zip(
+            axes, ("task", "z"), (tube.e, tube.z), labels, strict=True):
+        axis.plot(record.time, record.deviation_of(part), label="deviation")
+        axis.axhline(bound, **{**LIMIT, "label": name})
+        if np.all(np.isfinite(record.bound_of(part))):
+            axis.plot(record.time, record.bound_of(part), color=VERMILION, linewidth=0.8,
+                      label="bound along the run")
         axis.fill_between(record.time, 0.0, bound, color=BLUE, alpha=0.1, linewidth=0)
         axis.set_ylabel(label)
         room_above_zero(axis)
     legend_above(figure, axes[0])
     return figure
+
+
+def nominal_limits(record: Record) -> NominalLimits:
+    """Returns what the tube left of the limits to the nominal MPC."""
+    scenario = record.scenario
+    return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper)
+
+
+def _name_tube(axis: Axes, record: Record) -> None:
+    """Says above an axis where the tightened limits come from."""
+    axis.set_title(f"tightened by the {tube_label(bool(record.certified))}")
 
 
 def _impact_window(record: Record) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.scenario import Scenario, dump_scenario, load_scenario
 
 SCENARIO_FILE = "scenario.yaml"
@@ -46,7 +47,7 @@ class Record:
     disturbance: np.ndarray
     """d (T, 6+n) [m/s², rad/s²]."""
     joint_lower: np.ndarray
-    """Joint limits of the robot (n,) [rad]."""
+    """Joint limits in force (n,) [rad]: the robot's, or the scenario's if they are narrower."""
     joint_upper: np.ndarray
     """(n,) [rad]."""
     mpc_time: np.ndarray
@@ -65,6 +66,14 @@ class Record:
     """Wall time of each MPC step (K,) [s]."""
     wall_time_s: float
     """Wall time of the simulation [s]."""
+    certified: np.ndarray
+    """() whether the tube is that of a certificate that holds; it is declared otherwise."""
+    tube_report: np.ndarray
+    """What `TubeMonitor` reports at the end, see its `REPORT_FIELDS`."""
+    tube_deviation: np.ndarray
+    """Norms of the deviation (T, 6), see `tube_monitor.FIELDS`."""
+    tube_bound: np.ndarray
+    """Their trajectory-wise bounds (T, 6)."""
 
     @property
     def num_joints(self) -> int:
@@ -90,6 +99,14 @@ class Record:
     def nominal_zeta(self) -> np.ndarray:
         """Returns ζ̄ (T, 6+n) [m/s, rad/s]."""
         return self.nominal_state[:, 6 + self.num_joints:]
+
+    def deviation_of(self, part: str) -> np.ndarray:
+        """Returns the deviation (T,) of one of `tube_monitor.FIELDS`."""
+        return self.tube_deviation[:, FIELDS.index(part)]
+
+    def bound_of(self, part: str) -> np.ndarray:
+        """Returns its trajectory-wise bound (T,), inf where there is none."""
+        return self.tube_bound[:, FIELDS.index(part)]
 
 
 _TIMING = ("step_seconds", "wall_time_s")

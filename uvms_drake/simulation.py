@@ -9,6 +9,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, EventStatus
 
+from uvms_drake.control.limits import joint_limits
 from uvms_drake.errors import RunFailed
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
@@ -23,6 +24,7 @@ PROGRESS_PERIOD = 0.1
 def simulate(
     scenario: Scenario,
     *,
+    certified: bool = False,
     meshcat: Meshcat | None = None,
     realtime_rate: float | None = None,
     progress: Callable[[float], None] | None = None,
@@ -31,6 +33,8 @@ def simulate(
 
     Args:
         scenario: Everything the run depends on.
+        certified: Whether tube and terminal set of the scenario are those of a certificate that
+            holds; it is only passed on.
         meshcat: Where to draw the robot during the run, if at all.
         realtime_rate: Takes the place of the scenario's `simulator.target_realtime_rate`.
         progress: Called with the simulated time [s] now and then; it does not change the result.
@@ -49,7 +53,7 @@ def simulate(
     if progress is not None:
         simulator.set_monitor(_monitor(progress))
     wall_time = _run(simulator, scenario.duration)
-    return make_record(scenario, read_logs(station, context), wall_time)
+    return make_record(scenario, read_logs(station, context), wall_time, certified)
 
 
 def _run(simulator: Simulator, duration: float) -> float:
@@ -85,23 +89,27 @@ def _monitor(progress: Callable[[float], None]) -> Callable[[Context], EventStat
     return watch
 
 
-def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float) -> Record:
+def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float,
+                certified: bool) -> Record:
     """Returns the record of a station's logs, with the end-effector's poses added.
 
     Args:
         scenario: The scenario of the run.
         logs: As `station.read_logs` returns them.
         wall_time: Of the simulation [s].
+        certified: As in `simulate`.
     """
     surface = make_surface_law(scenario.surface)
     model = UvmsModel.load(scenario.model, surface)
     size = model.size
+    joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
     derived = {
         "chi": model.task_pose(logs["state"][:, :size])[:, :6],
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
         "chi_des": surface.pose_for(scenario.task.force, scenario.task.pose),
-        "joint_lower": model.q_lower,
-        "joint_upper": model.q_upper,
+        "joint_lower": joint_lower,
+        "joint_upper": joint_upper,
+        "certified": np.array(certified),
     }
     arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1)}
     known = {f.name for f in fields(Record)}

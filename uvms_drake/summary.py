@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 import uvms_drake
-from uvms_drake.model.euler import wrap_angle
+from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.tube_monitor import REPORT_FIELDS
 from uvms_drake.record import Record
 
 LAST_SECONDS = 5.0
@@ -41,23 +42,11 @@ def summarise(record: Record) -> dict[str, object]:
     return jsonable(summary)
 
 
-def pose_error(chi: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Returns χ − χ_ref (..., 6) [m, rad], with the angles in [−π, π)."""
-    error = np.array(chi - reference)
-    error[..., 3:] = wrap_angle(error[..., 3:])
-    return error
-
-
-def tube_deviation(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Returns ‖y − ȳ‖₂, y = (χ, q), and ‖ζ − ζ̄‖₂, both (T,) [m, rad; m/s, rad/s]."""
-    joints = wrap_angle(record.config[:, 6:] - record.nominal_config[:, 6:])
-    y = np.hstack([pose_error(record.chi, record.chi_nominal), joints])
-    return (np.linalg.norm(y, axis=1),
-            np.linalg.norm(record.zeta - record.nominal_zeta, axis=1))
-
-
 def summarise_mpc(record: Record) -> dict[str, object]:
-    """Returns how often the MPC was solved and failed, and how long a step took."""
+    """Returns how often the MPC was solved and failed, how well, and how long a step took.
+
+    `worst_violation` is that of the plans, in the unit of the limit that they violate.
+    """
     step_ms = 1e3 * record.step_seconds
     quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
                  if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
@@ -67,12 +56,13 @@ def summarise_mpc(record: Record) -> dict[str, object]:
         "fallbacks": np.count_nonzero(record.mpc_status == 1),
         "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
         "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
+        "worst_violation": np.max(record.mpc_violation) if len(step_ms) else None,
     }
 
 
 def summarise_task_error(record: Record) -> dict[str, object]:
     """Returns χ − χ_des at both ends [m, rad]."""
-    error = pose_error(record.chi[[0, -1]], record.chi_des)
+    error = task_error(record.chi[[0, -1]], record.chi_des)
     return {"initial": error[0], "final": error[1], "final_norm": np.linalg.norm(error[1])}
 
 
@@ -126,10 +116,14 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     for i, (lower, upper) in enumerate(zip(record.joint_lower, record.joint_upper, strict=True)):
         signals[f"q{i + 1}_min"] = (config[:, 6 + i], lower)
         signals[f"q{i + 1}_max"] = (config[:, 6 + i], upper)
+    signals["roll"] = (np.abs(config[:, 3]), limits.roll)
     signals["pitch"] = (np.abs(config[:, 4]), limits.pitch)
     signals["tip_pitch"] = (np.abs(record.chi[:, 4]), limits.tip_pitch)
-    for name, u, limit in zip(input_names(record.num_joints), record.u.T, limits.u, strict=True):
-        signals[f"u_{name}"] = (np.abs(u), limit)
+    names = input_names(record.num_joints)
+    for key, inputs, bounds in (("u", record.u, limits.u), ("tau", record.tau, limits.tau)):
+        if bounds is not None:
+            for name, values, limit in zip(names, inputs.T, bounds, strict=True):
+                signals[f"{key}_{name}"] = (np.abs(values), limit)
     return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}
 
 
@@ -151,22 +145,34 @@ def summarise_constraints(record: Record) -> dict[str, object]:
 
 
 def summarise_tube(record: Record) -> dict[str, object]:
-    """Returns the declared bounds, the worst deviations and how often they were left."""
+    """Returns the bounds, the worst deviations and how often they were left.
+
+    `e` is what the law feeds back: y − ȳ, or χ − χ̄ alone; see `tube_monitor.FIELDS`. `exits` counts
+    the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among position,
+    orientation, joints and velocity, set-wise and along the run; see `TubeMonitor`.
+    """
     tube = record.scenario.tube
-    e, z = tube_deviation(record)
-    outside = (e > tube.e) | (z > tube.z)
+    report = dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
     return {
-        "certified": False,
+        "certified": bool(record.certified),
         "law": type(record.scenario.ancillary).__name__.lower(),
-        "bound_e": tube.e, "worst_e": np.max(e),
-        "bound_z": tube.z, "worst_z": np.max(z),
-        "exits": count_entries(outside),
+        "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")),
+        "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")),
+        "exits": int(report["set_exits"]),
+        "first_exit_s": report["set_first_exit"],
+        "exits_along_the_run": int(report["trajectory_exits"]),
+        "worst_ratio": _worst_ratios(record, report),
+        "disturbance_excesses": int(report["disturbance_exits"]),
     }
 
 
-def count_entries(flags: np.ndarray) -> int:
-    """Returns how often a boolean signal (T,) becomes true, its first sample included."""
-    return int(np.count_nonzero(flags & ~np.concatenate([[False], flags[:-1]])))
+def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float | None]:
+    """Returns the largest ratio of deviation and bound; None if there is no bound along the run."""
+    parts = ("position", "orientation", "joints", "z")
+    along = [part for part in parts if np.any(np.isfinite(record.bound_of(part)))]
+    return {"set": max(report[f"worst_set_{part}"] for part in parts),
+            "trajectory": max((report[f"worst_trajectory_{part}"] for part in along),
+                              default=None)}
 
 
 def jsonable(value: Any) -> Any:
@@ -199,6 +205,8 @@ def _format_run(summary: dict) -> list[str]:
         f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, "
         f"{mpc['fallbacks']} fallbacks; step {_number(step['p50'], '.1f')} ms median, "
         f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
+        f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
+        f"terminal set by {_number(mpc['worst_terminal_slack'], '.2g')} at most",
         f"{'task error':<14}{initial:.4g} at the start, {task['final_norm']:.4g} at the end",
     ]
 
@@ -229,15 +237,20 @@ def _format_constraints(constraints: dict) -> list[str]:
 
 def _format_robustness(summary: dict) -> list[str]:
     tube, disturbance = summary["tube"], summary["disturbance"]
-    certified = "yes" if tube["certified"] else "no (declared tube)"
+    error, first = "chi" if tube["law"] == "transpose" else "y", tube["first_exit_s"]
+    since = "" if first is None else f" (first at {first:.2f} s)"
     return [
         f"{'disturbance':<14}{disturbance['worst']:.4g} at most, "
-        f"bound {disturbance['bound']:.4g}",
+        f"bound {disturbance['bound']:.4g}, exceeded {tube['disturbance_excesses']} times",
         f"{'tube':<14}law {tube['law']}; "
-        f"|y - y_nominal| {tube['worst_e']:.3g} (bound {tube['bound_e']:.3g}), "
-        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g}), "
-        f"{tube['exits']} exits",
-        f"{'certified':<14}{certified}",
+        f"|{error} - {error}_nominal| {tube['worst_e']:.3g} (bound {tube['bound_e']:.3g}), "
+        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g})",
+        f"{'':<14}worst deviation over its bound: "
+        f"{_number(tube['worst_ratio']['set'], '.3f')} set-wise, "
+        f"{_number(tube['worst_ratio']['trajectory'], '.3f')} along the run",
+        f"{'':<14}exits: {tube['exits']} set-wise{since}, "
+        f"{tube['exits_along_the_run']} along the run",
+        f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
     ]
 
 

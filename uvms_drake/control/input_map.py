@@ -4,7 +4,7 @@
 goes to thrusters and joints is τ = M(𝔮) 𝔲, with the full inertia including added mass.
 """
 
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -42,3 +42,13 @@ class InputMap(LeafSystem):
         config = self._state_port.Eval(context)[: self._model.size]
         M = self._model.mass_matrix(self._model.kinematics(config))
         output.SetFromVector(M @ self._u_port.Eval(context))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, *, state: OutputPort,
+                     u: OutputPort, name: str = "input_map") -> "InputMap":
+        """Adds the map and connects its inputs."""
+        system = InputMap(model)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(state, system.GetInputPort("state"))
+        builder.Connect(u, system.GetInputPort("u"))
+        return system

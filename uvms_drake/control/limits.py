@@ -1,6 +1,6 @@
 """The limits of the robot, what the tube takes of them, and what is left to the nominal MPC."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from uvms_drake.errors import InvalidParameter, require, vector, within
 
 @dataclass
 class Limits:
-    """State and input limits of the real robot; joint limits are the model file's own."""
+    """State and input limits of the real robot."""
 
     nu1: float = 0.25
     """‖ν₁‖₂ [m/s]."""
@@ -17,26 +17,62 @@ class Limits:
     """‖ν₂‖₂ [rad/s]."""
     qdot: float = 0.4
     """‖q̇‖₂ [rad/s]."""
+    roll: float = 0.3
+    """|φ| of the vehicle [rad]."""
     pitch: float = 0.3
     """|θ| of the vehicle [rad]."""
     tip_pitch: float = 1.2
     """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
+    q_lower: np.ndarray | None = None
+    """Joint limits (n,) [rad], if narrower ones than the model file's are wanted."""
+    q_upper: np.ndarray | None = None
+    """As `q_lower`."""
     u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
+    tau: np.ndarray | None = None
+    """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if forces are limited too [N (3), N m (3 + n)]."""
 
 
 @dataclass
-class DeclaredTube:
-    """Bounds on the deviation of the real from the nominal state; declared, not computed."""
+class TubeRadii:
+    """Bounds on the deviation of the real from the nominal motion.
+
+    Where a block's own radius is left out, the total `e` or `z`, which bounds it too, is taken.
+    """
 
     e: float = 0.0
     """‖y − ȳ‖₂ of the extended task y = (χ, q) [m, rad]."""
+    position: float | None = None
+    """‖𝔭 − 𝔭̄‖₂ of the end-effector [m]."""
+    orientation: float | None = None
+    """‖𝔬 − 𝔬̄‖₂ of the end-effector's Euler angles [rad]."""
+    joints: float | None = None
+    """‖q − q̄‖₂ [rad]."""
     z: float = 0.0
     """‖ζ − ζ̄‖₂ [m/s, rad/s]."""
+    nu1: float | None = None
+    """‖ν₁ − ν̄₁‖₂ [m/s]."""
+    nu2: float | None = None
+    """‖ν₂ − ν̄₂‖₂ [rad/s]."""
+    qdot: float | None = None
+    """‖q̇ − q̄̇‖₂ [rad/s]."""
+    roll: float = 0.0
+    """|φ − φ̄| of the vehicle [rad]."""
     pitch: float = 0.0
     """|θ − θ̄| of the vehicle [rad]."""
     u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """|𝔲ᵢ − ūᵢ| [m/s² (3), rad/s² (3 + n)]."""
+    tau: np.ndarray | None = None
+    """|τᵢ − τ̄ᵢ| [N (3), N m (3 + n)]; needed if forces are limited."""
+
+
+_TOTALS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
+
+
+def resolved_radii(tube: TubeRadii) -> TubeRadii:
+    """Returns the radii with every block's own filled in from the total."""
+    return replace(tube, **{block: getattr(tube, total) for block, total in _TOTALS.items()
+                            if getattr(tube, block) is None})
 
 
 @dataclass(frozen=True)
@@ -46,14 +82,61 @@ class NominalLimits:
     nu1: float
     nu2: float
     qdot: float
+    roll: float
     pitch: float
     tip_pitch: float
     q_lower: np.ndarray
     q_upper: np.ndarray
     u: np.ndarray
+    tau: np.ndarray | None = None
 
 
-def tighten(limits: Limits, tube: DeclaredTube, q_lower: np.ndarray,
+_SCALARS = (("nu1", "nu1"), ("nu2", "nu2"), ("qdot", "qdot"), ("roll", "roll"),
+            ("pitch", "pitch"), ("tip_pitch", "orientation"))
+"""Scalar limits, and the radius that each is tightened by."""
+
+
+def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the joint limits (n,): those of the robot, or narrower ones asked for.
+
+    Args:
+        limits: May have joint limits of its own.
+        q_lower: The robot's (n,) [rad].
+        q_upper: The robot's (n,) [rad].
+    """
+    out = []
+    for key, own in (("q_lower", q_lower), ("q_upper", q_upper)):
+        asked = getattr(limits, key)
+        with within("limits"):
+            value = own if asked is None else vector(key, asked, len(own))
+            inside = bool(np.all((q_lower <= value) & (value <= q_upper)))
+            require(inside, key, value, f"within the robot's own limits, {q_lower} to {q_upper}")
+        out.append(value)
+    with within("limits"):
+        require(bool(np.all(out[0] < out[1])), "q_lower", out[0], f"below q_upper = {out[1]}")
+    return out[0], out[1]
+
+
+def tightened_parts(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.ndarray
+                    ) -> list[tuple[str, float, float]]:
+    """Returns (name, radius, room) of every limit; the set is empty where the radius is larger.
+
+    The arguments are those of `tighten`, and are not checked.
+    """
+    tube = resolved_radii(tube)
+    parts = [(key, getattr(tube, radius), getattr(limits, key)) for key, radius in _SCALARS]
+    parts += [(f"q{i + 1}", tube.joints, 0.5 * (upper - lower))
+              for i, (lower, upper) in enumerate(zip(q_lower, q_upper, strict=True))]
+    parts += [(f"u[{i}]", radius, limit)
+              for i, (radius, limit) in enumerate(zip(tube.u, limits.u, strict=True))]
+    if limits.tau is not None and tube.tau is not None:
+        parts += [(f"tau[{i}]", radius, limit)
+                  for i, (radius, limit) in enumerate(zip(tube.tau, limits.tau, strict=True))]
+    return [(name, float(radius), float(room)) for name, radius, room in parts]
+
+
+def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray,
             q_upper: np.ndarray) -> NominalLimits:
     """Returns the Pontryagin difference of the limits and the tube (Section IV-C of the paper).
 
@@ -62,33 +145,47 @@ def tighten(limits: Limits, tube: DeclaredTube, q_lower: np.ndarray,
     Args:
         limits: Limits of the real robot.
         tube: Deviation bounds.
-        q_lower: Joint limits (n,) [rad].
-        q_upper: Joint limits (n,) [rad].
+        q_lower: Joint limits of the robot (n,) [rad].
+        q_upper: Joint limits of the robot (n,) [rad].
 
     Raises:
         InvalidParameter: A parameter has no meaning, or the tube leaves nothing of a limit.
     """
-    size = 6 + len(q_lower)
-    with within("tube"):
-        tube_u = vector("u", tube.u, size)
-        for key in ("e", "z", "pitch"):
-            require(0.0 <= getattr(tube, key) < np.inf, key, getattr(tube, key), "zero or positive")
-        require(bool(np.all(tube_u >= 0.0)), "u", tube_u, f"{size} numbers, none negative")
+    check_limits(limits, len(q_lower))
+    q_lower, q_upper = joint_limits(limits, q_lower, q_upper)
+    tube = resolved_radii(tube)
+    _check_tube(tube, limits, len(q_lower))
+    for name, radius, room in tightened_parts(limits, tube, q_lower, q_upper):
+        if radius >= room:
+            raise InvalidParameter(f"limits.{name}", room, f"larger than the tube's {radius:.4g}")
+    scalars = {key: getattr(limits, key) - getattr(tube, radius) for key, radius in _SCALARS}
+    tau = None if limits.tau is None else np.asarray(limits.tau) - np.asarray(tube.tau)
+    return NominalLimits(**scalars, q_lower=q_lower + tube.joints, q_upper=q_upper - tube.joints,
+                         u=np.asarray(limits.u) - np.asarray(tube.u), tau=tau)
+
+
+def check_limits(limits: Limits, num_joints: int) -> None:
+    """Raises `InvalidParameter` for the first limit that has no meaning."""
+    size = 6 + num_joints
     with within("limits"):
-        u = vector("u", limits.u, size)
-        require(bool(np.all(u > tube_u)), "u", u, f"larger than tube.u = {tube_u}, everywhere")
-        require(limits.tip_pitch < 0.5 * np.pi, "tip_pitch", limits.tip_pitch, "below π/2")
-        require(limits.pitch < 0.5 * np.pi, "pitch", limits.pitch, "below π/2")
-        rest = {}
-        for key, radius, source in (
-            ("nu1", tube.z, "z"), ("nu2", tube.z, "z"), ("qdot", tube.z, "z"),
-            ("pitch", tube.pitch, "pitch"), ("tip_pitch", tube.e, "e"),
-        ):
-            limit = getattr(limits, key)
-            require(radius < limit < np.inf, key, limit,
-                    f"positive and larger than tube.{source} = {radius:g}")
-            rest[key] = limit - radius
-    if not bool(np.all(q_upper - q_lower > 2.0 * tube.e)):
-        raise InvalidParameter(
-            "tube.e", tube.e, "less than half of every joint's range")
-    return NominalLimits(**rest, q_lower=q_lower + tube.e, q_upper=q_upper - tube.e, u=u - tube_u)
+        for key, _ in _SCALARS:
+            require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
+        for key in ("roll", "pitch", "tip_pitch"):
+            require(getattr(limits, key) < 0.5 * np.pi, key, getattr(limits, key), "below π/2")
+        for key in ("u", "tau"):
+            if key == "u" or limits.tau is not None:
+                value = vector(key, getattr(limits, key), size)
+                require(bool(np.all(value > 0.0)), key, value, f"{size} positive numbers")
+
+
+def _check_tube(tube: TubeRadii, limits: Limits, num_joints: int) -> None:
+    size = 6 + num_joints
+    with within("tube"):
+        for key, value in vars(tube).items():
+            if key == "tau" and limits.tau is None:
+                continue
+            if key in ("u", "tau"):
+                value = vector(key, value, size)
+                require(bool(np.all(value >= 0.0)), key, value, f"{size} numbers, none negative")
+            else:
+                require(0.0 <= value < np.inf, key, value, "zero or positive")

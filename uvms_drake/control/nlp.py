@@ -89,12 +89,13 @@ class NonlinearSolver:
         limits = ocp.limits
         norms = np.tile(np.square([limits.nu1, limits.nu2, limits.qdot]), N)
         u, tip = np.tile(limits.u, 2 * N), np.full(N, limits.tip_pitch)
+        tau = np.full(2 * N * size, np.inf) if limits.tau is None else np.tile(limits.tau, 2 * N)
         zero = np.zeros(2 * N * size)
-        return (np.concatenate([zero, -u, np.full(3 * N, -np.inf), -tip, [-np.inf]]),
-                np.concatenate([zero, u, norms, tip, [0.0]]))
+        return (np.concatenate([zero, -u, -tau, np.full(3 * N, -np.inf), -tip, [-np.inf]]),
+                np.concatenate([zero, u, tau, norms, tip, [0.0]]))
 
     def _constraints(self, v: np.ndarray, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
-        """Returns motion, inputs, speeds, tip pitch and terminal set, and their Jacobian."""
+        """Returns motion, inputs, forces, speeds, tip pitch, terminal set, and their Jacobian."""
         ocp = self.ocp
         N, size, h = ocp.horizon, ocp.model.size, ocp.time_step
         config, zeta, zeta_dot, slack = self._unpack(v, guess)
@@ -104,21 +105,24 @@ class NonlinearSolver:
                         zeta[:-1, None] + steps[:, size: 2 * size],
                         zeta_dot[:, None] + steps[:, 2 * size:], h)
         rates = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)
+        inputs = np.stack([zeta_dot - f[:-1], zeta_dot - f[1:]])
+        M, force_config = self._forces(config, inputs)
         blocks = (slice(0, 3), slice(3, 6), slice(6, size))
         xi = np.concatenate([y[-1] - ocp.y_des, zeta[-1]])
         P = ocp.terminal.P
         values = np.concatenate([
             (moved[:, 0].real - config[1:]).ravel(),
             (zeta[:-1] + h * zeta_dot - zeta[1:]).ravel(),
-            (zeta_dot - f[:-1]).ravel(), (zeta_dot - f[1:]).ravel(),
+            inputs.ravel(), (np.stack([M[:-1], M[1:]]) @ inputs[..., None]).ravel(),
             np.array([[z[block] @ z[block] for block in blocks] for z in zeta[1:]]).ravel(),
             y[1:, 4],
             [xi @ P @ xi - (ocp.terminal.radius + slack) ** 2]])
 
         # Rows as in `values`; columns by (kind, knot or interval): 𝔮, ζ at 1..N and ζ̇ at 0..N−1.
         J = np.zeros((len(values), 3 * N * size + 1))
-        motion, velocity, begin, end = J[: 4 * N * size].reshape(4, N, size, -1)
-        speed = J[4 * N * size: 4 * N * size + 3 * N].reshape(N, 3, -1)
+        motion, velocity, begin, end, force_begin, force_end = J[: 6 * N * size].reshape(
+            6, N, size, -1)
+        speed = J[6 * N * size: 6 * N * size + 3 * N].reshape(N, 3, -1)
         tip, terminal = J[-N - 1: -1], J[-1]
 
         def columns(kind: int, k: int) -> slice:
@@ -134,11 +138,15 @@ class NonlinearSolver:
             velocity[k, :, a] = h * eye
             begin[k, :, a] = end[k, :, a] = eye
             end[k, :, q_next], end[k, :, z_next] = -f_config[k + 1], -f_zeta[k + 1]
+            force_end[k] = M[k + 1] @ end[k]
+            force_end[k, :, q_next] += force_config[1, k]
             if k > 0:
                 q, z = columns(0, k - 1), columns(1, k - 1)
                 motion[k, :, q], motion[k, :, z] = rates[k, :, :size], rates[k, :, size: 2 * size]
                 velocity[k, :, z] = eye
                 begin[k, :, q], begin[k, :, z] = -f_config[k], -f_zeta[k]
+                force_begin[k, :, q] = force_config[0, k]
+            force_begin[k] += M[k] @ begin[k]
             for i, block in enumerate(blocks):
                 speed[k, i, z_next][block] = 2.0 * zeta[k + 1, block]
             tip[k, q_next] = y_config[k + 1, 4]
@@ -147,11 +155,20 @@ class NonlinearSolver:
         terminal[-1] = -2.0 * (ocp.terminal.radius + slack)
         return values, J
 
+    def _forces(self, config: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns M (N+1, ...) and ∂(M ū)/∂𝔮 (2, N, ...) at both ends of the intervals."""
+        moved = config[:, None, :] + 1j * COMPLEX_STEP * np.eye(config.shape[1])
+        M = self.ocp.model.mass_matrix(self.ocp.model.kinematics(moved))
+        rates = np.moveaxis(M.imag / COMPLEX_STEP, 1, -1)
+        return M[:, 0].real, np.einsum(
+            "ekrcj,ekc->ekrj", np.stack([rates[:-1], rates[1:]]), inputs)
+
     def _add_simple_bounds(self, prog: MathematicalProgram, x: np.ndarray) -> None:
         limits, N, size = self.ocp.limits, self.ocp.horizon, self.ocp.model.size
         config = x[: N * size].reshape(N, size)
         for k in range(N):
             prog.AddBoundingBoxConstraint(limits.q_lower, limits.q_upper, config[k, 6:])
+            prog.AddBoundingBoxConstraint(-limits.roll, limits.roll, config[k, 3])
             prog.AddBoundingBoxConstraint(-limits.pitch, limits.pitch, config[k, 4])
         prog.AddBoundingBoxConstraint(0.0, np.inf, x[-1])
 

@@ -4,15 +4,18 @@ With y = (χ, q) the extended task, ξ = (y − y_des, ζ), and ζ̇ constant on
 
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − ū_eq‖²_R) + ‖ξ_N‖²_P + ρ s             (eq:mpc_cost_function)
     s.t. ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, ζ̄̇_k),  ζ̄_{k+1} = ζ̄_k + h ζ̄̇_k                      (eq:diff_mpc)
-         ū = ζ̄̇ − f(𝔮̄, ζ̄) in Ū at both ends of every interval            (eq:mpc_constrained_set)
-         ‖ν̄₁‖, ‖ν̄₂‖, ‖q̄̇‖, joints, pitch of the vehicle and of the end-effector within limits
+         ū = ζ̄̇ − f(𝔮̄, ζ̄) in Ū, M(𝔮̄)ū too, at both ends of every interval (eq:mpc_constrained_set)
+         ‖ν̄₁‖, ‖ν̄₂‖, ‖q̄̇‖, joints, roll and pitch of the vehicle, pitch of the end-effector in limits
          ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                         (eq:mpc_terminal_set)
 
 The decision variable is ζ̄̇ instead of ū: the rollout is then kinematic, never stiff and exact,
 whatever the surface's stiffness; f only enters through ū in cost and limits. y instead of 𝔮 as
 the state makes the cost, the joint limits and the terminal set exactly quadratic, linear and
-conic; only Φ, the vehicle's pitch and f are nonlinear. The terminal constraint is softened by an
-exact penalty: s is zero whenever that is possible, and it is reported, never dropped.
+conic; only Φ, the vehicle's attitude, f and M are nonlinear. The terminal constraint is softened
+by an exact penalty: s is zero whenever that is possible, and it is reported, never dropped.
+
+Limits are kept at the knots and at both ends of every interval. In between, speeds are convex
+combinations and stay within theirs; a joint can bulge out by h² |q̈|/8.
 
 This file is the problem and its first-order model; `scp` solves it fast, `nlp` is the reference.
 """
@@ -61,16 +64,21 @@ class Linearisation:
     """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ζ̄_k."""
     dy_da: np.ndarray
     """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ζ̄̇_k."""
-    pitch: np.ndarray
-    """(N+1,) θ̄ of the vehicle."""
-    pitch_y: np.ndarray
-    """(N+1, 6+n) ∂θ̄/∂ȳ."""
+    attitude: np.ndarray
+    """(N+1, 2) (φ̄, θ̄) of the vehicle."""
+    attitude_y: np.ndarray
+    """(N+1, 2, 6+n) ∂(φ̄, θ̄)/∂ȳ."""
     f: np.ndarray
     """(N+1, 6+n) drift at the knots."""
     f_y: np.ndarray
     """(N+1, 6+n, 6+n) ∂f/∂ȳ."""
     f_zeta: np.ndarray
     """(N+1, 6+n, 6+n) ∂f/∂ζ̄."""
+    M: np.ndarray
+    """(N+1, 6+n, 6+n) mass matrix; with force limits only, else (0, ...)."""
+    tau_y: np.ndarray
+    """(2, N, 6+n, 6+n) ∂(M ū)/∂ȳ at ū of the plan, at the beginning and at the end of the
+    intervals; with force limits only, else (2, 0, ...)."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +94,16 @@ class Evaluation:
     total_violation: float
     """Sum of all violations."""
 
+    @property
+    def merit(self) -> float:
+        """Returns what a solver makes small: the cost with an exact penalty of the violations."""
+        return self.cost + VIOLATION_PENALTY * self.total_violation
+
 
 TERMINAL_PENALTY = 100.0
 """ρ: cost of leaving the terminal set by one unit of ‖ξ‖_P; far above the multipliers seen."""
+VIOLATION_PENALTY = 1e3
+"""Cost of one unit of violation; above every multiplier of a limit."""
 
 
 class Ocp:
@@ -109,6 +124,7 @@ class Ocp:
         self.model = model
         self.horizon = config.horizon
         self.time_step = config.time_step
+        self.iterations = config.iterations
         self.y_des = y_des
         self.limits = limits
         self.Q = np.diag(np.concatenate([weights["weight_y"], weights["weight_zeta"]]))
@@ -158,12 +174,26 @@ class Ocp:
             dy_dy=rates[..., :size] @ config_y[:-1],
             dy_dzeta=rates[..., size: 2 * size],
             dy_da=rates[..., 2 * size:],
-            pitch=plan.config[:, 4],
-            pitch_y=config_y[:, 4, :],
+            attitude=plan.config[:, 3:5],
+            attitude_y=config_y[:, 3:5, :],
             f=f,
             f_y=f_config @ config_y,
             f_zeta=f_zeta,
+            **self._force_model(plan, f, config_y),
         )
+
+    def _force_model(self, plan: Plan, f: np.ndarray, config_y: np.ndarray
+                     ) -> dict[str, np.ndarray]:
+        """Returns M and ∂(M ū)/∂ȳ, by a complex step of M."""
+        size = self.model.size
+        if self.limits.tau is None:
+            return {"M": np.empty((0, size, size)), "tau_y": np.empty((2, 0, size, size))}
+        moved = plan.config[:, None, :] + 1j * COMPLEX_STEP * np.eye(size)
+        M = self.model.mass_matrix(self.model.kinematics(moved))
+        rates = np.moveaxis(M.imag / COMPLEX_STEP, 1, -1)  # (N+1, row, column, coordinate)
+        begin = np.einsum("krcj,kc->krj", rates[:-1], plan.zeta_dot - f[:-1])
+        end = np.einsum("krcj,kc->krj", rates[1:], plan.zeta_dot - f[1:])
+        return {"M": M[:, 0].real, "tau_y": np.stack([begin @ config_y[:-1], end @ config_y[1:]])}
 
     def inputs(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
@@ -179,7 +209,7 @@ class Ocp:
         stages = np.sum((xi[:-1] @ self.Q) * xi[:-1]) + np.sum((du @ self.R) * du)
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
         slack = max(0.0, np.sqrt(terminal) - self.terminal.radius)
-        excess = self._excess(plan, y, np.concatenate([begin, end]))
+        excess = self._excess(plan, y, begin, end)
         return Evaluation(
             cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
             terminal_slack=float(slack),
@@ -187,16 +217,23 @@ class Ocp:
             total_violation=float(np.sum(excess)),
         )
 
-    def _excess(self, plan: Plan, y: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    def _excess(self, plan: Plan, y: np.ndarray, begin: np.ndarray, end: np.ndarray
+                ) -> np.ndarray:
         limits, zeta = self.limits, plan.zeta[1:]
         amounts = [
             np.linalg.norm(zeta[:, :3], axis=1) - limits.nu1,
             np.linalg.norm(zeta[:, 3:6], axis=1) - limits.nu2,
             np.linalg.norm(zeta[:, 6:], axis=1) - limits.qdot,
+            np.abs(plan.config[1:, 3]) - limits.roll,
             np.abs(plan.config[1:, 4]) - limits.pitch,
             np.abs(y[1:, 4]) - limits.tip_pitch,
             y[1:, 6:] - limits.q_upper,
             limits.q_lower - y[1:, 6:],
-            np.abs(inputs) - limits.u,
+            np.abs(begin) - limits.u,
+            np.abs(end) - limits.u,
         ]
+        if limits.tau is not None:
+            M = self.model.mass_matrix(self.model.kinematics(plan.config))
+            amounts += [np.abs((m @ u[..., None])[..., 0]) - limits.tau
+                        for m, u in ((M[:-1], begin), (M[1:], end))]
         return np.maximum(np.concatenate([amount.ravel() for amount in amounts]), 0.0)

@@ -1,8 +1,10 @@
 """The fast solver of the FHOCP: sequential convex programming with exact cones.
 
 One `MathematicalProgram` is built once. An iteration updates the coefficients of the dynamics, the
-drift and the pitch, solves the second-order cone program, and takes the longest of the steps 1, ½,
-¼, ... along which the true merit (cost and violations, nothing linearised) falls. So one iteration
+drift and the attitude, solves the second-order cone program, and takes the longest of the steps 1,
+½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls. The limits on
+what is linearised are softened by an exact penalty, so that the program has a solution whenever
+the linear limits can be kept. One iteration
 a sample is enough for what the closed loop needs: the plan is never worse than the last one
 continued by the terminal controller (Scokaert, Mayne and Rawlings 1999).
 """
@@ -15,9 +17,9 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from uvms_drake.control.ocp import TERMINAL_PENALTY, Evaluation, Linearisation, Ocp
 from uvms_drake.control.plan import Plan
 
-VIOLATION_PENALTY = 1e3
-"""Merit of one unit of violation; above every multiplier of a limit."""
 SHORTEST_STEP = 1.0 / 64.0
+EXCESS_PENALTY = 1e5
+"""Cost of relaxing all softened limits by one unit; above the sum of their multipliers."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,12 @@ class SequentialConvexSolver:
         zeta = self._zeta = prog.NewContinuousVariables(N + 1, size, "ζ")
         a = self._a = prog.NewContinuousVariables(N, size, "ζ̇")
         g = self._g = prog.NewContinuousVariables(N + 1, size, "−f")
-        slack = self._slack = prog.NewContinuousVariables(1, "s")
+        slack = prog.NewContinuousVariables(1, "s")
+        excess = prog.NewContinuousVariables(1, "violation")
         self._add_cost(prog, y, zeta, a, g, slack)
-        self._add_limits(prog, y, zeta, a, g)
+        self._add_limits(prog, y, zeta, a, g, excess)
         self._add_terminal_set(prog, y, zeta, slack)
-        self._add_model(prog, y, zeta, a, g)
+        self._add_model(prog, y, zeta, a, g, excess)
 
     def _add_cost(self, prog, y, zeta, a, g, slack) -> None:
         ocp, h = self.ocp, self.ocp.time_step
@@ -62,13 +65,15 @@ class SequentialConvexSolver:
         prog.AddQuadraticErrorCost(ocp.terminal.P, target, np.concatenate([y[-1], zeta[-1]]))
         prog.AddLinearCost([TERMINAL_PENALTY], slack)
 
-    def _add_limits(self, prog, y, zeta, a, g) -> None:
+    def _add_limits(self, prog, y, zeta, a, g, excess) -> None:
         limits, size = self.ocp.limits, self.ocp.model.size
-        both = np.hstack([np.eye(size), np.eye(size)])
+        u_rows = _soft_rows(np.hstack([np.eye(size), np.eye(size)]))
+        prog.AddLinearCost([EXCESS_PENALTY], excess)
+        prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
         for k in range(self.ocp.horizon):
             for knot in (k, k + 1):  # ū at the beginning and at the end of the interval
-                prog.AddLinearConstraint(
-                    both, -limits.u, limits.u, np.concatenate([a[k], g[knot]]))
+                prog.AddLinearConstraint(u_rows, np.full(2 * size, -np.inf), np.tile(limits.u, 2),
+                                         np.concatenate([a[k], g[knot], excess]))
             for bound, block in ((limits.nu1, slice(0, 3)), (limits.nu2, slice(3, 6)),
                                  (limits.qdot, slice(6, size))):
                 _add_norm_limit(prog, bound, zeta[k + 1, block])
@@ -86,7 +91,7 @@ class SequentialConvexSolver:
         prog.AddLorentzConeConstraint(A, b, np.concatenate([y[-1], zeta[-1], slack]))
         prog.AddBoundingBoxConstraint(0.0, np.inf, slack)
 
-    def _add_model(self, prog, y, zeta, a, g) -> None:
+    def _add_model(self, prog, y, zeta, a, g, excess) -> None:
         """Adds what each iteration updates, with placeholder coefficients."""
         N, size, h = self.ocp.horizon, self.ocp.model.size, self.ocp.time_step
         eye, zero = np.eye(size), np.zeros(size)
@@ -101,8 +106,13 @@ class SequentialConvexSolver:
         self._drift = [prog.AddLinearEqualityConstraint(
             np.zeros((size, 3 * size)), zero, np.concatenate([g[k], y[k], zeta[k]]))
             for k in range(N + 1)]
-        self._pitch = [prog.AddLinearConstraint(
-            np.zeros((1, size)), [-np.inf], [np.inf], y[k]) for k in range(1, N + 1)]
+        self._attitude = [prog.AddLinearConstraint(
+            np.zeros((4, size + 1)), np.full(4, -np.inf), np.full(4, np.inf),
+            np.concatenate([y[k], excess])) for k in range(1, N + 1)]
+        self._tau = [] if self.ocp.limits.tau is None else [prog.AddLinearConstraint(
+            np.zeros((2 * size, 3 * size + 1)), np.full(2 * size, -np.inf),
+            np.full(2 * size, np.inf), np.concatenate([a[k], g[knot], y[knot], excess]))
+            for k in range(N) for knot in (k, k + 1)]
 
     def solve(self, guess: Plan, iterations: int, tolerance: float = 1e-6) -> Solution:
         """Returns the best plan found from `guess`, whose first knot is the initial state.
@@ -120,9 +130,9 @@ class SequentialConvexSolver:
             step = self._line_search(plan, evaluation, target)
             if step is None:
                 return Solution(plan, evaluation, iteration, converged=True)
-            gain = _merit(evaluation) - _merit(step[1])
+            gain = evaluation.merit - step[1].merit
             plan, evaluation = step
-            if gain <= tolerance * abs(_merit(evaluation)):
+            if gain <= tolerance * abs(evaluation.merit):
                 return Solution(plan, evaluation, iteration, converged=True)
         return Solution(plan, evaluation, iterations, converged=False)
 
@@ -130,12 +140,13 @@ class SequentialConvexSolver:
         """Returns the accelerations (N, 6+n) that solve the program linearised about `plan`."""
         self._update(self.ocp.linearise(plan), plan)
         result = self._solver.Solve(self._prog)
-        return result.GetSolution(self._a) if result.is_success() else None
+        target = result.GetSolution(self._a)
+        return target if result.is_success() and np.all(np.isfinite(target)) else None
 
     def _update(self, model: Linearisation, plan: Plan) -> None:
         size = self.ocp.model.size
         eye = np.eye(size)
-        limit = self.ocp.limits.pitch
+        limits = self.ocp.limits
         self._start.evaluator().UpdateCoefficients(
             np.eye(2 * size), np.concatenate([model.y[0], plan.zeta[0]]))
         for k, binding in enumerate(self._motion):
@@ -146,10 +157,15 @@ class SequentialConvexSolver:
             A = np.hstack([eye, model.f_y[k], model.f_zeta[k]])
             now = np.concatenate([-model.f[k], model.y[k], plan.zeta[k]])
             binding.evaluator().UpdateCoefficients(A, A @ now)
-        for k, binding in enumerate(self._pitch, start=1):
-            offset = model.pitch_y[k] @ model.y[k] - model.pitch[k]
-            binding.evaluator().UpdateCoefficients(
-                model.pitch_y[k][None], [offset - limit], [offset + limit])
+        for k, binding in enumerate(self._attitude, start=1):
+            A = model.attitude_y[k]
+            _update_soft(binding, A, A @ model.y[k] - model.attitude[k],
+                         np.array([limits.roll, limits.pitch]))
+        for i, binding in enumerate(self._tau):
+            k, end = divmod(i, 2)
+            M, tau_y = model.M[k + end], model.tau_y[end, k]
+            _update_soft(binding, np.hstack([M, M, tau_y]), tau_y @ model.y[k + end],
+                         np.asarray(limits.tau))
 
     def _line_search(self, plan: Plan, evaluation: Evaluation, target: np.ndarray
                      ) -> tuple[Plan, Evaluation] | None:
@@ -159,14 +175,22 @@ class SequentialConvexSolver:
             candidate = Plan.from_accelerations(
                 plan.start_time, plan.time_step, plan.config[0], plan.zeta[0], zeta_dot)
             value = self.ocp.evaluate(candidate)
-            if _merit(value) < _merit(evaluation):
+            if value.merit < evaluation.merit:
                 return candidate, value
             step *= 0.5
         return None
 
 
-def _merit(evaluation: Evaluation) -> float:
-    return evaluation.cost + VIOLATION_PENALTY * evaluation.total_violation
+def _soft_rows(A: np.ndarray) -> np.ndarray:
+    """Returns the rows of ±A x − v ≤ ..., in the variables (x, v)."""
+    return np.hstack([np.vstack([A, -A]), -np.ones((2 * len(A), 1))])
+
+
+def _update_soft(binding, A: np.ndarray, offset: np.ndarray, limit: np.ndarray) -> None:
+    """Makes a constraint |A x − offset| ≤ limit + v."""
+    binding.evaluator().UpdateCoefficients(
+        _soft_rows(A), np.full(2 * len(A), -np.inf),
+        np.concatenate([limit + offset, limit - offset]))
 
 
 def _add_norm_limit(prog: MathematicalProgram, bound: float, x: np.ndarray) -> None:

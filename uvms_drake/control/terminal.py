@@ -6,13 +6,25 @@ designed for exactly that: ξ = (y − y_des, ζ) about the equilibrium obeys
     ξ⁺ = A ξ + B ζ̇,   A = [I  hJ_x; 0  I],   B = [½h²J_x; hI],   ū − ū_eq = ζ̇ − F ξ,
 
 with F = [∂f/∂y  ∂f/∂ζ]. In the input w = ζ̇ − Fξ it is a standard discrete-time regulator for
-h(‖ξ‖²_Q + ‖w‖²_R), whose Riccati solution P is the cost to go of the linearised loop.
+h(‖ξ‖²_Q + ‖w‖²_R), whose Riccati solution P₀ is the cost to go of the linearised loop,
+
+    ‖ξ⁺‖²_P₀ − ‖ξ‖²_P₀ = −ℓ(ξ),   ℓ = h(‖ξ‖²_Q + ‖w‖²_R).
+
+Stability needs ≤ −ℓ on the *nonlinear* loop. With P₀ that is an equality to second order, so the
+sign of the third-order terms decides, and they break it in half of all directions however small the
+set is. The penalty is therefore inflated, P = (1 + μ)P₀ (Chen and Allgöwer 1998): the left side
+becomes −(1 + μ)ℓ + O(‖ξ‖³), which is below −ℓ in a neighbourhood of the equilibrium, the larger
+the larger μ. The controller stays that of P₀. The price is a terminal cost of 1 + μ times what the
+terminal controller will spend, so plans hurry somewhat to the end of their horizon.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+
+INFLATION = 1.0
+"""μ of the penalty P = (1 + μ)P₀."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +40,8 @@ class Terminal:
 
 
 def terminal_ingredients(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray, Q: np.ndarray,
-                         R: np.ndarray, time_step: float, radius: float) -> Terminal:
+                         R: np.ndarray, time_step: float, radius: float,
+                         inflation: float = INFLATION) -> Terminal:
     """Returns the ingredients for the linearisation (J_x, ∂f/∂y, ∂f/∂ζ) at the equilibrium.
 
     Args:
@@ -39,12 +52,14 @@ def terminal_ingredients(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray, Q
         R: Weight of ū − ū_eq (6+n, 6+n).
         time_step: h [s].
         radius: ε.
+        inflation: μ ≥ 0; the penalty is (1 + μ) times the Riccati solution.
     """
     size = len(J_x)
     eye, zero = np.eye(size), np.zeros((size, size))
     A = np.block([[eye, time_step * J_x], [zero, eye]])
     B = np.concatenate([0.5 * time_step**2 * J_x, time_step * eye])
     F = np.concatenate([f_y, f_zeta], axis=1)
-    K, P = DiscreteTimeLinearQuadraticRegulator(
+    K, riccati = DiscreteTimeLinearQuadraticRegulator(
         A=A + B @ F, B=B, Q=time_step * Q, R=time_step * R)
-    return Terminal(P=0.5 * (P + P.T), gain=F - K, radius=radius)
+    P = 0.5 * (1.0 + inflation) * (riccati + riccati.T)
+    return Terminal(P=P, gain=F - K, radius=radius)

@@ -10,16 +10,16 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.scp import SequentialConvexSolver
 
 
-def make_tube_mpc(ocp: Ocp, ancillary: AncillaryConfig, *, iterations: int = 1) -> Diagram:
+def make_tube_mpc(ocp: Ocp, ancillary: AncillaryConfig) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
 
                   ┌─────────────┐ nominal_state, nominal_acceleration, nominal_input
         state ─┬─▶│ nominal_mpc │──────────────┐
-               │  └─────────────┘        ┌─────▼─────┐  u   ┌──────┐
-               ├────────────────────────▶│ ancillary │─┬───▶│ M(𝔮) │──▶ tau
-               │                         └───────────┘ │    └──▲───┘
+               │  └─────────────┘        ┌─────▼─────┐  u   ┌───────────┐
+               ├────────────────────────▶│ ancillary │─┬───▶│ input_map │──▶ tau
+               │                         └───────────┘ │    └──▲────────┘
                └───────────────────────────────────────┼───────┘
                                                        └──▶ u
 
@@ -45,19 +45,15 @@ def make_tube_mpc(ocp: Ocp, ancillary: AncillaryConfig, *, iterations: int = 1) 
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
         ancillary: The feedback law and its gains.
-        iterations: Convex programs per sample.
     """
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
-    mpc = NominalMpc.AddToBuilder(
-        builder, SequentialConvexSolver(ocp), iterations=iterations, state=measured)
+    mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, ancillary, nominal=mpc, state=measured)
-    forces = InputMap(ocp.model)
-    builder.AddNamedSystem("M(𝔮)", forces)
-    builder.Connect(measured, forces.GetInputPort("state"))
-    builder.Connect(feedback.GetOutputPort("u"), forces.GetInputPort("u"))
+    forces = InputMap.AddToBuilder(
+        builder, ocp.model, state=measured, u=feedback.GetOutputPort("u"))
 
     builder.ExportInput(state.get_input_port(), "state")
     builder.ExportOutput(forces.GetOutputPort("tau"), "tau")

@@ -31,11 +31,6 @@ class Uvms:
     tip: Frame
     hydrodynamics: HydrodynamicParameters
 
-    @property
-    def num_joints(self) -> int:
-        """Returns n."""
-        return len(self.joints)
-
 
 def models_dir() -> Path:
     """Returns the folder of the robots: inside an installed package, or beside it in a checkout."""

@@ -62,21 +62,6 @@ def rate_matrix(rpy: np.ndarray) -> np.ndarray:
     return T
 
 
-def rate_matrix_derivative(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
-    """Returns dT/dt (..., 3, 3) of `rate_matrix` along d(φ, θ, ψ)/dt = `rpy_dot` (..., 3)."""
-    sf, cf = np.sin(rpy[..., 0]), np.cos(rpy[..., 0])
-    ct, tt = np.cos(rpy[..., 1]), np.tan(rpy[..., 1])
-    f_dot, t_dot = rpy_dot[..., 0], rpy_dot[..., 1]
-    dT = np.zeros((*rpy.shape, 3), dtype=np.result_type(rpy, rpy_dot))
-    dT[..., 0, 1] = cf * tt * f_dot + sf / ct**2 * t_dot
-    dT[..., 0, 2] = -sf * tt * f_dot + cf / ct**2 * t_dot
-    dT[..., 1, 1] = -sf * f_dot
-    dT[..., 1, 2] = -cf * f_dot
-    dT[..., 2, 1] = cf / ct * f_dot + sf * tt / ct * t_dot
-    dT[..., 2, 2] = -sf / ct * f_dot + cf * tt / ct * t_dot
-    return dT
-
-
 def wrap_angle(angle: np.ndarray) -> np.ndarray:
     """Returns the angle plus a multiple of 2π, in [−π, π)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

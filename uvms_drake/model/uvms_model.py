@@ -210,7 +210,7 @@ class UvmsModel:
     # Dynamics
 
     def inverse_dynamics(
-        self, kinematics: Kinematics, config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray
+        self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray
     ) -> np.ndarray:
         """Returns τ (..., 6+n), the generalised force at which ζ̇ is the acceleration."""
         J = kinematics.J_bodies[..., :-1, :, :]
@@ -267,7 +267,7 @@ class UvmsModel:
     def drift(self, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
         """Returns f (..., 6+n) of (eq:func_h): the acceleration at τ = 0."""
         kinematics = self.kinematics(config)
-        bias = self.inverse_dynamics(kinematics, config, zeta, np.zeros_like(zeta))
+        bias = self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
         return -np.linalg.solve(self.mass_matrix(kinematics), bias[..., None])[..., 0]
 
     def drift_derivatives(
@@ -282,10 +282,9 @@ class UvmsModel:
         steps = 1j * COMPLEX_STEP * np.eye(self.size)
         moved = config[:, None, :] + steps
         by_config = self.inverse_dynamics(
-            self.kinematics(moved), moved, zeta[:, None, :].astype(complex), f[:, None, :])
+            self.kinematics(moved), zeta[:, None, :].astype(complex), f[:, None, :])
         still = self.kinematics(config[:, None, :])
-        by_zeta = self.inverse_dynamics(
-            still, config[:, None, :], zeta[:, None, :] + steps, f[:, None, :])
+        by_zeta = self.inverse_dynamics(still, zeta[:, None, :] + steps, f[:, None, :])
         rates = np.concatenate([by_config, by_zeta], axis=1).imag / COMPLEX_STEP
         M = self.mass_matrix(Kinematics(*(item[:, 0] for item in still)))
         derivatives = -np.linalg.solve(M, np.swapaxes(rates, -1, -2))

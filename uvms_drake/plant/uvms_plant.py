@@ -90,7 +90,7 @@ def make_uvms_plant(
         contact = CompliantSurface.AddToBuilder(builder, plant, uvms.tip, surface)
     tau = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "tau_to_drake_order")
     total = Adder(num_inputs=2, size=plant.num_velocities())
-    builder.AddNamedSystem("+", total)
+    builder.AddNamedSystem("total_force", total)
     builder.Connect(tau.GetOutputPort("drake_order"), total.get_input_port(0))
     builder.Connect(contact.GetOutputPort("generalized_force"), total.get_input_port(1))
 

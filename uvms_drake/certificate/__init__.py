@@ -1,0 +1,1 @@
+"""The certificate: constants, tube, sets and terminal ingredients, computed and checked."""

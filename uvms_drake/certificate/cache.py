@@ -1,0 +1,51 @@
+"""Results that take long, kept between runs by a hash of what they depend on."""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import uvms_drake
+
+
+def cache_dir() -> Path:
+    """Returns $XDG_CACHE_HOME/uvms_drake, or ~/.cache/uvms_drake."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "uvms_drake"
+
+
+def cached(key: Any, compute: Callable[[], Any]) -> Any:
+    """Returns `compute()`, or what it returned the last time for the same key.
+
+    A cache that is corrupt is ignored and made again; one that cannot be written is no error.
+
+    Args:
+        key: All that the result depends on, as what JSON can hold; this package's version is added.
+        compute: Returns what JSON can hold.
+    """
+    text = json.dumps([uvms_drake.__version__, key], sort_keys=True)
+    path = cache_dir() / f"{hashlib.sha256(text.encode()).hexdigest()}.json"
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        if stored["key"] == json.loads(text):
+            return stored["value"]
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    value = compute()
+    _write(path, json.dumps({"key": json.loads(text), "value": value}))
+    return value
+
+
+def _write(path: Path, text: str) -> None:
+    """Writes a file whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.replace(name, path)
+    except OSError:
+        pass

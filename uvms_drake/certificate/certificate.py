@@ -1,0 +1,189 @@
+"""The certificate as data: what was computed, whether it holds, and for exactly which inputs.
+
+`certificate.json` carries the SHA-256 of its own content, of every file of the robot and of the
+part of the scenario that it depends on. A certificate that was changed by hand, or whose inputs
+have changed, is recognised; see `stale_reason`.
+"""
+
+import dataclasses
+import hashlib
+import json
+import math
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_data
+
+import uvms_drake
+from uvms_drake.certificate.conditions import Condition
+from uvms_drake.certificate.constants import Constant
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.errors import RunFailed
+from uvms_drake.model.description import model_dir
+from uvms_drake.scenario import Scenario, dump_scenario
+
+CERTIFICATE_FILE = "certificate.json"
+IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "current",
+              "tube")
+"""Keys of a scenario that a certificate does not depend on. `tube` is for runs without one; of
+`disturbance` the bound counts, of `mpc` all but the terminal set's declared radius."""
+
+
+@dataclass(frozen=True)
+class TerminalResult:
+    """The terminal ingredients, and what their check found."""
+
+    radius: float
+    """ε."""
+    limiting: str
+    """The condition with the smallest margin."""
+    margins: dict[str, float]
+    """See `terminal_set.TerminalCheck`."""
+    samples: int
+    P: np.ndarray
+    gain: np.ndarray
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is claimed of a scenario's closed loop, and why."""
+
+    scenario: str
+    law: str
+    k: float
+    sigma: float
+    d_bound: float
+    files: dict[str, str]
+    """SHA-256 of the robot's files, by name."""
+    inputs: str
+    """SHA-256 of the scenario's relevant part."""
+    versions: dict[str, str]
+    made_by: str = "certify"
+    """The command that wrote it."""
+    constants: tuple[Constant, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    tube: TubeRadii | None = None
+    terminal: TerminalResult | None = None
+    bounds: dict[str, float] = field(default_factory=dict)
+    """See `certify.ultimate_bounds`."""
+    paper: dict[str, float] = field(default_factory=dict)
+    """Radii of the paper's Lemma with the same constants, for comparison; inf where it is void."""
+
+    @property
+    def failed(self) -> Condition | None:
+        """Returns the first condition that does not hold, or None."""
+        return next((item for item in self.conditions if not item.holds), None)
+
+    @property
+    def certified(self) -> bool:
+        """Returns whether every condition that was looked at holds."""
+        return bool(self.conditions) and self.failed is None
+
+    def adding(self, conditions: list[Condition]) -> "Certificate":
+        """Returns the certificate with more conditions."""
+        return replace(self, conditions=(*self.conditions, *conditions))
+
+    def applied_to(self, scenario: Scenario) -> Scenario:
+        """Returns the scenario with this tube and terminal set instead of the declared ones."""
+        mpc = scenario.mpc
+        if self.terminal is not None:
+            mpc = replace(mpc, terminal_radius=self.terminal.radius)
+        return replace(scenario, tube=self.tube or scenario.tube, mpc=mpc)
+
+    def to_data(self) -> dict[str, Any]:
+        """Returns the content as what JSON can hold, with its own SHA-256 as `sha256`."""
+        data = _plain(dataclasses.asdict(replace(self, constants=())))
+        data["constants"] = [_plain(constant.to_data()) for constant in self.constants]
+        data["certified"] = self.certified
+        return data | {"sha256": _digest(data)}
+
+    @staticmethod
+    def from_data(data: dict[str, Any]) -> "Certificate":
+        """Returns the certificate of which `to_data` made `data`."""
+        data = {key: _restored(value) for key, value in data.items()
+                if key not in ("certified", "sha256")}
+        tube, terminal = data["tube"], data["terminal"]
+        return Certificate(**(data | {
+            "constants": tuple(Constant.from_data(item) for item in data["constants"]),
+            "conditions": tuple(Condition(**item) for item in data["conditions"]),
+            "tube": None if tube is None else TubeRadii(**_with_arrays(tube)),
+            "terminal": None if terminal is None else TerminalResult(**_with_arrays(terminal))}))
+
+
+def _restored(value: Any) -> Any:
+    """Returns the value with inf and NaN back from their names."""
+    if isinstance(value, dict):
+        return {key: _restored(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_restored(item) for item in value]
+    return float(value) if value in ("inf", "-inf", "nan") else value
+
+
+def _with_arrays(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: np.array(value, dtype=float) if isinstance(value, list) else value
+            for key, value in data.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Returns the value in JSON's types; inf and NaN, which JSON has not, become their names."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def _digest(data: object) -> str:
+    text = json.dumps(data, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def fingerprint(scenario: Scenario) -> dict[str, Any]:
+    """Returns what a certificate depends on: hashes of files and scenario, and versions."""
+    folder = model_dir(scenario.model)
+    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+             for path in sorted(folder.iterdir()) if path.is_file()}
+    relevant = yaml_load_data(dump_scenario(scenario))
+    for key in IRRELEVANT:
+        relevant.pop(key, None)
+    relevant["disturbance"] = scenario.disturbance.bound
+    relevant["mpc"].pop("terminal_radius")
+    return {"files": files, "inputs": _digest(_plain(relevant)),
+            "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake")}}
+
+
+def write_certificate(certificate: Certificate, folder: Path) -> None:
+    """Writes `certificate.json` into a folder."""
+    text = json.dumps(certificate.to_data(), indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / CERTIFICATE_FILE).write_text(text + "\n", encoding="utf-8")
+
+
+def read_certificate(path: Path) -> Certificate:
+    """Returns the certificate of a file; raises `RunFailed` if it was changed since it was made."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        claimed = data.pop("sha256")
+        intact = _digest(data) == claimed
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        intact = False
+    if not intact:
+        raise RunFailed(f"{path}: its content does not match its SHA-256, it was changed; make it "
+                        "again with 'certify'")
+    return Certificate.from_data(data)
+
+
+def stale_reason(certificate: Certificate, scenario: Scenario) -> str | None:
+    """Returns what has changed since a certificate was made, or None."""
+    now = fingerprint(scenario)
+    for key, what in (("files", "a file of the robot"), ("inputs", "the scenario"),
+                      ("versions", "a version")):
+        if getattr(certificate, key) != now[key]:
+            return what
+    return None

@@ -1,0 +1,92 @@
+"""The certificate as a table that a reviewer can follow."""
+
+import math
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.conditions import Condition
+from uvms_drake.certificate.constants import Constant
+
+HELP = {
+    "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
+    "σ": "slower speed limits or a larger ancillary.sigma",
+    "a = ": "a larger ancillary.sigma or slower speed limits",
+    "b = ": "a larger ancillary.k",
+    "ab": "a larger ancillary.k",
+    "n, joints": "the law resolved",
+    "terminal set": "wider input limits or other mpc weights",
+    "first plan, violation": "a start further inside the limits",
+    "first plan, distance": "a longer horizon or a closer start",
+}
+"""What would make a failed condition hold, by how its name begins."""
+
+
+def format_certificate(certificate: Certificate) -> str:
+    """Returns the certificate as text."""
+    return "\n".join([
+        f"{certificate.scenario}: law {certificate.law}, k = {certificate.k:g} 1/s, "
+        f"σ = {certificate.sigma:g} 1/s, d̃ = {certificate.d_bound:g}",
+        "", "constants", *(_constant_row(item) for item in certificate.constants),
+        "", "conditions", *(_condition_row(item) for item in certificate.conditions),
+        "", "tube", *_tube_rows(certificate),
+        "", *_terminal_rows(certificate),
+        *_bound_rows(certificate),
+        "", "the paper's Lemma with these constants",
+        *(f"  {name:<32}{value:>12.4g}" for name, value in certificate.paper.items()),
+        "", verdict(certificate)])
+
+
+def verdict(certificate: Certificate) -> str:
+    """Returns one line: certified, or void with the first failed condition and what would help."""
+    failed = certificate.failed
+    if failed is None:
+        return f"certified: all {len(certificate.conditions)} conditions hold"
+    return f"void: {failed}{_by(failed)}{_help(failed)}"
+
+
+def _by(condition: Condition) -> str:
+    return f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
+
+
+def _help(condition: Condition) -> str:
+    for beginning, advice in HELP.items():
+        if condition.name.startswith(beginning):
+            return f"; what would help: {advice}"
+    return ""
+
+
+def _constant_row(constant: Constant) -> str:
+    return (f"  {constant.name:<20}{constant.value:>12.4g}  {constant.how}, "
+            f"{constant.samples} {'samples' if constant.how == 'estimated' else 'boxes'}, "
+            f"worst seen {constant.sampled_value:.4g}")
+
+
+def _condition_row(condition: Condition) -> str:
+    mark = "holds" if condition.holds else "DOES NOT HOLD"
+    return (f"  {condition.name:<52}{condition.left:>11.4g} {condition.relation:<2}"
+            f"{condition.right:>11.4g}  {mark}")
+
+
+def _tube_rows(certificate: Certificate) -> list[str]:
+    if certificate.tube is None:
+        return ["  none"]
+    rows = []
+    for name, value in vars(certificate.tube).items():
+        numbers = value if isinstance(value, float) else None
+        text = f"{numbers:>12.4g}" if numbers is not None else "  " + ", ".join(
+            f"{x:.3g}" for x in (value if value is not None else ()))
+        rows.append(f"  {name:<20}{text}")
+    return rows
+
+
+def _terminal_rows(certificate: Certificate) -> list[str]:
+    terminal = certificate.terminal
+    if terminal is None:
+        return []
+    return [f"terminal set  ‖ξ‖_P ≤ {terminal.radius:.4g}, checked at {terminal.samples} states; "
+            f"what limits it: {terminal.limiting}"]
+
+
+def _bound_rows(certificate: Certificate) -> list[str]:
+    units = {"position": "m", "orientation": "rad", "force": "N"}
+    return [f"ultimate bound of the {name:<12}{value:>11.4g} {units[name]}"
+            for name, value in certificate.bounds.items()]

@@ -1,0 +1,176 @@
+"""Disturbances that try to break the tube, with ‖d(t)‖₂ ≤ d̃ at all times like any other.
+
+Those that are aimed read the error they drive through ports, and know the robot's geometry; they do
+not know the controller. Use one in place of a `BoundedDisturbance`: `make_uvms_plant` with
+`disturbance=None` has an input port for it.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+
+from uvms_drake.errors import require
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.disturbance import unit_vector
+
+AIM_FROM = 1e-6
+"""‖𝔯‖ or ‖J_bᵀ𝔢_b‖ at which an aimed disturbance goes halfway between fixed direction and aim."""
+
+KINDS = ("along_r", "along_task_error", "leading", "constant", "sinusoid", "bang_bang",
+         "per_channel")
+ROWS = {"all": slice(None), "position": slice(0, 3), "orientation": slice(3, 6),
+        "joints": slice(6, None)}
+
+Kind = Literal[
+    "along_r", "along_task_error", "leading", "constant", "sinusoid", "bang_bang", "per_channel"]
+Rows = Literal["all", "position", "orientation", "joints"]
+
+
+@dataclass
+class AdversaryConfig:
+    """A disturbance of the full size d̃, or of size d̃|sin| for `sinusoid`.
+
+    - `along_r`: along 𝔯, which keeps ‖𝔯‖ at the solution of Ṙ = −kR + d̃.
+    - `along_task_error`: along J_b(𝔮)ᵀ𝔢_b, b the block of `rows`.
+    - `leading`: along the right-singular vector of J_b(𝔮) with the largest singular value.
+    - `constant`, `sinusoid`, `bang_bang`: a fixed direction times 1, a sine, its sign.
+    - `per_channel`: a single component, its sign as of `bang_bang`.
+
+    𝔯 and 𝔢_y start at zero; there the first two go along the fixed direction. The sign of `leading`
+    is the one that has an inner product with the fixed direction that is not negative.
+    """
+
+    bound: float = 0.0
+    """d̃ [m/s², rad/s²]."""
+    kind: Kind = "along_r"
+    rows: Rows = "all"
+    """Block of rows of J_x that is aimed at."""
+    direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """The fixed direction (6+n), of any length; empty means the same in all components."""
+    channel: int = 0
+    """Component of `per_channel`, 0 to 5+n."""
+    period: float = 1.0
+    """Of `sinusoid`, `bang_bang` and `per_channel` [s]."""
+    phase: float = 0.0
+    """Of the sine at t = 0 [rad]."""
+
+
+class Adversary(LeafSystem):
+    """A disturbance d with ‖d‖₂ ≤ d̃ that is aimed at the tube.
+
+    .. pydrake_system::
+
+        name: Adversary
+        input_ports:
+        - state (for along_task_error, leading)
+        - e_y (for along_task_error)
+        - r (for along_r)
+        output_ports:
+        - disturbance
+
+    - `state`: (𝔮, ζ) (2(6+n)), in the paper's order.
+    - `e_y`, `r` (6+n): 𝔢_y and 𝔯, of a `TubeMonitor`.
+    - `disturbance` (6+n) [m/s², rad/s²]: d, in the paper's order.
+
+    The square waves have one discrete state, their sign, which is updated when it changes: an
+    integration step ends there, and does not see the other side. There is no other state.
+
+    Args:
+        model: Of the robot's geometry.
+        config: What it does.
+    """
+
+    def __init__(self, model: UvmsModel, config: AdversaryConfig):
+        super().__init__()
+        size = model.size
+        require(0.0 <= config.bound < np.inf, "bound", config.bound, "zero or positive")
+        require(config.kind in KINDS, "kind", config.kind, f"one of {', '.join(KINDS)}")
+        require(config.rows in ROWS, "rows", config.rows, f"one of {', '.join(ROWS)}")
+        require(0 <= config.channel < size, "channel", config.channel, f"0 to {size - 1}")
+        require(0.0 < config.period < np.inf, "period", config.period, "positive")
+        require(bool(np.isfinite(config.phase)), "phase", config.phase, "finite")
+        self._model, self._config = model, config
+        self._direction = unit_vector(config.direction, size)
+        if config.kind == "per_channel":
+            self._direction = unit_vector(np.eye(size)[config.channel], size)
+        self._state_port = self.DeclareVectorInputPort("state", 2 * size)
+        self._e_y_port = self.DeclareVectorInputPort("e_y", size)
+        self._r_port = self.DeclareVectorInputPort("r", size)
+        self._has_sign = config.kind in ("bang_bang", "per_channel")
+        if self._has_sign:
+            self._declare_sign(config)
+        state, e_y, r = (self.input_port_ticket(port.get_index()) for port in (
+            self._state_port, self._e_y_port, self._r_port))
+        prerequisites = {
+            "along_r": {r}, "along_task_error": {state, e_y}, "leading": {state},
+            "constant": {self.nothing_ticket()}, "sinusoid": {self.time_ticket()}}
+        self.DeclareVectorOutputPort(
+            "disturbance", size, self._calc_disturbance,
+            prerequisites.get(config.kind, {self.xd_ticket()}))
+
+    def _declare_sign(self, config: AdversaryConfig) -> None:
+        self._half = 0.5 * config.period
+        shift = config.phase / np.pi
+        self._sign_at = lambda time: 1.0 - 2.0 * (np.floor(time / self._half + shift + 1e-6) % 2.0)
+        self.DeclareDiscreteState([self._sign_at(0.0)])
+        self.DeclareInitializationDiscreteUpdateEvent(self._update_sign)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            self._half, self._half * float(-shift % 1.0), self._update_sign)
+
+    def _update_sign(self, context, discrete_state):
+        discrete_state.set_value([self._sign_at(context.get_time())])
+
+    def _calc_disturbance(self, context, output):
+        match self._config.kind:
+            case "along_r":
+                e = self._toward(self._r_port.Eval(context))
+            case "along_task_error":
+                e_b = self._e_y_port.Eval(context)[ROWS[self._config.rows]]
+                e = self._toward(self._jacobian(context).T @ e_b)
+            case "leading":
+                leading = np.linalg.svd(self._jacobian(context))[2][0]
+                sign = -1.0 if leading @ self._direction < 0.0 else 1.0
+                e = unit_vector(sign * leading, self._model.size)
+            case "constant":
+                e = self._direction
+            case "sinusoid":
+                angle = 2.0 * np.pi * context.get_time() / self._config.period + self._config.phase
+                e = self._direction * np.sin(angle)
+            case _:
+                e = self._direction * context.get_discrete_state_vector().value()[0]
+        output.SetFromVector(self._config.bound * e)
+
+    def _jacobian(self, context) -> np.ndarray:
+        """Returns the rows of J_x that are aimed at."""
+        config = self._state_port.Eval(context)[: self._model.size]
+        return self._model.task_jacobian(config)[ROWS[self._config.rows]]
+
+    def _toward(self, aim: np.ndarray) -> np.ndarray:
+        """Returns a unit vector along `aim`, or along the fixed direction where that vanishes."""
+        vector = aim + AIM_FROM * self._direction
+        return unit_vector(vector, len(aim)) if np.any(vector) else self._direction
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AdversaryConfig, *,
+                     state: OutputPort | None = None, monitor: LeafSystem | None = None,
+                     name: str = "adversary") -> "Adversary":
+        """Adds the adversary.
+
+        Args:
+            builder: Where to add it.
+            model: Of the robot's geometry.
+            config: What it does.
+            state: Gives (𝔮, ζ); not every kind needs it.
+            monitor: A system with a `TubeMonitor`'s output ports e_y and r; likewise.
+            name: Name of the system.
+        """
+        adversary = Adversary(model, config)
+        builder.AddNamedSystem(name, adversary)
+        if state is not None:
+            builder.Connect(state, adversary.GetInputPort("state"))
+        if monitor is not None:
+            for port in ("e_y", "r"):
+                builder.Connect(monitor.GetOutputPort(port), adversary.GetInputPort(port))
+        return adversary
