@@ -1,8 +1,8 @@
 """What gains and disturbance cost: certified force error against input left, for `resolved`.
 
-The tube shrinks like d̃/(kσ), and with it what a stiff surface and a turning task cost the inputs. So
-the largest gains that the bandwidth of the actuators allows are the best, and the front shows what
-a smaller d̃ or bandwidth would give.
+The tube shrinks like d̃/(kσ), and with it what a stiff surface and a turning task cost the inputs.
+So the largest gains that the bandwidth of the actuators allows are the best, and the front shows
+what a smaller d̃ or bandwidth would give.
 """
 
 from collections.abc import Iterable
