@@ -5,7 +5,7 @@ from dataclasses import replace
 import dh
 import numpy as np
 import pytest
-from tiny_robots import drill
+from tiny_robots import drill, tiny_robot
 
 from uvms_drake.certificate.constraint_set import ConstraintSet
 from uvms_drake.errors import InvalidParameter
@@ -88,17 +88,11 @@ def test_depth_and_tip_pitch_count(model):
 
 
 def test_a_tip_pitch_that_nothing_can_keep_is_reported():
-    model = drill()  # Its tip pitches as the vehicle does.
-    model.q_lower[:] = 0.0
-    bounds = ConstraintSet(np.zeros(1), np.ones(1), 0.0, 0.3, 1e-9, 0.1, 0.1, 0.1)
+    tilted = tiny_robot([[1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    bounds = ConstraintSet(np.zeros(1), np.zeros(1), 0.0, 0.3, 0.6, 0.1, 0.1, 0.1)
     with pytest.raises(InvalidParameter, match="tip_pitch"):
-        bounds.sample(model_tilted(), 10, np.random.default_rng(0))
-    assert len(bounds.sample(model, 10, np.random.default_rng(0))[0]) == 10
-
-
-def model_tilted() -> UvmsModel:
-    from tiny_robots import tiny_robot
-    return tiny_robot([[1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+        bounds.sample(tilted, 10, np.random.default_rng(0))
+    assert len(bounds.sample(drill(), 10, np.random.default_rng(0))[0]) == 10
 
 
 @pytest.mark.parametrize("change", [

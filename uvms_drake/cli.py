@@ -122,6 +122,12 @@ def _add_certify(commands: argparse._SubParsersAction) -> None:
                          help="where to write certificate.json (default: out/<scenario>)")
     certify.add_argument("--front", action="store_true",
                          help="also print what other gains and disturbance bounds would give")
+    certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
+                         help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
+                              "force error")
+    certify.add_argument("--laws", action="store_true",
+                         help="also print both laws with several gains: certified radius, what an "
+                              "adversary reaches, what the paper's form gives")
     certify.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
                          dest="overrides", help="any value of the scenario; can be repeated")
 
@@ -130,6 +136,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
     from uvms_drake.certificate.certify import certified_once
     from uvms_drake.certificate.front import format_front, front
+    from uvms_drake.certificate.gains import propose_gains
+    from uvms_drake.certificate.laws import compare_laws, format_laws
     from uvms_drake.certificate.table import format_certificate
 
     scenario = load_scenario(args.scenario, args.overrides)
@@ -141,6 +149,12 @@ def certify_scenario(args: argparse.Namespace) -> int:
         print(format_certificate(certificate))
         if args.front:
             print(f"\n{format_front(front(scenario))}")
+        if args.propose is not None:
+            law, error = propose_gains(scenario, args.propose)
+            print(f"\nproposed: k = {law.k:g} 1/s, σ = {law.sigma:g} 1/s for a force error of "
+                  f"{error:.3g} N at most")
+        if args.laws:
+            print(f"\n{format_laws(compare_laws(scenario))}")
     return 0 if certificate.certified else 1
 
 

@@ -25,6 +25,8 @@ LOGGED = ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penet
 MONITOR_SLACK = 0.01
 """Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over
 a step of 0.02 s through contact is 0.7 %."""
+MONITOR_FLOOR = 1e-4
+"""[m, rad, m/s, rad/s]; the integrator leaves 7e-5 of a deviation that is exactly zero."""
 
 
 def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
@@ -67,7 +69,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
         set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
-        slack=MONITOR_SLACK)
+        slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
 
     for name in (*LOGGED, "plan", "report", "solve_seconds", "tube_report"):
         if name.startswith("tube_"):

@@ -42,12 +42,16 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.certificate.constraint_set import ConstraintSet
+from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.spatial import cross, skew
 from uvms_drake.model.uvms_model import UvmsModel
 
-S_X = skew(np.array([1.0, 0.0, 0.0]))
 SAME_AXIS = 1e-9
 """Below it, a last joint's axis is the tool's [1, m]."""
+ROUNDING = 1e-12
+"""By which the half-spaces are too large: g is computed to about 1e-15."""
+LARGEST_MULTIPLIER = 1e3
+"""So that rounding in Σ μ_k g_k stays below what `covering` adds."""
 SWEEPS = 2
 """Of coordinate descent for the multipliers."""
 BLOCKS = ("position", "attitude", "task", "extended")
@@ -77,7 +81,7 @@ class _Constraints(NamedTuple):
 
 
 class JacobianBoxes:
-    """Bounds the norm of one block of rows of J_x over boxes of (q, −φ, θ); see this file's head.
+    """Bounds the norm of one block of rows of J_x over boxes of (q, −φ, θ); see above.
 
     Args:
         model: Any serial arm.
@@ -92,7 +96,7 @@ class JacobianBoxes:
         self._normals = np.array([
             [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0],
             [0.0, np.cos(roll), -np.sin(roll)], [0.0, -np.cos(roll), -np.sin(roll)]])
-        self._offsets = np.array([np.sin(pitch), np.sin(pitch), 0.0, 0.0, 0.0])
+        self._offsets = np.array([np.sin(pitch), np.sin(pitch), 0.0, 0.0, 0.0]) + ROUNDING
         turn, tilt = (0.0, 0.0) if block == "position" else (np.pi, constraint_set.tip_pitch)
         self.lower = np.concatenate([constraint_set.q_lower, [-turn, -tilt]])
         self.upper = np.concatenate([constraint_set.q_upper, [turn, tilt]])
@@ -140,8 +144,9 @@ class JacobianBoxes:
         columns = np.zeros((len(centre), n + 1, 3))
         columns[:, :n] = cross(kinematics.axis, p[:, None] - kinematics.anchor)
         axes = np.concatenate([kinematics.axis, R_BE[:, None, :, 0]], axis=1)
-        sin, cos = (f(centre[:, n])[:, None, None] for f in (np.sin, np.cos))
-        C = (np.eye(3) - sin * S_X + (1.0 - cos) * S_X @ S_X) @ np.swapaxes(R_BE, -1, -2)
+        roll = np.zeros((len(centre), 3))
+        roll[:, 0] = -centre[:, n]
+        C = rotation_matrix(roll) @ np.swapaxes(R_BE, -1, -2)
         return axes, columns, p, C
 
     def _position_rows(self, axes: np.ndarray, columns: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -162,8 +167,8 @@ class JacobianBoxes:
 
         ∂ᵢC = −C S(wᵢ); ∂ᵢ(C aⱼ) = −C(wᵢ × aⱼ) for i > j, else 0: the joint turns both alike.
         """
-        n = self._model.num_joints
-        Q = np.zeros((len(C), n + 2, 3, 6 + n))
+        n, m = self._model.num_joints, len(C)
+        Q = np.zeros((m, n + 2, 3, 6 + n))
         Q[:, 0, :, 6:] = np.swapaxes(axes[:, :n], -1, -2)
         for i in range(n + 1):
             Q[:, 1 + i, :, 6: 6 + i] = -np.swapaxes(
@@ -180,8 +185,7 @@ class JacobianBoxes:
         """Returns the block K and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
         if self._block == "position":
             return P
-        A = np.zeros((len(theta), 1, 3, 3))
-        A[..., :, :] = np.eye(3)
+        A = np.tile(np.eye(3), (len(theta), 1, 1, 1))
         A[:, 0, 0, 2], A[:, 0, 2, 2] = np.tan(theta), 1.0 / np.cos(theta)
         if self._block == "attitude":
             return A @ Q
@@ -208,8 +212,7 @@ class JacobianBoxes:
         attitude = np.sum(beyond[:, 1:] ** 4, axis=1)
         if self._block != "attitude":
             attitude += beyond[:, 0] ** 4
-        shown = {"position": (1.0, 0.0), "attitude": (0.0, 1.0)}.get(self._block, (1.0, 1.0))
-        return shown[0] * position, shown[1] * attitude
+        return position * (self._block != "attitude"), attitude * (self._block != "position")
 
     def _constraints(self, axes: np.ndarray, C: np.ndarray, ends: np.ndarray,
                      h: np.ndarray) -> _Constraints:
@@ -232,8 +235,10 @@ class JacobianBoxes:
                         half: np.ndarray) -> np.ndarray:
         """Returns the largest ‖K + Σδᵢ∂ᵢK‖ − Σμ_k(g_k + Σδᵢ∂ᵢg_k − rest) over |δᵢ| = hᵢ (2, m)."""
         step = half[:, None, self._free] * self._vertices
-        moved = step @ K[:, :, 1 + self._free].reshape(*K.shape[:2], len(self._free), -1)
-        value = _norm(K[:, :, :1] + moved.reshape(*moved.shape[:3], *K.shape[3:]))
+        rows, columns = K.shape[3:]
+        along = K[:, :, 1 + self._free].reshape(*K.shape[:2], len(self._free), rows * columns)
+        moved = (step @ along).reshape(*K.shape[:2], len(self._vertices), rows, columns)
+        value = _norm(K[:, :, :1] + moved)
         slope = np.einsum("mk,emki->emi", mu, g.slope)[..., self._free]
         value -= (step @ slope[..., None])[..., 0]
         return np.max(value, axis=-1) + np.sum(mu * (g.rest - g.value), axis=-1)
@@ -273,7 +278,7 @@ def _multipliers(K: np.ndarray, g: _Constraints, h: np.ndarray,
         tried = np.concatenate([
             np.zeros((len(mu), 1)), *_ratio(left, slope),
             _ratio(base[0] - base[1], cost[1] - cost[0])[:, None]], axis=1)
-        tried = np.maximum(tried, 0.0)
+        tried = np.clip(tried, 0.0, LARGEST_MULTIPLIER)
         bound = base[..., None] + tried * cost[..., None] + np.einsum(
             "mi,emji->emj", h, np.abs(left[:, :, None] - tried[..., None] * slope[:, :, None]))
         best = np.argmin(np.max(bound, axis=0), axis=1)[:, None]

@@ -90,13 +90,14 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
     centre = 0.5 * (boxes.upper + boxes.lower)[None]
     half = 0.5 * (boxes.upper - boxes.lower)[None]
     upper, seen, score = boxes.bounds(centre, half)
-    if np.all(upper == -np.inf):
-        raise InvalidParameter("tip_pitch", boxes.upper[-1], "kept by some attitude and joints")
     reached, count = max(reached, float(np.max(seen))), 1
     while True:
         kept = upper > reached  # The others cannot have the supremum.
         centre, half, upper, score = (item[kept] for item in (centre, half, upper, score))
-        largest = max(float(np.max(upper, initial=reached)), reached)
+        if len(upper) == 0 and reached <= 0.0:
+            raise InvalidParameter(
+                "tip_pitch", boxes.upper[-1], "what the vehicle's attitude and the joints can keep")
+        largest = float(np.max(upper, initial=reached))
         if largest <= (1.0 + rel_gap) * reached or count >= max_boxes:
             return Covering(largest * (1.0 + ROUNDING), reached, count)
         order = np.argsort(-upper, kind="stable")

@@ -43,7 +43,7 @@ REPORT_FIELDS = (
 bound, and largest ‖d‖₂/d̃, over the samples so far."""
 
 FLOOR = 1e-9
-"""Added to a bound before a ratio is taken or an exit is called: rounding where a bound is zero."""
+"""Rounding, where a bound is zero."""
 
 
 class Deviation(NamedTuple):
@@ -148,21 +148,25 @@ class TubeMonitor(LeafSystem):
             not read it. None: no trajectory-wise bound, because the constants allow for none.
         period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
             which leaves the steps as they are.
-        slack: An exit is a deviation above (1 + slack) bound + `FLOOR`. A disturbance of constant
+        slack: An exit is a deviation above (1 + slack) bound + floor. A disturbance of constant
             direction takes ‖𝔯‖ to R exactly, so the integrator's error decides which is larger. It
             is of the order of the integrator in the step: with `runge_kutta3` on a robot that meets
             a wall, 0.7 % of R at 0.02 s and 0.01 % at 0.005 s, and 0.001 % of E_b.
+        floor: See `slack`; a ratio is that to the bound or to the floor, whichever is larger. What
+            the integrator leaves of the exact cascade where the bound is zero.
     """
 
     def __init__(self, model: UvmsModel, config: AncillaryConfig, d_bound: float,
                  radii: Mapping[str, float], *, comparison: np.ndarray | None = None,
-                 period: float = 0.01, slack: float = 1e-6):
+                 period: float = 0.01, slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
         require(0.0 <= period < np.inf, "period", period, "zero or positive")
         require(0.0 <= slack < np.inf, "slack", slack, "zero or positive")
         require(set(radii) <= set(FIELDS), "radii", list(radii), f"among {', '.join(FIELDS)}")
-        self._model, self._law, self._d_bound, self._slack = model, config, d_bound, slack
+        require(0.0 < floor < np.inf, "floor", floor, "positive")
+        self._model, self._law, self._d_bound = model, config, d_bound
+        self._slack, self._floor = slack, floor
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
         require(not np.any(self._radii < 0.0), "radii", self._radii, "zero or positive")
         self._comparison = comparison
@@ -241,21 +245,22 @@ class TubeMonitor(LeafSystem):
     def _ratios(self, context) -> np.ndarray:
         norms = self._deviation.Eval(context).norms
         bounds = np.concatenate([self._radii, self._bounds(context)])
-        return np.tile(norms, 2) / (bounds + FLOOR)
+        return np.tile(norms, 2) / np.maximum(bounds, self._floor)
 
     def _update(self, context, discrete_state):
         old = context.get_discrete_state_vector().value()
         outside, exits, first, worst = np.split(old, [3, 6, 9])
         norms = np.tile(self._deviation.Eval(context).norms, 2)
         bounds = np.concatenate([self._radii, self._bounds(context)])
-        beyond = norms > (1.0 + self._slack) * bounds + FLOOR
+        beyond = norms > (1.0 + self._slack) * bounds + self._floor
         d = 0.0
         if self._disturbance_port.HasValue(context):
             d = float(np.linalg.norm(self._disturbance_port.Eval(context)))
         is_outside = np.array([np.any(beyond[:6]), np.any(beyond[6:]),
                                d > (1.0 + self._slack) * self._d_bound + FLOOR])
         left = is_outside & (outside == 0.0)
-        ratios = np.append(norms / (bounds + FLOOR), d / (self._d_bound + FLOOR))
+        ratios = np.append(norms / np.maximum(bounds, self._floor),
+                           d / max(self._d_bound, FLOOR))
         discrete_state.set_value(np.concatenate([
             is_outside, exits + left, np.where(left, np.minimum(first, context.get_time()), first),
             np.maximum(worst, ratios)]))
