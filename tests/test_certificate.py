@@ -69,6 +69,7 @@ def test_what_is_no_certificate_is_refused(text, tmp_path):
 @pytest.mark.parametrize(("override", "stale"), [
     ("seed=3", False), ("duration=2", False), ("tube.e=0.01", False),
     ("mpc.terminal_radius=0.1", False), ("description=another", False),
+    ("task.force_tolerance=1", False), ("current.0=0.1", True),
     ("disturbance.frequency=3", False),
     ("disturbance.bound=0.11", True), ("limits.nu1=0.26", True), ("ancillary.k=19", True),
     ("surface.stiffness=1001", True), ("mpc.horizon=16", True), ("start.eta.0=-1.36", True),

@@ -95,6 +95,7 @@ def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypa
     (["ancillary=!Transpose {k: 20, sigma: 1}"], "a = "),
     (["ancillary.sigma=0.5"], "σ"),
     (["mpc.horizon=4"], "first plan, distance"),
+    (["current=[0.1, 0, 0]"], "current"),
 ])
 def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(overrides, begins):
     void = certify(load_scenario("girona500_contact", overrides))
@@ -113,7 +114,7 @@ def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate):
     assert k > 500.0
     void = certify(load_scenario(
         "girona500_contact", [f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
-    assert [item.holds for item in void.conditions] == [True, True, True, False]
+    assert [item.holds for item in void.conditions] == [True, True, True, False, True]
     assert "does not determine" in void.failed.name
 
 

@@ -183,6 +183,8 @@ def run_scenario(args: argparse.Namespace) -> int:
             certificate = _certificate(scenario, source, output / CERTIFICATE_FILE)
             write_certificate(certificate, folder)
             scenario = certificate.applied_to(scenario)
+            print(f"certified: force error finally below {certificate.bounds['force']:.3g} N",
+                  file=sys.stderr)
         record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
         text = write_outputs(record, folder, figures=not args.no_figures,
                              replay=not args.no_replay)
@@ -203,18 +205,19 @@ def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
     One that `certify` has written is a commitment: if it no longer fits, the run is refused. One
     that a former run has written is that run's, and makes room for a new one.
     """
-    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.table import verdict
 
-    certificate = read_certificate(path) if path.is_file() else None
     with reported_in(source):
+        check_inputs(scenario)
+        certificate = read_certificate(path) if path.is_file() else None
         if certificate is not None and (changed := stale_reason(certificate, scenario)):
             if certificate.made_by == "certify":
-                raise RunFailed(f"{path}: stale, {changed} has changed since it was made; make it "
-                                "again with 'certify', or run with --uncertified")
+                raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
+                                "make it again for this scenario, or use another --output")
             certificate = None
         if certificate is None:
-            print("certifying ...", file=sys.stderr)
+            print("certifying (half a minute, the first time) ...", file=sys.stderr)
             certificate = replace(certified_once(scenario), made_by="run")
     if not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")

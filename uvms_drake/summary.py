@@ -82,7 +82,7 @@ def summarise_force(record: Record) -> dict[str, object]:
         "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
         "settling_time_s": None if index is None else record.time[index],
         "peak_normal": np.max(normal) if magnitude > 0.0 else None,
-        "overshoot": _overshoot(record.force, magnitude, index),
+        "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, magnitude, index),
         "last_5_s": {"mean_error_norm": np.mean(error[end]),
                      "worst_normal_error": np.max(np.abs(normal[end] - magnitude))},
     }
@@ -95,10 +95,10 @@ def settling_index(error: np.ndarray, tolerance: float) -> int | None:
     return first if first < len(error) else None
 
 
-def _overshoot(force: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
-    """Returns by how much ‖force‖ exceeded the desired one before it settled."""
-    stop = len(force) if settled is None else settled + 1
-    excess = max(float(np.max(np.linalg.norm(force[:stop, :3], axis=1))) - desired, 0.0)
+def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
+    """Returns by how much the force along the desired one (T,) exceeded it before it settled."""
+    stop = len(normal) if settled is None else settled + 1
+    excess = max(float(np.max(normal[:stop])) - desired, 0.0)
     return {"newton": excess, "percent": 100.0 * excess / desired if desired > 0.0 else None}
 
 
@@ -214,14 +214,13 @@ def _format_run(summary: dict) -> list[str]:
 def _format_force(force: dict) -> list[str]:
     settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
                if force["settling_time_s"] is not None else "never settled within the tolerance")
-    overshoot = force["overshoot"]
-    last = force["last_5_s"]
+    overshoot, last = force["overshoot"], force["last_5_s"]
+    impact = "started in contact" if overshoot is None else (
+        f"impact overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
     return [
         f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} N at the end",
-        f"{'':<14}normal {_number(force['peak_normal'], '.4g')} N at its peak, "
-        f"impact overshoot {overshoot['newton']:.3g} N "
-        f"({_number(overshoot['percent'], '.3g')} %)",
-        f"{'':<14}last {LAST_SECONDS:g} s: error {last['mean_error_norm']:.3g} N on average, "
+        f"{'':<14}normal {_number(force['peak_normal'], '.4g')} N at its peak, {impact}",
+        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} N on average, "
         f"normal off by {last['worst_normal_error']:.3g} N at most",
     ]
 

@@ -167,12 +167,11 @@ class JacobianBoxes:
 
         ∂ᵢC = −C S(wᵢ); ∂ᵢ(C aⱼ) = −C(wᵢ × aⱼ) for i > j, else 0: the joint turns both alike.
         """
-        n, m = self._model.num_joints, len(C)
-        Q = np.zeros((m, n + 2, 3, 6 + n))
+        n = self._model.num_joints
+        Q = np.zeros((len(C), n + 2, 3, 6 + n))
         Q[:, 0, :, 6:] = np.swapaxes(axes[:, :n], -1, -2)
         for i in range(n + 1):
-            Q[:, 1 + i, :, 6: 6 + i] = -np.swapaxes(
-                cross(axes[:, i, None], axes[:, :i]), -1, -2)
+            Q[:, 1 + i, :, 6: 6 + i] = np.swapaxes(cross(axes[:, :i], axes[:, i, None]), -1, -2)
         if self._block != "attitude":
             Q[:, 0, :, 3:6] = np.eye(3)
             Q[:, 1:, :, 3:6] = -skew(axes)

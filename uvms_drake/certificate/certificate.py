@@ -26,10 +26,10 @@ from uvms_drake.model.description import model_dir
 from uvms_drake.scenario import Scenario, dump_scenario
 
 CERTIFICATE_FILE = "certificate.json"
-IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "current",
-              "tube")
+IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube")
 """Keys of a scenario that a certificate does not depend on. `tube` is for runs without one; of
-`disturbance` the bound counts, of `mpc` all but the terminal set's declared radius."""
+`disturbance` the bound counts, of `mpc` all but the terminal set's declared radius, of `task` all
+but what counts as settled."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +155,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
         relevant.pop(key, None)
     relevant["disturbance"] = scenario.disturbance.bound
     relevant["mpc"].pop("terminal_radius")
+    relevant["task"].pop("force_tolerance")
     return {"files": files, "inputs": _digest(_plain(relevant)),
             "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake")}}
 

@@ -35,7 +35,7 @@ from uvms_drake.control.limits import (
 )
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.errors import InvalidParameter, require, within
+from uvms_drake.errors import InvalidParameter, require, vector, within
 from uvms_drake.model.contact import PlaneLaw, SpringLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
@@ -55,12 +55,7 @@ def certify(scenario: Scenario) -> Certificate:
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
     """
-    with within("certificate"):
-        check_settings(scenario.certificate)
-    with within("surface"):
-        surface = make_surface_law(scenario.surface)
-    model = UvmsModel.load(scenario.model, surface)
-    _check_inputs(scenario, model)
+    model = check_inputs(scenario)
     declared = declared_set(scenario, model)
     constants = constants_of(scenario, model, declared)
     draft = Certificate(
@@ -72,15 +67,28 @@ def certify(scenario: Scenario) -> Certificate:
         tube, conditions = resolved_radii_of(scenario, model, declared, constants)
     else:
         tube, conditions = _transpose(scenario, model, constants)
-    draft = replace(draft, tube=tube, conditions=conditions)
+    draft = replace(draft, tube=tube, conditions=(*conditions, Condition(
+        "current, which the controller does not know", float(np.linalg.norm(scenario.current)),
+        "<=", 0.0)))
     if not draft.certified:
         return draft
     draft = draft.adding(room_of(scenario, tube, model))
     return _with_terminal_set(draft, scenario) if draft.certified else draft
 
 
-def _check_inputs(scenario: Scenario, model: UvmsModel) -> None:
-    """Raises `InvalidParameter` for what would have no meaning even without any tube."""
+def check_inputs(scenario: Scenario) -> UvmsModel:
+    """Returns the controller's model, if the scenario would have a meaning without any tube.
+
+    Raises:
+        InvalidParameter: It would not.
+    """
+    with within("certificate"):
+        check_settings(scenario.certificate)
+    with within("surface"):
+        surface = make_surface_law(scenario.surface)
+    model = UvmsModel.load(scenario.model, surface)
+    vector("current", scenario.current, 3)
+    require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     check_limits(scenario.limits, model.num_joints)
     for owner, keys in (("ancillary", ("k", "sigma")), ("disturbance", ("bound",))):
         with within(owner):
@@ -92,6 +100,7 @@ def _check_inputs(scenario: Scenario, model: UvmsModel) -> None:
     none = np.zeros(model.size)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube))
+    return model
 
 
 def certified_once(scenario: Scenario) -> Certificate:

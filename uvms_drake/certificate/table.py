@@ -13,6 +13,8 @@ HELP = {
     "b = ": "a larger ancillary.k",
     "ab": "a larger ancillary.k",
     "n, joints": "the law resolved",
+    "current":
+        "still water, or --uncertified: a current is a model error that d̃ does not count",
     "terminal set": "wider input limits or other mpc weights",
     "first plan, violation": "a start further inside the limits",
     "first plan, distance": "a longer horizon or a closer start",
