@@ -220,8 +220,8 @@ def _format_force(force: dict) -> list[str]:
     return [
         f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} N at the end",
         f"{'':<14}normal {_number(force['peak_normal'], '.4g')} N at its peak, {impact}",
-        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} N on average, "
-        f"normal off by {last['worst_normal_error']:.3g} N at most",
+        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} N on "
+        f"average, normal off by {last['worst_normal_error']:.3g} N at most",
     ]
 
 
