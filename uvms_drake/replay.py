@@ -13,7 +13,7 @@ from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario
 
 FRAME_RATE = 25.0  # 1/s
-WALL_SIZE = (0.02, 2.0, 1.6)  # m, thickness first
+WALL_SIZE = (0.02, 0.7, 1.0)  # m, thickness first
 WALL_COLOR = Rgba(0.55, 0.6, 0.65, 0.5)
 WATER_COLOR = {"top_color": [0.55, 0.75, 0.85], "bottom_color": [0.05, 0.22, 0.34]}
 NOMINAL_COLOR = Rgba(0.9, 0.62, 0.0, 0.9)
@@ -34,8 +34,8 @@ def draw_scene(meshcat: Meshcat, scenario: Scenario) -> None:
         meshcat.SetTransform(f"{MESHCAT_NED}/wall", RigidTransform(
             R_WS, surface.point - 0.5 * WALL_SIZE[0] * normal))
     # Meshcat's axes are Σ_I turned by π about x.
-    target = scenario.start.eta[:3] * [1.0, -1.0, -1.0] + [0.6, 0.0, -0.1]
-    meshcat.SetCameraPose(target + np.array([-0.1, -2.1, 0.7]), target)
+    target = scenario.start.eta[:3] * [1.0, -1.0, -1.0] + [0.75, 0.0, -0.1]
+    meshcat.SetCameraPose(target + np.array([-0.35, -1.9, 0.45]), target)
 
 
 def write_replay(record: Record, path: Path) -> None:
