@@ -57,18 +57,18 @@ def arm_and_bounds(robot: str, model) -> tuple[UvmsModel, ConstraintSet]:
 
 
 def check_boxes_about_states(arm, bounds: ConstraintSet, block: str, seed: int) -> None:
-    """Checks boxes of all sizes about feasible states, each at 300 points of it."""
+    """Checks boxes of all sizes about feasible states, each at 120 points of it."""
     boxes = JacobianBoxes(arm, bounds, block)
     _, x = coordinates(arm, bounds, boxes, 500)
     rng = np.random.default_rng(seed)
-    for _ in range(150):
+    for _ in range(100):
         half = 10.0 ** rng.uniform(-2.0, 0.0) * rng.uniform(0.2, 1.0, x.shape[1])
         half[boxes.lower == boxes.upper] = 0.0
         half[-1] = min(half[-1], 0.6)
         centre = x[rng.integers(len(x))] + rng.uniform(-1.0, 1.0, x.shape[1]) * half
         centre[-1] = np.clip(centre[-1], -1.2 + half[-1], 1.2 - half[-1])
-        shift = rng.choice([-1.0, 1.0], (300, x.shape[1]))
-        shift[100:] *= rng.uniform(size=(200, x.shape[1]))
+        shift = rng.choice([-1.0, 1.0], (120, x.shape[1]))
+        shift[40:] *= rng.uniform(size=(80, x.shape[1]))
         assert_bounded(boxes, centre, half, shift)
 
 
@@ -101,6 +101,7 @@ def test_large_multipliers_give_a_bound_where_only_curvature_makes_a_state_feasi
     g = boxes._constraints(axes, C, np.stack([theta - 0.2, theta + 0.2]), none)
     at = boxes._constraints(axes, C, np.stack([theta, theta]), none)
     checked = {"rest": 0, "chord": 0}
+    steps = np.tile(np.linspace(-1.0, 1.0, 41)[:, None], (1, centres.shape[1]))
     for k in range(5):
         others = np.all(np.delete(np.maximum(*g.value), k, axis=1) < 0.0, axis=1)
         flat = np.abs(at.slope[0, :, k]) < 0.05
@@ -113,7 +114,7 @@ def test_large_multipliers_give_a_bound_where_only_curvature_makes_a_state_feasi
             half = np.zeros(centres.shape[1])
             half[i] = 0.2 if i == -1 else 0.3
             for centre in centres[chosen][:20]:
-                feasible = assert_bounded(boxes, centre, half, np.linspace(-1, 1, 41)[:, None])
+                feasible = assert_bounded(boxes, centre, half, steps)
                 checked["chord" if i == -1 else "rest"] += feasible > 0
     assert checked["rest"] > 20 and checked["chord"] > 5
 

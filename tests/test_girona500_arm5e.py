@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description import Uvms, add_uvms, model_dir
 from uvms_drake.model.hydrodynamics_data import added_mass_about_origin
+from uvms_drake.plant.surface import pose_and_jacobian
 
 # Cylinders of the arm, typed again: radius, length, axis, centre in the body's frame [m].
 CYLINDERS = {
@@ -298,3 +299,24 @@ def test_the_probe_ends_exactly_at_the_tip(shapes):
     X, ball = shapes["link4/ball"]
     assert isinstance(ball, Sphere)
     np.testing.assert_allclose(X.translation(), [0.0, 0.0, -ball.radius()], atol=1e-12)
+
+
+def test_the_plants_pose_and_jacobian_of_the_tip_are_the_chains(uvms):
+    """χ by the paper's table to 1e-12, J_χ v by its five-point differences to 1e-9."""
+    rng, coordinates, h = np.random.default_rng(4), Coordinates(uvms), 2e-3
+    context = uvms.plant.CreateDefaultContext()
+    for _ in range(10):
+        config = np.concatenate([rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.4, 0.4, 3),
+                                 rng.uniform(dh.LOWER, dh.UPPER)])
+        config[7:9] = [1.1, 0.47] + rng.uniform(-0.2, 0.2, 2)  # The tip is far from straight down.
+        zeta = rng.normal(size=10)
+        state = coordinates.to_drake(np.concatenate([config, zeta]))
+        uvms.plant.SetPositionsAndVelocities(context, state)
+        chi, J = pose_and_jacobian(uvms.plant, context, uvms.tip)
+        np.testing.assert_allclose(chi, dh.chi(config), atol=1e-12)
+        rate = np.concatenate([
+            dh.vehicle(config)[:3, :3] @ zeta[:3],
+            RollPitchYaw(config[3:6]).CalcRpyDtFromAngularVelocityInChild(zeta[3:6]), zeta[6:]])
+        ahead, behind, far, back = (dh.chi(config + s * h * rate) for s in (1, -1, 2, -2))
+        expected = (8.0 * (ahead - behind) - (far - back)) / (12.0 * h)
+        np.testing.assert_allclose(J @ state[uvms.plant.num_positions():], expected, atol=1e-9)
