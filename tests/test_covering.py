@@ -1,5 +1,6 @@
 """Tests of `uvms_drake.certificate.covering` and of `boxes`, whose bounds it uses."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -90,36 +91,44 @@ def test_the_bound_of_a_box_holds_at_the_states_in_it(model, block, robot):
 @pytest.mark.parametrize("robot", ["girona", "oblique"])
 def test_large_multipliers_give_a_bound_where_only_curvature_makes_a_state_feasible(
         model, robot, monkeypatch):
-    """Boxes wide in one coordinate, infeasible where g is linear (or at both ends in θ)."""
+    """Boxes wide in one coordinate, about centres where one g_k is positive and hardly slopes."""
     arm, bounds = arm_and_bounds(robot, model)
     boxes = JacobianBoxes(arm, bounds, "extended")
     rng = np.random.default_rng(18)
     centres = rng.uniform(boxes.lower, boxes.upper, (60_000, len(boxes.lower)))
     axes, _, _, C = boxes._geometry(centres)
-    none = np.zeros((len(centres), centres.shape[1] - 1))
-    theta = centres[:, -1]
-    g = boxes._constraints(axes, C, np.stack([theta - 0.2, theta + 0.2]), none)
-    at = boxes._constraints(axes, C, np.stack([theta, theta]), none)
-    checked = {"rest": 0, "chord": 0}
+    g = boxes._constraints(axes, C, np.tile(centres[:, -1], (2, 1)), 0.0 * centres[:, :-1])
     steps = np.tile(np.linspace(-1.0, 1.0, 41)[:, None], (1, centres.shape[1]))
+    checked = 0
     for k in range(5):
-        others = np.all(np.delete(np.maximum(*g.value), k, axis=1) < 0.0, axis=1)
-        flat = np.abs(at.slope[0, :, k]) < 0.05
-        cases = [(i, others & (at.value[0, :, k] > 0.0) & (at.value[0, :, k] < 0.02) & flat[:, i])
-                 for i in range(centres.shape[1] - 1)]
-        cases.append((-1, others & np.all((g.value[..., k] > 0.0) & (g.value[..., k] < 0.03), 0)
-                      & (at.value[0, :, k] < 0.0)))
+        value, flat = g.value[0, :, k], np.abs(g.slope[0, :, k]) < 0.05
+        others = np.all(np.delete(g.value[0], k, axis=1) < 0.0, axis=1)
         monkeypatch.setattr("uvms_drake.certificate.boxes._multipliers", only(k))
-        for i, chosen in cases:
+        for i in range(centres.shape[1] - 1):
             half = np.zeros(centres.shape[1])
-            half[i] = 0.2 if i == -1 else 0.3
-            for centre in centres[chosen][:20]:
-                feasible = assert_bounded(boxes, centre, half, steps)
-                checked["chord" if i == -1 else "rest"] += feasible > 0
-    assert checked["rest"] > 20 and checked["chord"] > 5
+            half[i] = 0.3
+            for centre in centres[others & (value > 0.0) & (value < 0.02) & flat[:, i]][:20]:
+                checked += assert_bounded(boxes, centre, half, steps) > 0
+    assert checked > 20
 
 
-def only(k: int):
+def test_a_constraint_is_above_its_chord_in_tan_theta_less_an_eighth_of_the_square(model):
+    boxes = JacobianBoxes(model, BOUNDS, "task")
+    rng = np.random.default_rng(19)
+    centres = rng.uniform(boxes.lower, boxes.upper, (20_000, 6))
+    axes, _, _, C = boxes._geometry(centres)
+    t = np.sort(np.tan(rng.uniform(-1.4, 1.4, (2, 20_000))), axis=0)
+    share = rng.uniform(size=20_000)
+    between = share * t[0] + (1.0 - share) * t[1]
+    h = 0.0 * centres[:, :-1]
+    ends = boxes._constraints(axes, C, np.arctan(t), h).value
+    inner = boxes._constraints(axes, C, np.arctan(np.stack([between, between])), h).value[0]
+    chord = share[:, None] * ends[0] + (1.0 - share)[:, None] * ends[1]
+    assert np.all(inner >= chord - (t[1] - t[0])[:, None] ** 2 / 8.0)
+    assert np.any(inner < chord - 0.9 * (t[1] - t[0])[:, None] ** 2 / 8.0)
+
+
+def only(k: int) -> Callable:
     """Returns multipliers that are zero but for a very large one of the k-th constraint."""
     def multipliers(K, g, h, chord):
         mu = np.zeros(g.value.shape[1:])

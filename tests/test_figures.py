@@ -6,13 +6,14 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 from synthetic import synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.figure_style import COLUMN_WIDTH, STYLE, tube_label
-from uvms_drake.figures import FIGURES, make_figures
+from uvms_drake.figures import FIGURES, UNCERTIFIED, make_figures
 
 NAMES = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.png",
          "disturbance.png", "mpc.png", "deviation.png"}
@@ -162,3 +163,12 @@ def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_pat
         chi=np.tile(record.chi_des, (len(record.time), 1)),
         disturbance=np.zeros_like(record.disturbance), mpc_status=np.ones_like(record.mpc_status))
     make_figures(quiet, tmp_path)
+
+
+@pytest.mark.parametrize("certified", [False, True])
+def test_every_figure_of_a_run_without_a_certificate_says_so(certified, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(Figure, "text", lambda self, x, y, text, **_: seen.append(text))
+    record = replace(synthetic_record(4.0), certified=np.array(certified))
+    make_figures(record, tmp_path)
+    assert seen == ([] if certified else [UNCERTIFIED] * len(FIGURES))

@@ -29,13 +29,19 @@ from uvms_drake.figure_style import (
 from uvms_drake.record import Record
 from uvms_drake.summary import input_names, settling_index
 
+UNCERTIFIED = "run without a certificate"
+
 
 def make_figures(record: Record, output_dir: Path) -> list[Path]:
     """Writes all figures of a run as PNG files into a folder and returns their paths."""
     paths = []
     for name, draw in FIGURES.items():
         with matplotlib.rc_context(STYLE):
-            draw(record).savefig(output_dir / name)
+            figure = draw(record)
+            if not record.certified:
+                figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
+                            color=VERMILION)
+            figure.savefig(output_dir / name)
         paths.append(output_dir / name)
     return paths
 
