@@ -298,3 +298,22 @@ def test_kinetic_energy_grows_by_the_power_of_the_forces(derivative):
                 model.kinematics(moved(config, zeta, s))) @ later
 
         assert derivative(energy, 1e-4) == pytest.approx(zeta @ tau, rel=1e-7, abs=1e-6)
+
+
+def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
+    """Released at rest it moves as one rigid body with added mass: v̇ = (m − ρV)g/(m + m_A)."""
+    folder = tmp_path / "bare"
+    folder.mkdir()
+    (folder / "bare.sdf").write_text(
+        '<sdf version="1.9"><model name="bare"><link name="vehicle"><inertial><mass>50</mass>'
+        "</inertial></link><frame name=\"tip\" attached_to=\"vehicle\"><pose>0.6 0 0 0 0 0</pose>"
+        "</frame></model></sdf>")
+    (folder / "hydrodynamics.yaml").write_text(
+        "bodies: {vehicle: {displaced_volume: 0.04, added_mass: [{matrix: [9, 9, 30, 1, 1, 1]}]}}")
+    (folder / "package.xml").write_text(
+        '<?xml version="1.0"?><package format="2"><name>bare</name></package>')
+    bare = UvmsModel.load(str(folder), make_surface_law(UnilateralPlane()))
+    config = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    expected = np.array([0.0, 0.0, (50.0 - 40.0) * 9.81 / (50.0 + 30.0), 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(bare.drift(config, np.zeros(6)), expected, atol=1e-12)
+    np.testing.assert_allclose(bare.task_pose(config)[:3], [-2.4, 0.0, 0.0], atol=1e-12)

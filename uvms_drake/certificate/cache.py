@@ -1,5 +1,6 @@
 """Results that take long, kept between runs by a hash of what they depend on."""
 
+import functools
 import hashlib
 import json
 import os
@@ -23,10 +24,10 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
     A cache that is corrupt is ignored and made again; one that cannot be written is no error.
 
     Args:
-        key: All that the result depends on, as what JSON can hold; this package's version is added.
+        key: All that the result depends on, as what JSON can hold; this package's source is added.
         compute: Returns what JSON can hold.
     """
-    text = json.dumps([uvms_drake.__version__, key], sort_keys=True)
+    text = json.dumps([_source_digest(), key], sort_keys=True)
     path = cache_dir() / f"{hashlib.sha256(text.encode()).hexdigest()}.json"
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -37,6 +38,16 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
     value = compute()
     _write(path, json.dumps({"key": json.loads(text), "value": value}))
     return value
+
+
+@functools.cache
+def _source_digest() -> str:
+    """Returns the SHA-256 of this package's Python files: another program, another result."""
+    folder = Path(uvms_drake.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _write(path: Path, text: str) -> None:

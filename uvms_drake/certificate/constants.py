@@ -38,7 +38,7 @@ from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_r
 
 BATCH = 200
 """States evaluated at a time; larger batches leave the processor's cache."""
-START_RANKS = (0, 1, 2, 4, 8)
+START_RANKS = (0, 1, 2, 3, 5, 8, 13, 21)
 """Ranks of the samples from which the local searches start, the worst first."""
 INFIMA = ("J_min",)
 """The constants that are lower bounds."""
@@ -208,22 +208,28 @@ def estimate_constants(model: UvmsModel, constraint_set: ConstraintSet,
     require(1.0 <= safety_factor < np.inf, "safety_factor", safety_factor, "at least 1")
     config, zeta = constraint_set.sample(model, samples, np.random.default_rng(seed))
     values = sampled_values(model, config, zeta, names)
-    return {name: _estimate(model, constraint_set, name, config, zeta, values[name], safety_factor)
-            for name in names}
+    ends = [end for name in names
+            for end in _local_maxima(model, constraint_set, name, config, zeta, values[name])]
+    # What is bad for one constant is tried for all of them.
+    config, zeta = (np.array(states) for states in zip(*ends, strict=True))
+    values = sampled_values(model, config, zeta, names)
+    out = {}
+    for name in names:
+        infimum = name in INFIMA
+        worst = int(np.argmin(values[name]) if infimum else np.argmax(values[name]))
+        reached = float(values[name][worst])
+        out[name] = Constant(
+            name=name, value=reached / safety_factor if infimum else reached * safety_factor,
+            how="estimated", samples=samples, worst={"config": config[worst], "zeta": zeta[worst]},
+            safety_factor=safety_factor, sampled_value=reached)
+    return out
 
 
-def _estimate(model: UvmsModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
-              zeta: np.ndarray, values: np.ndarray, safety_factor: float) -> Constant:
-    """Returns one constant from its values (m,) at the samples (m, 6+n)."""
+def _local_maxima(model: UvmsModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
+                  zeta: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Returns where local searches end that start from the worst of the samples (m, 6+n)."""
     quantity = QUANTITIES[name]
     order = np.argsort(values if name in INFIMA else -values, kind="stable")
     starts = order[[rank for rank in START_RANKS if rank < len(order)]]
-    reached = [climb(partial(quantity.value_and_gradient, model), model, constraint_set,
-                     config[i], zeta[i]) for i in starts]
-    signed, worst_config, worst_zeta = max(reached, key=lambda item: item[0])
-    sampled = float((quantity.sign * signed) ** quantity.power)
-    factor = 1.0 / safety_factor if name in INFIMA else safety_factor
-    return Constant(
-        name=name, value=sampled * factor, how="estimated", samples=len(values),
-        worst={"config": worst_config, "zeta": worst_zeta}, safety_factor=safety_factor,
-        sampled_value=sampled)
+    return [climb(partial(quantity.value_and_gradient, model), model, constraint_set,
+                  config[i], zeta[i])[1:] for i in starts]

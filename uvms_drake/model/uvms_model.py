@@ -68,13 +68,13 @@ class UvmsModel:
         placements = [plant.CalcRelativeTransform(
             context, link.body_frame(), joint.frame_on_parent())
             for link, joint in zip(links[:-1], uvms.joints, strict=True)]
-        self._R_LF = np.array([X.rotation().matrix() for X in placements])
-        self._p_LF = np.array([X.translation() for X in placements])
+        self._R_LF = np.array([X.rotation().matrix() for X in placements]).reshape(-1, 3, 3)
+        self._p_LF = np.array([X.translation() for X in placements]).reshape(-1, 3)
         after = [joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
                  for joint in uvms.joints]
-        self._R_MC = np.array([X.rotation().matrix() for X in after])
-        self._p_MC = np.array([X.translation() for X in after])
-        axis_F = np.array([joint.revolute_axis() for joint in uvms.joints])
+        self._R_MC = np.array([X.rotation().matrix() for X in after]).reshape(-1, 3, 3)
+        self._p_MC = np.array([X.translation() for X in after]).reshape(-1, 3)
+        axis_F = np.array([joint.revolute_axis() for joint in uvms.joints]).reshape(-1, 3)
         self._axis_L = (self._R_LF @ axis_F[..., None])[..., 0]
         self._S_axis = skew(axis_F)
         self._joint_damping = np.array([joint.default_damping() for joint in uvms.joints])
