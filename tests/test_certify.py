@@ -96,6 +96,7 @@ def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypa
     (["ancillary.sigma=0.5"], "σ"),
     (["mpc.horizon=4"], "first plan, distance"),
     (["current=[0.1, 0, 0]"], "current"),
+    (["certificate.force_range=1.05"], "first plan, force"),
 ])
 def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(overrides, begins):
     void = certify(load_scenario("girona500_contact", overrides))

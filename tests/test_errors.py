@@ -36,7 +36,7 @@ def test_a_caller_may_catch_it_as_value_error():
 
 
 def test_require_is_silent_if_the_condition_holds():
-    require(True, "key", 1, "one")
+    assert require(True, "key", 1, "one") is None
 
 
 def test_within_prepends_the_path_from_outside_in():

@@ -162,7 +162,8 @@ def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_pat
         penetration=np.zeros_like(record.penetration), state=record.nominal_state,
         chi=np.tile(record.chi_des, (len(record.time), 1)),
         disturbance=np.zeros_like(record.disturbance), mpc_status=np.ones_like(record.mpc_status))
-    make_figures(quiet, tmp_path)
+    assert {path.name for path in make_figures(quiet, tmp_path)} == NAMES
+    assert all(np.all(np.isfinite(imread(tmp_path / name))) for name in NAMES)
 
 
 @pytest.mark.parametrize("certified", [False, True])

@@ -73,7 +73,7 @@ def certify(scenario: Scenario) -> Certificate:
     if not draft.certified:
         return draft
     draft = draft.adding(room_of(scenario, tube, model))
-    return _with_terminal_set(draft, scenario) if draft.certified else draft
+    return _with_terminal_set(draft, tube, scenario) if draft.certified else draft
 
 
 def check_inputs(scenario: Scenario) -> UvmsModel:
@@ -209,7 +209,7 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condi
             for name, radius, room in tightened_parts(scenario.limits, tube, q_lower, q_upper)]
 
 
-def _with_terminal_set(draft: Certificate, scenario: Scenario) -> Certificate:
+def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) -> Certificate:
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario))
@@ -220,7 +220,6 @@ def _with_terminal_set(draft: Certificate, scenario: Scenario) -> Certificate:
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
     worst = min(check.margins.values())
-    tube = draft.tube if draft.tube is not None else TubeRadii()
     draft = replace(draft, terminal=terminal, bounds=ultimate_bounds(tube, scenario, ocp.model))
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
@@ -229,16 +228,25 @@ def _with_terminal_set(draft: Certificate, scenario: Scenario) -> Certificate:
 
 
 def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> list[Condition]:
-    """Returns the assumption of the Theorem: the FHOCP is feasible at t = 0."""
+    """Returns the assumption of the Theorem: the FHOCP is feasible at t = 0.
+
+    And that the plan does not press harder than the declared set reaches, which no limit of the
+    MPC sees to.
+    """
     ocp = make_ocp(draft.applied_to(scenario))
     config, zeta = np.split(start, 2)
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, config, zeta), FIRST_SOLVE_ITERATIONS)
-    if solution.evaluation is None:
+    if solution.plan is None or solution.evaluation is None:
         return [Condition("first plan found", 0.0, ">=", 1.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
+    chi = ocp.model.task_pose(solution.plan.config)[:, :6]
+    pressed = np.linalg.norm(ocp.model.surface.force(chi, np.zeros_like(chi))[:, :3], axis=1)
+    desired = float(np.linalg.norm(np.asarray(scenario.task.force)[:3]))
     return [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
-            Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
+            Condition("first plan, distance to the terminal set", slack, "<=", REACHED),
+            Condition("first plan, force on the surface", float(np.max(pressed)), "<=",
+                      scenario.certificate.force_range * desired)]
 
 
 def ultimate_bounds(tube: TubeRadii, scenario: Scenario, model: UvmsModel) -> dict[str, float]:

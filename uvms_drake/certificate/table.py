@@ -17,6 +17,7 @@ HELP = {
         "still water, or --uncertified: a current is a model error that d̃ does not count",
     "terminal set": "wider input limits or other mpc weights",
     "first plan, violation": "a start further inside the limits",
+    "first plan, force": "a larger certificate.force_range",
     "first plan, distance": "a longer horizon or a closer start",
 }
 """What would make a failed condition hold, by how its name begins."""
