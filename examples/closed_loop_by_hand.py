@@ -11,8 +11,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.control.ancillary import Resolved
+from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import tighten
-from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact import UnilateralPlane, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
@@ -39,7 +39,7 @@ def main() -> None:
     model = UvmsModel.load(ROBOT, make_surface_law(WALL))
     y_des = np.concatenate([model.surface.pose_for(FORCE, POSE), POSTURE])
     limits = tighten(settings.limits, settings.tube, model.q_lower, model.q_upper)
-    ocp = Ocp(model, settings.mpc, y_des, limits)
+    ocp = DynamicOcp(model, settings.mpc, y_des, limits)
 
     # Plant and controller are Diagrams with named ports.
     builder = DiagramBuilder()

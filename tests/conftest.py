@@ -87,5 +87,5 @@ def start_plans(short_ocp: Ocp) -> dict[str, list[Plan]]:
             [0.0, 0.1, 0.1, 0.03, 0.03, 0.1, 0.1, 0.1, 0.1, 0.2])
         config[0] += rng.uniform(*depths[where]) - model.task_pose(config)[0]
         zeta = rng.uniform(-1.0, 1.0, size=10) * np.repeat([0.05, 0.03, 0.06], [3, 3, 4])
-        plans[where].append(short_ocp.resting_plan(0.0, config, zeta))
+        plans[where].append(short_ocp.resting_plan(0.0, np.concatenate([config, zeta])))
     return plans

@@ -98,7 +98,7 @@ def test_the_first_plan_is_converged_and_later_ones_take_the_iterations_asked_fo
     solver = SequentialConvexSolver(short_ocp)
     setup = Setup(solver, start, iterations=1)
     setup.simulator.Initialize()
-    guess = short_ocp.resting_plan(0.0, start[:10], start[10:])
+    guess = short_ocp.resting_plan(0.0, start)
     expected = solver.solve(guess, 100)
     assert setup.report()["cost"] == pytest.approx(expected.evaluation.cost, rel=1e-6)
     setup.go(H + 0.01)

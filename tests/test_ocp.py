@@ -7,8 +7,9 @@ import dh
 import numpy as np
 import pytest
 
+from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import TERMINAL_PENALTY, VIOLATION_PENALTY, Ocp
-from uvms_drake.control.plan import Plan, advance
+from uvms_drake.control.plan import DynamicPlan, Plan, advance
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.scenario import load_scenario
 
@@ -27,7 +28,7 @@ def plan_around(ocp, seed: int, depth: float = 0.0) -> Plan:
     zeta[:3] = 0.01, -0.02, 0.015
     zeta_dot = rng.uniform(-0.1, 0.1, size=(4, 10))
     zeta_dot[:, :3] *= 0.01
-    return Plan.from_accelerations(0.0, H, ocp.model.configuration(y), zeta, zeta_dot)
+    return DynamicPlan.from_accelerations(0.0, H, ocp.model.configuration(y), zeta, zeta_dot)
 
 
 @pytest.fixture(params=["free", "in contact"])
@@ -159,7 +160,8 @@ def test_the_cost_is_the_sum_that_the_documentation_says(ocp, plan):
 
 def test_staying_at_the_task_costs_nothing(ocp):
     """The equilibrium input is not penalised: the robot may hold its 20 N."""
-    plan = ocp.resting_plan(0.0, ocp.model.configuration(ocp.y_des), np.zeros(10))
+    plan = ocp.resting_plan(
+        0.0, np.concatenate([ocp.model.configuration(ocp.y_des), np.zeros(10)]))
     evaluation = ocp.evaluate(plan)
     assert evaluation.cost == pytest.approx(0.0, abs=1e-18)
     assert (evaluation.terminal_slack, evaluation.violation) == (0.0, 0.0)
@@ -249,7 +251,7 @@ def test_the_first_knot_is_given_and_violates_nothing(ocp):
     zeta[0] = ocp.limits.nu1 + 0.02
     zeta_dot = np.zeros((4, 10))
     zeta_dot[0, 0] = -0.12
-    plan = Plan.from_accelerations(0.0, H, config, zeta, zeta_dot)
+    plan = DynamicPlan.from_accelerations(0.0, H, config, zeta, zeta_dot)
     assert plan.zeta[1, 0] < ocp.limits.nu1
     assert ocp.evaluate(plan).violation == 0.0
 
@@ -270,7 +272,7 @@ def test_inputs_are_those_at_both_ends_of_every_interval(ocp, plan):
 def test_a_resting_plan_comes_to_rest(ocp):
     rng = np.random.default_rng(5)
     config, zeta = rng.uniform(-0.3, 0.3, size=(2, 10))
-    plan = ocp.resting_plan(1.6, config, zeta)
+    plan = ocp.resting_plan(1.6, np.concatenate([config, zeta]))
     assert (plan.start_time, plan.time_step, len(plan.zeta_dot)) == (1.6, H, MPC.horizon)
     np.testing.assert_array_equal(plan.config[0], config)
     np.testing.assert_array_equal(plan.zeta[0], zeta)
@@ -291,7 +293,7 @@ def test_near_the_task_the_continued_plan_costs_less_by_what_it_leaves_behind_or
     """The terminal penalty is at least the cost to go, so the tail is paid for."""
     rng = np.random.default_rng(6)
     config = ocp.model.configuration(ocp.y_des + 1e-4 * rng.uniform(-1.0, 1.0, size=10))
-    plan = ocp.resting_plan(0.0, config, np.zeros(10))
+    plan = ocp.resting_plan(0.0, np.concatenate([config, np.zeros(10)]))
     y = np.concatenate([dh.chi(config), config[6:]]) - ocp.y_des
     begin, _ = ocp.inputs(plan)
     first = H * (np.sum(Q[:10] * y**2) + np.sum(R * (begin[0] - ocp.u_eq) ** 2))
@@ -314,5 +316,5 @@ def test_whole_turns_of_the_tool_cost_nothing(ocp, turns):
 def test_a_setting_without_meaning_is_named(ocp, key, value):
     config = replace(load_scenario("girona500_contact").mpc, **{key: value})
     with pytest.raises(InvalidParameter) as caught:
-        Ocp(ocp.model, config, ocp.y_des, ocp.limits)
+        DynamicOcp(ocp.model, config, ocp.y_des, ocp.limits)
     assert caught.value.key == key

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
-from uvms_drake.control.plan import Plan, advance
+from uvms_drake.control.plan import (
+    DynamicPlan,
+    KinematicPlan,
+    Plan,
+    advance,
+    advance_derivatives,
+)
 from uvms_drake.model.uvms_model import configuration_rate
 
 H = 0.2  # s
@@ -49,7 +55,7 @@ def random_plan(seed: int, intervals: int = 6, start_time: float = 3.4) -> Plan:
     zeta *= SPEEDS
     zeta_dot = np.diff(zeta, axis=0) / H
     zeta_dot = zeta_dot / np.max(np.abs(zeta_dot) / ACCELERATIONS)
-    return Plan.from_accelerations(start_time, H, config, zeta[0], zeta_dot)
+    return DynamicPlan.from_accelerations(start_time, H, config, zeta[0], zeta_dot)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -116,3 +122,50 @@ def test_the_shifted_plan_goes_on_where_the_plan_was_and_one_interval_further():
     np.testing.assert_allclose(shifted.zeta[-1], plan.zeta[-1] + H * last, atol=1e-15)
     end = by_small_steps(plan.config[-1], plan.zeta[-1], last, H)
     np.testing.assert_allclose(shifted.config[-1], end, rtol=0.0, atol=1e-7)
+
+
+def test_the_rollout_is_one_step_after_the_other():
+    plan = random_plan(4)
+    for k in range(6):
+        np.testing.assert_allclose(
+            plan.config[k + 1],
+            advance(plan.config[k], plan.zeta[k], plan.zeta_dot[k], H), rtol=0.0, atol=1e-14)
+
+
+def test_the_derivatives_of_a_step_are_those_of_differences(derivative):
+    plan = random_plan(5)
+    found = advance_derivatives(plan.config[:-1], plan.zeta[:-1], plan.zeta_dot, H)
+    arguments = [plan.config[:-1], plan.zeta[:-1], plan.zeta_dot]
+    for i, by_argument in enumerate(found):
+        for j, direction in enumerate(np.eye(10)):
+            def moved(s, i=i, d=direction):
+                changed = [value + (s * d if i == which else 0.0)
+                           for which, value in enumerate(arguments)]
+                return advance(*changed, H)
+
+            np.testing.assert_allclose(by_argument[..., j], derivative(moved), atol=1e-9)
+
+
+def test_a_plan_of_velocities_is_that_of_accelerations_without_any():
+    zeta = random_plan(6).zeta[:-1]
+    plan = KinematicPlan.from_velocities(1.0, H, random_plan(6).config[0], zeta)
+    for k in range(6):
+        same = DynamicPlan.from_accelerations(
+            1.0 + k * H, H, plan.config[k], zeta[k], np.zeros((1, 10)))
+        np.testing.assert_allclose(plan.config[k + 1], same.config[1], atol=1e-14)
+        time = 1.0 + (k + 0.3) * H
+        config, velocity = plan.at(time)
+        np.testing.assert_allclose(config, same.at(time)[0], atol=1e-14)
+        np.testing.assert_array_equal(velocity, zeta[k])
+    np.testing.assert_array_equal(plan.at(1.0 + 2 * H)[1], zeta[1])  # the interval that ends there
+
+
+def test_a_shifted_plan_of_velocities_goes_on_with_the_last_decision():
+    zeta = random_plan(7).zeta[:-1]
+    plan = KinematicPlan.from_velocities(1.0, H, np.zeros(10), zeta)
+    last = np.full(10, 0.1)
+    shifted = plan.shifted(last)
+    assert shifted.start_time == pytest.approx(1.0 + H)
+    np.testing.assert_array_equal(shifted.decision, [*zeta[1:], last])
+    again = shifted.redone(shifted.start, shifted.decision)
+    np.testing.assert_allclose(again.config, shifted.config, atol=1e-14)

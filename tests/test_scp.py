@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.solvers import ClarabelSolver, SnoptSolver
+from pydrake.solvers import SnoptSolver
 
 from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.nominal_mpc import FEASIBLE
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
+from uvms_drake.control.staged_program import solve_staged
 
 ITERATIONS, TOLERANCE = 300, 1e-9  # at most, and of the merit, for a converged solution
 
@@ -229,16 +230,12 @@ def test_where_the_linearised_limits_cannot_be_kept_a_plan_is_found_all_the_same
         q_lower=np.array([-0.519, -0.146, -1.296, -3.139]),
         q_upper=np.array([1.459, 1.31, 0.729, 3.139]),
         u=np.array([0.24, 0.09, 0.19, 0.24, 0.34, 0.24, 5.0, 7.3, 7.0, 5.7]))
-    guess = ocp.resting_plan(0.0, STEEP, np.zeros(10))
+    guess = ocp.resting_plan(0.0, np.concatenate([STEEP, np.zeros(10)]))
     assert ocp.evaluate(guess).violation > 0.01
-    solver = SequentialConvexSolver(ocp)
-    solver._update(ocp.linearise(guess), guess)
-    (excess,) = [variable for variable in solver._prog.decision_variables()
-                 if variable.get_name().startswith("violation")]
-    hard = solver._prog.AddBoundingBoxConstraint(0.0, 0.0, excess)
-    assert not ClarabelSolver().Solve(solver._prog).is_success()
-    solver._prog.RemoveConstraint(hard)
-    assert ClarabelSolver().Solve(solver._prog).GetSolution(excess) > 1e-3
+    program = ocp.staged_program(guess)
+    hard = program.linear._replace(soft=np.zeros_like(program.linear.soft))
+    assert solve_staged(replace(program, linear=hard)) is None
+    assert solve_staged(program).excess > 1e-3
     solve_both_ways(ocp, guess)
 
 
@@ -258,7 +255,8 @@ def test_a_start_too_fast_to_brake_is_reported_as_a_violation(short_ocp, solver,
     guess = start_plans["off"][0]
     zeta = guess.zeta[0].copy()
     zeta[0] = 1.0  # m/s, with 0.2 s to come down to the limit
-    solution = solver.solve(short_ocp.resting_plan(0.0, guess.config[0], zeta), 10)
+    solution = solver.solve(short_ocp.resting_plan(
+        0.0, np.concatenate([guess.config[0], zeta])), 10)
     needed = (1.0 - short_ocp.limits.nu1) / 0.2  # m/s²
     assert solution.evaluation.violation > 0.5 * needed
 
@@ -267,6 +265,7 @@ def test_limits_that_are_linear_are_not_softened_and_then_there_is_no_plan(
         short_ocp, solver, start_plans):
     config = start_plans["off"][0].config[0].copy()
     config[8] = short_ocp.limits.q_upper[2] + 0.1  # rad, with 0.2 s to return at 0.3 rad/s
-    solution = solver.solve(short_ocp.resting_plan(0.0, config, np.zeros(10)), 10)
+    solution = solver.solve(short_ocp.resting_plan(
+        0.0, np.concatenate([config, np.zeros(10)])), 10)
     assert (solution.plan, solution.evaluation, solution.converged) == (None, None, False)
     assert solution.iterations == 1

@@ -16,9 +16,10 @@ from uvms_drake.certificate.terminal_set import (
     largest_radius,
     linear_radius,
 )
+from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import NominalLimits
-from uvms_drake.control.ocp import TERMINAL_PENALTY, Ocp
-from uvms_drake.control.plan import Plan
+from uvms_drake.control.ocp import TERMINAL_PENALTY
+from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.terminal import INFLATION, terminal_ingredients
 from uvms_drake.scenario import load_scenario
 from uvms_drake.station import make_ocp
@@ -26,30 +27,30 @@ from uvms_drake.station import make_ocp
 FRESH = 10_000
 
 
-def inflated(ocp: Ocp, inflation: float) -> SimpleNamespace:
+def inflated(ocp: DynamicOcp, inflation: float) -> SimpleNamespace:
     """Returns the problem with P = (1 + inflation) times the Riccati solution."""
     P = (1.0 + inflation) / (1.0 + INFLATION) * ocp.terminal.P
     return changed(ocp, terminal=dataclasses.replace(ocp.terminal, P=P))
 
 
-def changed(ocp: Ocp, **values: object) -> SimpleNamespace:
+def changed(ocp: DynamicOcp, **values: object) -> SimpleNamespace:
     """Returns a copy of the problem with other values."""
     return SimpleNamespace(**{**vars(ocp), **values})
 
 
-def broken(ocp: Ocp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
+def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
     """Returns which of the states ξ (m, 20) break what, as the problem itself judges it.
 
     It evaluates a plan of one interval with the terminal controller's acceleration.
     """
-    one = Ocp.__new__(Ocp)
+    one = DynamicOcp.__new__(DynamicOcp)
     one.__dict__.update(vars(ocp), horizon=1,
                         terminal=dataclasses.replace(ocp.terminal, radius=radius))
     out: dict[str, list[bool]] = {"decrease": [], "limits": [], "invariance": []}
     limits, P = ocp.limits, ocp.terminal.P
     for state in xi:
         config, zeta = ocp.model.configuration(ocp.y_des + state[:10]), state[10:]
-        plan = Plan.from_accelerations(
+        plan = DynamicPlan.from_accelerations(
             0.0, ocp.time_step, config, zeta, (ocp.terminal.gain @ state)[None])
         evaluation = one.evaluate(plan)
         cost = evaluation.cost - TERMINAL_PENALTY * evaluation.terminal_slack
@@ -63,7 +64,7 @@ def broken(ocp: Ocp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def robot() -> Ocp:
+def robot() -> DynamicOcp:
     """The main scenario, with weights under which the terminal set is wide."""
     return make_ocp(load_scenario("girona500_contact", [
         "mpc.weight_zeta=[5, 5, 5, 5, 5, 5, 10, 10, 10, 10]",
@@ -120,7 +121,7 @@ def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
     limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, TerminalLoop(robot)
     for state in 0.5 * boundary_samples(P, 5, np.random.default_rng(82)):
         config = robot.model.configuration(robot.y_des + state[:10])
-        plan = Plan.from_accelerations(
+        plan = DynamicPlan.from_accelerations(
             0.0, robot.time_step, config, state[10:], (robot.terminal.gain @ state)[None])
         (begin,), (end,) = robot.inputs(plan)
         w, y = begin - robot.u_eq, robot.model.task_pose(plan.config[1])

@@ -7,9 +7,9 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
 
+from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
 from uvms_drake.control.nominal_mpc import REPORT_FIELDS
-from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.errors import require, vector, within
@@ -93,7 +93,7 @@ def set_wise_radii(scenario: Scenario) -> dict[str, float]:
     return {field: radius for field, radius in radii.items() if radius is not None}
 
 
-def make_ocp(scenario: Scenario) -> Ocp:
+def make_ocp(scenario: Scenario) -> DynamicOcp:
     """Returns the nominal MPC's problem, with a model that is the controller's own.
 
     Raises:
@@ -112,13 +112,13 @@ def make_ocp(scenario: Scenario) -> Ocp:
         config = model.configuration(y_des)
         _check_configuration("pose", "posture", config, y_des, limits)
     with within("mpc"):
-        ocp = Ocp(model, scenario.mpc, y_des, limits)
+        ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
     require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
             f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
     return ocp
 
 
-def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
+def start_state(scenario: Scenario, ocp: DynamicOcp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:

@@ -234,9 +234,8 @@ def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> li
     MPC sees to.
     """
     ocp = make_ocp(draft.applied_to(scenario))
-    config, zeta = np.split(start, 2)
     solution = SequentialConvexSolver(ocp).solve(
-        ocp.resting_plan(0.0, config, zeta), FIRST_SOLVE_ITERATIONS)
+        ocp.resting_plan(0.0, start), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
         return [Condition("first plan found", 0.0, ">=", 1.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack

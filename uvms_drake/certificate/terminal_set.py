@@ -20,7 +20,7 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.plan import advance
 from uvms_drake.model.uvms_model import COMPLEX_STEP
 
@@ -71,7 +71,7 @@ class TerminalCheck:
 class TerminalLoop:
     """The nominal system about its equilibrium, under a terminal controller, valued by a P."""
 
-    def __init__(self, ocp: Ocp, P: np.ndarray | None = None, gain: np.ndarray | None = None):
+    def __init__(self, ocp: DynamicOcp, P: np.ndarray | None = None, gain: np.ndarray | None = None):
         self.ocp = ocp
         self.P = ocp.terminal.P if P is None else P
         size = self.size = ocp.model.size
@@ -146,7 +146,7 @@ def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
     return states / np.sqrt(_square(states, P))[:, None]
 
 
-def linear_radius(ocp: Ocp, P: np.ndarray | None = None) -> float:
+def linear_radius(ocp: DynamicOcp, P: np.ndarray | None = None) -> float:
     """Returns the largest ε within the limits of joints, tip pitch and speeds; negative for none.
 
     The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest norm of a block ε √λ_max of its block of P⁻¹.
@@ -154,7 +154,7 @@ def linear_radius(ocp: Ocp, P: np.ndarray | None = None) -> float:
     return min(room / reach for room, reach, _ in _linear_limits(ocp, P).values())
 
 
-def _linear_limits(ocp: Ocp, P: np.ndarray | None) -> dict[str, tuple[float, float, float]]:
+def _linear_limits(ocp: DynamicOcp, P: np.ndarray | None) -> dict[str, tuple[float, float, float]]:
     """Returns of each limit the room at the equilibrium, what ε = 1 takes of it, and its size."""
     limits, y, size = ocp.limits, ocp.y_des, ocp.model.size
     inverse = np.linalg.inv(ocp.terminal.P if P is None else P)
@@ -170,7 +170,7 @@ def _linear_limits(ocp: Ocp, P: np.ndarray | None) -> dict[str, tuple[float, flo
     return out
 
 
-def check_terminal(ocp: Ocp, radius: float, samples: int = 4000, seed: int = 0) -> TerminalCheck:
+def check_terminal(ocp: DynamicOcp, radius: float, samples: int = 4000, seed: int = 0) -> TerminalCheck:
     """Returns whether ‖ξ‖_P ≤ `radius` is a terminal set of `ocp`, with its own P and controller.
 
     Args:
@@ -183,7 +183,7 @@ def check_terminal(ocp: Ocp, radius: float, samples: int = 4000, seed: int = 0) 
     return _check(loop, radius, _unit_states(loop, samples, seed))
 
 
-def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: float = 0.01
+def largest_radius(ocp: DynamicOcp, samples: int = 2000, seed: int = 0, tolerance: float = 0.01
                    ) -> tuple[float, TerminalCheck]:
     """Returns the largest ε that passes the check, by bisection, and what was found there.
 
@@ -215,7 +215,7 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
     return lower, best
 
 
-def check_penalty(ocp: Ocp, P: np.ndarray, gain: np.ndarray | None = None,
+def check_penalty(ocp: DynamicOcp, P: np.ndarray, gain: np.ndarray | None = None,
                   radius: float | None = None, samples: int = 4000, seed: int = 0) -> TerminalCheck:
     """Returns whether V = ‖ξ‖²_P decreases as it must, for a P that comes from elsewhere.
 
@@ -237,7 +237,7 @@ def check_penalty(ocp: Ocp, P: np.ndarray, gain: np.ndarray | None = None,
     return replace(check, margins=margins, worst={DECREASE: check.worst[DECREASE]})
 
 
-def _greedy(A: np.ndarray, B: np.ndarray, C: np.ndarray, ocp: Ocp, P: np.ndarray) -> np.ndarray:
+def _greedy(A: np.ndarray, B: np.ndarray, C: np.ndarray, ocp: DynamicOcp, P: np.ndarray) -> np.ndarray:
     """Returns the gain of the ζ̄̇ that minimises ‖Aξ + Bζ̄̇‖²_P + h‖Cξ + ζ̄̇‖²_R."""
     weight = ocp.time_step * ocp.R
     return -np.linalg.solve(weight + B.T @ P @ B, weight @ C + B.T @ P @ A)

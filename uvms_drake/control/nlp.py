@@ -10,14 +10,15 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import MathematicalProgram, SolverInterface, SolverOptions
 
-from uvms_drake.control.ocp import TERMINAL_PENALTY, Ocp
-from uvms_drake.control.plan import Plan, advance
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp import TERMINAL_PENALTY
+from uvms_drake.control.plan import DynamicPlan, advance
 from uvms_drake.control.scp import Solution
 from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate_matrix
 
 
 class NonlinearSolver:
-    """Solves an `Ocp` from a guess with a general nonlinear solver.
+    """Solves an `DynamicOcp` from a guess with a general nonlinear solver.
 
     Args:
         ocp: The problem.
@@ -25,12 +26,13 @@ class NonlinearSolver:
         options: The solver's own.
     """
 
-    def __init__(self, ocp: Ocp, solver: SolverInterface, options: SolverOptions | None = None):
+    def __init__(self, ocp: DynamicOcp, solver: SolverInterface,
+                 options: SolverOptions | None = None):
         self.ocp = ocp
         self._solver = solver
         self._options = options or SolverOptions()
 
-    def solve(self, guess: Plan) -> Solution:
+    def solve(self, guess: DynamicPlan) -> Solution:
         """Returns the solution of the program that starts at the guess's first knot."""
         N, size = self.ocp.horizon, self.ocp.model.size
         prog = MathematicalProgram()
@@ -46,18 +48,18 @@ class NonlinearSolver:
         if not result.is_success():
             return Solution(None, None, 1, converged=False)
         _, _, zeta_dot, _ = self._unpack(result.GetSolution(x), guess)
-        plan = Plan.from_accelerations(
+        plan = DynamicPlan.from_accelerations(
             guess.start_time, guess.time_step, guess.config[0], guess.zeta[0], zeta_dot)
         return Solution(plan, self.ocp.evaluate(plan), 1, converged=True)
 
-    def _unpack(self, v: np.ndarray, guess: Plan):
+    def _unpack(self, v: np.ndarray, guess: DynamicPlan):
         """Returns 𝔮, ζ (N+1, 6+n), ζ̇ (N, 6+n) and s."""
         N, size = self.ocp.horizon, self.ocp.model.size
         config, zeta, zeta_dot = v[:-1].reshape(3, N, size)
         return (np.concatenate([guess.config[:1], config]),
                 np.concatenate([guess.zeta[:1], zeta]), zeta_dot, v[-1])
 
-    def _cost(self, v: np.ndarray, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
+    def _cost(self, v: np.ndarray, guess: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
         """Returns the objective (1,) and its gradient (1, number of variables)."""
         ocp = self.ocp
         N, size, h = ocp.horizon, ocp.model.size, ocp.time_step
@@ -94,7 +96,7 @@ class NonlinearSolver:
         return (np.concatenate([zero, -u, -tau, np.full(3 * N, -np.inf), -tip, [-np.inf]]),
                 np.concatenate([zero, u, tau, norms, tip, [0.0]]))
 
-    def _constraints(self, v: np.ndarray, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
+    def _constraints(self, v: np.ndarray, guess: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
         """Returns motion, inputs, forces, speeds, tip pitch, terminal set, and their Jacobian."""
         ocp = self.ocp
         N, size, h = ocp.horizon, ocp.model.size, ocp.time_step

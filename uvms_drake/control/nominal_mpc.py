@@ -118,8 +118,7 @@ class NominalMpc(LeafSystem):
         if abs(now / h - round(now / h)) > 1e-6:
             raise RunFailed(f"the nominal MPC starts at t = {now:g} s: must be a multiple of its "
                             f"sampling period, {h:g} s")
-        config, zeta = np.split(self._state_port.Eval(context), 2)
-        guess = self._ocp.resting_plan(now, config, zeta)
+        guess = self._ocp.resting_plan(now, self._state_port.Eval(context))
         solution = self._solver.solve(guess, FIRST_SOLVE_ITERATIONS)
         if solution.plan is None or solution.evaluation.violation > FEASIBLE:
             raise RunFailed("the nominal MPC has no solution at the start: the limits cannot be "

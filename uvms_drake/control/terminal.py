@@ -19,6 +19,7 @@ terminal controller will spend, so plans hurry somewhat to the end of their hori
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
@@ -37,6 +38,13 @@ class Terminal:
     """(6+n, 2(6+n)) of the terminal controller ζ̇ = gain · ξ, that is ū = ū_eq − 𝔎ξ."""
     radius: float
     """ε of the set ‖ξ‖_P ≤ ε."""
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """(rank of P, size of ξ) a matrix T with ‖Tξ‖₂ = ‖ξ‖_P."""
+        values, vectors = np.linalg.eigh(self.P)
+        kept = values > 1e-12 * values[-1]
+        return np.sqrt(values[kept])[:, None] * vectors[:, kept].T
 
 
 def terminal_ingredients(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray, Q: np.ndarray,
@@ -63,3 +71,29 @@ def terminal_ingredients(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray, Q
         A=A + B @ F, B=B, Q=time_step * Q, R=time_step * R)
     P = 0.5 * (1.0 + inflation) * (riccati + riccati.T)
     return Terminal(P=P, gain=F - K, radius=radius)
+
+
+def kinematic_terminal_ingredients(
+    J_x: np.ndarray, Q: np.ndarray, R: np.ndarray, time_step: float, radius: float,
+    inflation: float = INFLATION,
+) -> Terminal:
+    """Returns the ingredients for ξ⁺ = ξ + hJ_x ζ, ξ = y − y_des, and the input ζ.
+
+    Args:
+        J_x: Jacobian of the extended task (6+n, 6+n) at the equilibrium.
+        Q: Diagonal weight of ξ (6+n, 6+n); where the joints' is zero, they are left out of the
+            design, and of P.
+        R: Weight of ζ (6+n, 6+n).
+        time_step: h [s].
+        radius: ε.
+        inflation: μ ≥ 0.
+    """
+    size = len(J_x)
+    weighted = np.diag(Q) > 0.0
+    kept = np.ix_(weighted, weighted)
+    K, riccati = DiscreteTimeLinearQuadraticRegulator(
+        A=np.eye(size)[kept], B=time_step * J_x[weighted], Q=time_step * Q[kept], R=time_step * R)
+    P, gain = np.zeros((size, size)), np.zeros((size, size))
+    P[kept] = 0.5 * (1.0 + inflation) * (riccati + riccati.T)
+    gain[:, weighted] = -K
+    return Terminal(P=P, gain=gain, radius=radius)

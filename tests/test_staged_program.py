@@ -1,0 +1,193 @@
+"""Tests of `uvms_drake.control.staged_program`, against the program written out in full."""
+
+import numpy as np
+import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.staged_program import (
+    LinearLimits,
+    NormLimit,
+    StagedProgram,
+    TerminalLimit,
+    riccati,
+    solve_staged,
+    stacked,
+)
+
+
+def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | None:
+    """Returns w, s, v and the cost: every variable and every limit goes to the conic solver."""
+    N, nx, nw = program.B.shape
+    prog = MathematicalProgram()
+    x, w = prog.NewContinuousVariables(N + 1, nx, "x"), prog.NewContinuousVariables(N, nw, "w")
+    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(1, "v")
+    prog.AddLinearCost([program.slack_penalty, program.excess_penalty], np.concatenate([s, v]))
+    prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
+    prog.AddBoundingBoxConstraint(0.0, 0.0, x[0])
+    prog.AddQuadraticCost(program.H_end, program.g_end, 0.0, x[N], is_convex=True)
+    for k in range(N):
+        prog.AddQuadraticCost(
+            program.H[k], program.g[k], 0.0, np.concatenate([x[k], w[k]]), is_convex=True)
+        prog.AddLinearEqualityConstraint(
+            np.hstack([program.A[k], program.B[k], -np.eye(nx)]), np.zeros(nx),
+            np.concatenate([x[k], w[k], x[k + 1]]))
+    linear = program.linear
+    unused = prog.NewContinuousVariables(nw, "w_N")
+    prog.AddBoundingBoxConstraint(0.0, 0.0, unused)
+    z = [*(np.concatenate([x[k], w[k]]) for k in range(N)), np.concatenate([x[N], unused])]
+    for k in range(N + 1):
+        soft = linear.soft[:, None].astype(float)
+        for sign, bound in ((1.0, linear.upper[k]), (-1.0, -linear.lower[k])):
+            kept = np.isfinite(bound)
+            prog.AddLinearConstraint(
+                np.hstack([sign * linear.C[k], -soft])[kept], np.full(kept.sum(), -np.inf),
+                (bound - sign * linear.value[k])[kept], np.concatenate([z[k], v]))
+        for limit in program.norms:
+            if np.isfinite(limit.bound[k]):
+                part = z[k][limit.rows]
+                prog.AddLorentzConeConstraint(
+                    np.vstack([np.zeros((1, len(part))), np.eye(len(part))]),
+                    np.concatenate([[limit.bound[k]], limit.value[k]]), part)
+    terminal = program.terminal
+    if np.isfinite(terminal.radius):
+        A = np.zeros((1 + len(terminal.T), nx + 1))
+        A[0, nx], A[1:, :nx] = 1.0, terminal.T
+        prog.AddLorentzConeConstraint(
+            A, np.concatenate([[terminal.radius], terminal.value]), np.concatenate([x[N], s]))
+    result = ClarabelSolver().Solve(prog)
+    if not result.is_success():
+        return None
+    return (result.GetSolution(w), *result.GetSolution(s), *result.GetSolution(v),
+            result.get_optimal_cost())
+
+
+def value(program: StagedProgram, w: np.ndarray, slack: float, excess: float) -> float:
+    """Returns the cost of a change."""
+    x, total = np.zeros(program.A.shape[1]), 0.0
+    for A, B, H, g, w_k in zip(program.A, program.B, program.H, program.g, w, strict=True):
+        z = np.concatenate([x, w_k])
+        total += 0.5 * z @ H @ z + g @ z
+        x = A @ x + B @ w_k
+    total += 0.5 * x @ program.H_end @ x + program.g_end @ x
+    return total + program.slack_penalty * slack + program.excess_penalty * excess
+
+
+def random_program(seed: int, room: float, radius: float = 0.2) -> StagedProgram:
+    """Returns a program of 5 stages, 4 states and 2 decisions; more `room` leaves more free."""
+    rng = np.random.default_rng(seed)
+    N, nx, nw, m = 5, 4, 2, 3
+    roots = rng.normal(size=(N, nx + nw, nx + nw))
+    C = rng.normal(size=(N + 1, m, nx + nw))
+    C[N, :, nx:] = 0.0
+    bound = room * rng.uniform(0.5, 1.5, size=(N + 1, m))
+    bound[0] = np.inf
+    T = rng.normal(size=(3, nx))
+    return StagedProgram(
+        A=np.eye(nx) + 0.3 * rng.normal(size=(N, nx, nx)), B=rng.normal(size=(N, nx, nw)),
+        H=np.swapaxes(roots, 1, 2) @ roots + 0.1 * np.eye(nx + nw),
+        g=rng.normal(size=(N, nx + nw)), H_end=np.eye(nx), g_end=rng.normal(size=nx),
+        linear=LinearLimits(C, 0.2 * rng.uniform(-1, 1, size=(N + 1, m)), -bound, bound,
+                            np.array([True, False, False])),
+        norms=(NormLimit(slice(0, 2), 0.1 * rng.normal(size=(N + 1, 2)),
+                         np.concatenate([[np.inf], np.full(N, room)])),
+               NormLimit(slice(4, 6), 0.1 * rng.normal(size=(N + 1, 2)),
+                         np.concatenate([np.full(N, room), [np.inf]]))),
+        terminal=TerminalLimit(T, 0.1 * rng.normal(size=3), radius * room),
+        slack_penalty=1.0, excess_penalty=2.0)
+
+
+def compare(program: StagedProgram) -> str:
+    """Checks a solution against that in full; returns which limits had a say."""
+    found, reference = solve_staged(program), in_full(program)
+    if reference is None:
+        assert found is None
+        return "infeasible"
+    w, slack, excess, cost = reference
+    scale = max(1.0, abs(cost))
+    assert value(program, found.w, found.slack, found.excess) == pytest.approx(
+        cost, abs=1e-6 * scale)
+    np.testing.assert_allclose(found.w, w, atol=1e-3 * max(1.0, np.max(np.abs(w))))
+    assert found.slack == pytest.approx(slack, abs=1e-4)
+    assert found.excess == pytest.approx(excess, abs=1e-5)
+    return "free" if found.cone_programs == 0 else "limited"
+
+
+def test_random_programs_have_the_solution_of_the_program_in_full():
+    kinds = [compare(random_program(seed, room))
+             for room in (0.03, 0.3, 1.0, 100.0) for seed in range(12)]
+    assert {kind: kinds.count(kind) > 5 for kind in ("free", "limited", "infeasible")} == {
+        "free": True, "limited": True, "infeasible": True}
+
+
+def test_both_relaxations_and_more_than_one_conic_program_occur():
+    """Otherwise the comparison would say nothing about them."""
+    found = [solve_staged(random_program(seed, room)) for room in (0.1, 0.3) for seed in range(12)]
+    found = [solution for solution in found if solution is not None]
+    assert max(solution.slack for solution in found) > 0.1
+    assert min(solution.slack for solution in found) < 1e-6
+    assert max(solution.excess for solution in found) > 1e-3
+    assert max(solution.cone_programs for solution in found) > 1
+
+
+@pytest.mark.parametrize("where", ["off", "before", "on"])
+def test_programs_of_the_main_scenario_have_the_solution_of_the_program_in_full(
+        short_ocp, start_plans, where):
+    for guess in start_plans[where]:
+        compare(short_ocp.staged_program(guess))
+
+
+def test_the_regulator_completes_the_square():
+    """cost(r) − cost(0) = ½ ‖r‖², whatever r."""
+    program = random_program(3, 100.0)
+    regulator = riccati(program)
+    rng = np.random.default_rng(0)
+    costs, sizes = [], []
+    for scale in (0.0, 1.0, 2.0):
+        x, w = np.zeros(4), []
+        r = scale * rng.normal(size=(5, 2))
+        for k in range(5):
+            w.append(regulator.K[k] @ x + regulator.k[k] + regulator.W[k] @ r[k])
+            x = program.A[k] @ x + program.B[k] @ w[k]
+        costs.append(value(program, np.array(w), 0.0, 0.0))
+        sizes.append(0.5 * np.sum(r**2))
+    np.testing.assert_allclose(np.array(costs) - costs[0], sizes, rtol=1e-9)
+
+
+def test_limits_are_stacked_row_by_row():
+    one, other = (random_program(seed, 1.0).linear for seed in (1, 2))
+    both = stacked([one, other])
+    assert both.C.shape == (6, 6, 6)
+    for part, rows in ((one, slice(0, 3)), (other, slice(3, 6))):
+        np.testing.assert_array_equal(both.C[:, rows], part.C)
+        np.testing.assert_array_equal(both.upper[:, rows], part.upper)
+        np.testing.assert_array_equal(both.soft[rows], part.soft)
+
+
+def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_plans, derivative):
+    """Along any change of the decision: gradient of the cost, and every limited value."""
+    guess = start_plans["on"][1]
+    program = short_ocp.staged_program(guess)
+    rng = np.random.default_rng(2)
+    change = rng.normal(size=guess.zeta_dot.shape)
+    x, z, slope = np.zeros(20), [], 0.0
+    for k in range(short_ocp.horizon):
+        z.append(np.concatenate([x, change[k]]))
+        slope += program.g[k] @ z[k]
+        x = program.A[k] @ x + program.B[k] @ change[k]
+    z.append(np.concatenate([x, np.zeros(10)]))
+    slope += program.g_end @ x
+
+    def moved(s: float) -> DynamicPlan:
+        return guess.redone(guess.start, guess.zeta_dot + s * change)
+
+    def smooth_cost(s: float) -> float:
+        evaluation = short_ocp.evaluate(moved(s))
+        return evaluation.cost - program.slack_penalty * evaluation.terminal_slack
+
+    assert derivative(smooth_cost, 1e-4) == pytest.approx(slope, rel=1e-6)
+    rows = derivative(lambda s: np.concatenate(short_ocp.inputs(moved(s)), axis=1), 1e-5)
+    predicted = (program.linear.C @ np.array(z)[..., None])[..., 0]
+    np.testing.assert_allclose(rows, predicted[:-1, :20], rtol=1e-4, atol=1e-4)
+    y = derivative(lambda s: short_ocp.model.task_pose(moved(s).config), 1e-5)
+    np.testing.assert_allclose(y[1:], np.array(z)[1:, :10], atol=1e-6)

@@ -1,0 +1,71 @@
+"""The FHOCP of the kinematics, as in the paper's simulation: ξ = y − y_des, the input is ζ̄.
+
+    ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, 0),  ζ̄ constant on N intervals of length h              (eq:diff_mpc)
+
+Joints of weight zero are left to themselves, as the paper leaves them: it weighs only χ − χ_des.
+"""
+
+import numpy as np
+
+from uvms_drake.control.limits import NominalLimits
+from uvms_drake.control.ocp import MpcConfig, Ocp, weights
+from uvms_drake.control.plan import KinematicPlan
+from uvms_drake.control.staged_program import StagedProgram
+from uvms_drake.control.terminal import kinematic_terminal_ingredients
+from uvms_drake.errors import require, vector
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+class KinematicOcp(Ocp):
+    """The FHOCP of one task for the kinematics of one model; arguments as those of `Ocp`."""
+
+    def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
+                 limits: NominalLimits):
+        super().__init__(model, config, y_des, limits)
+        weight_y = vector("weight_y", config.weight_y, model.size)
+        weighted = bool(np.all(weight_y[:6] > 0.0) and (
+            np.all(weight_y[6:] > 0.0) or np.all(weight_y[6:] == 0.0)))
+        require(weighted, "weight_y", weight_y,
+                "6 positive numbers, and for the joints positive ones or zeros only")
+        (weight_zeta,) = weights(config, ("weight_zeta",), model.size)
+        self.Q, self.R = np.diag(weight_y), np.diag(weight_zeta)
+        self.u_ref = np.zeros(model.size)
+        self.terminal = kinematic_terminal_ingredients(
+            model.task_jacobian(model.configuration(y_des)), self.Q, self.R, config.time_step,
+            config.terminal_radius)
+
+    @property
+    def state_size(self) -> int:
+        """6+n, of 𝔮."""
+        return self.model.size
+
+    def resting_plan(self, time: float, state: np.ndarray) -> KinematicPlan:
+        """Returns a first guess: stay at 𝔮 (6+n,)."""
+        return KinematicPlan.from_velocities(
+            time, self.time_step, state, np.zeros((self.horizon, self.model.size)))
+
+    def errors(self, plan: KinematicPlan, y: np.ndarray) -> np.ndarray:
+        """Returns ξ = y − y_des at the knots (N+1, 6+n)."""
+        return y - self.y_des
+
+    def inputs(self, plan: KinematicPlan) -> tuple[np.ndarray, np.ndarray]:
+        """Returns ζ̄ (N, 6+n), the same at the beginning and at the end of every interval."""
+        return plan.zeta, plan.zeta
+
+    def _excess(self, plan: KinematicPlan, begin: np.ndarray, end: np.ndarray
+                ) -> list[np.ndarray]:
+        limits, zeta = self.limits, begin
+        return [np.linalg.norm(zeta[:, :3], axis=1) - limits.nu1,
+                np.linalg.norm(zeta[:, 3:6], axis=1) - limits.nu2,
+                np.linalg.norm(zeta[:, 6:], axis=1) - limits.qdot]
+
+    def staged_program(self, plan: KinematicPlan) -> StagedProgram:
+        """Returns the convex program about a plan; its w is the change of ζ̄."""
+        size = self.model.size
+        motion = self._motion(plan.config, plan.zeta, np.zeros_like(plan.zeta))
+        eye, zero = np.eye(size), np.zeros((size, size))
+        u_z = np.tile(np.hstack([zero, eye]), (self.horizon, 1, 1))
+        zeta = np.concatenate([plan.zeta, np.zeros((1, size))])
+        return self._program(
+            motion.dy_dy, motion.dy_dzeta, plan.zeta, u_z, self.errors(plan, motion.y),
+            self._configuration_limits(motion, 2 * size), self._speed_limits(zeta, free_knot=-1))

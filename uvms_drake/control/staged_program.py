@@ -1,0 +1,294 @@
+"""The convex program of one iteration, and how it is solved.
+
+A plan is changed by x_k (state) and w_k (decision), z_k = (x_k, w_k):
+
+    min  Σ_{k<N} (½ z_kᵀ H_k z_k + g_kᵀ z_k) + ½ x_NᵀH_N x_N + g_Nᵀx_N + ρ_s s + ρ_v v
+    s.t. x_0 = 0,  x_{k+1} = A_k x_k + B_k w_k
+         lower ≤ value + C_k z_k ≤ upper       (widened by v ≥ 0 where a row is soft)
+         ‖value + (z_k)_rows‖₂ ≤ bound
+         ‖value + T x_N‖₂ ≤ radius + s,  s ≥ 0
+
+Without limits this is a linear-quadratic problem, and one pass of Riccati's recursion solves it. It
+also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ ‖r_k‖²,
+whatever the limits. So the limits ask for the shortest r that keeps them, and the few that matter
+decide: r is a combination of their gradients. The program that goes to the conic solver holds only
+the limits that are broken without them or nearly reached by the plan; if its solution breaks
+another one, that one is put in and the program is solved again. A solution that keeps all limits
+while carrying some is the solution with all of them.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+KEPT = 1e-7
+"""A limit broken by no more than this, in its own unit, is kept: ten times the solver's own."""
+NEAR = 0.03
+"""A limit counts as nearly reached when less than this fraction of its range is left."""
+
+
+class LinearLimits(NamedTuple):
+    """lower ≤ value + C z ≤ upper, rows of every stage; infinite where a row has no meaning."""
+
+    C: np.ndarray
+    """(N+1, m, nx+nw); at the last stage w is zero."""
+    value: np.ndarray
+    """(N+1, m) at the plan."""
+    lower: np.ndarray
+    """(N+1, m)."""
+    upper: np.ndarray
+    """(N+1, m)."""
+    soft: np.ndarray
+    """(m,) True where v relaxes the row."""
+
+
+def stacked(parts: list[LinearLimits]) -> LinearLimits:
+    """Returns all rows of several limits."""
+    C, value, lower, upper, soft = zip(*parts, strict=True)
+    return LinearLimits(*(np.concatenate(rows, axis=1) for rows in (C, value, lower, upper)),
+                        np.concatenate(soft))
+
+
+class NormLimit(NamedTuple):
+    """‖value + z[rows]‖₂ ≤ bound at every stage."""
+
+    rows: slice
+    """Which part of z."""
+    value: np.ndarray
+    """(N+1, number of rows) at the plan."""
+    bound: np.ndarray
+    """(N+1,), infinite where there is none."""
+
+
+class TerminalLimit(NamedTuple):
+    """‖value + T x_N‖₂ ≤ radius + s."""
+
+    T: np.ndarray
+    value: np.ndarray
+    radius: float
+
+
+@dataclass(frozen=True)
+class StagedProgram:
+    """The program; N stages, nx states, nw decisions."""
+
+    A: np.ndarray
+    """(N, nx, nx)."""
+    B: np.ndarray
+    """(N, nx, nw)."""
+    H: np.ndarray
+    """(N, nx+nw, nx+nw), positive semidefinite, and definite in w."""
+    g: np.ndarray
+    """(N, nx+nw)."""
+    H_end: np.ndarray
+    """(nx, nx)."""
+    g_end: np.ndarray
+    """(nx,)."""
+    linear: LinearLimits
+    norms: tuple[NormLimit, ...]
+    terminal: TerminalLimit
+    slack_penalty: float
+    """ρ_s."""
+    excess_penalty: float
+    """ρ_v."""
+
+
+class StagedSolution(NamedTuple):
+    """The optimal change of the plan."""
+
+    w: np.ndarray
+    """(N, nw)."""
+    slack: float
+    """s."""
+    excess: float
+    """v."""
+    cone_programs: int
+    """Conic programs solved; 0 where no limit mattered."""
+
+
+class Regulator(NamedTuple):
+    """w_k = K_k x_k + k_k + W_k r_k, in which the cost is a constant + ½ Σ ‖r_k‖²."""
+
+    K: np.ndarray
+    """(N, nw, nx)."""
+    k: np.ndarray
+    """(N, nw)."""
+    W: np.ndarray
+    """(N, nw, nw), L_k⁻ᵀ."""
+
+
+def solve_staged(program: StagedProgram) -> StagedSolution | None:
+    """Returns the solution, or None if there is none."""
+    regulator = riccati(program)
+    z = _rollout(program, regulator)
+    active = _Limits.broken(program, z, 0.0)
+    if not active.any():
+        return StagedSolution(z[:-1, program.B.shape[1]:], 0.0, 0.0, 0)
+    active |= _Limits.near(program)
+    response = _responses(program, regulator)
+    cone_programs = 0
+    while True:
+        found = _shortest(program, z, response, active)
+        cone_programs += 1
+        if found is None:
+            return None
+        r, slack, excess = found
+        z_best = z + response @ r
+        broken = _Limits.broken(program, z_best, excess).without(active)
+        if not broken.any():
+            return StagedSolution(
+                z_best[:-1, program.B.shape[1]:], slack, excess, cone_programs)
+        active |= broken
+
+
+def riccati(program: StagedProgram) -> Regulator:
+    """Returns the optimal regulator of the program without its limits."""
+    N, nx, nw = program.B.shape
+    AB = np.concatenate([program.A, program.B], axis=2)
+    S, s = program.H_end, program.g_end
+    K, k, W = np.empty((N, nw, nx)), np.empty((N, nw)), np.empty((N, nw, nw))
+    for i in range(N - 1, -1, -1):
+        H = program.H[i] + AB[i].T @ S @ AB[i]
+        g = program.g[i] + AB[i].T @ s
+        root = np.linalg.inv(np.linalg.cholesky(H[nx:, nx:]))
+        by_x, constant = root @ H[nx:, :nx], root @ g[nx:]
+        K[i], k[i], W[i] = -root.T @ by_x, -root.T @ constant, root.T
+        S = H[:nx, :nx] - by_x.T @ by_x
+        s = g[:nx] - by_x.T @ constant
+    return Regulator(K, k, W)
+
+
+def _rollout(program: StagedProgram, regulator: Regulator) -> np.ndarray:
+    """Returns z (N+1, nx+nw) for r = 0."""
+    N, nx, nw = program.B.shape
+    z = np.zeros((N + 1, nx + nw))
+    for i in range(N):
+        z[i, nx:] = regulator.K[i] @ z[i, :nx] + regulator.k[i]
+        z[i + 1, :nx] = program.A[i] @ z[i, :nx] + program.B[i] @ z[i, nx:]
+    return z
+
+
+def _responses(program: StagedProgram, regulator: Regulator) -> np.ndarray:
+    """Returns ∂z/∂r (N+1, nx+nw, N nw), r = (r_0, r_1, ...)."""
+    N, nx, nw = program.B.shape
+    Z = np.zeros((N + 1, nx + nw, N * nw))
+    for i in range(N):
+        past, now = slice(0, i * nw), slice(i * nw, (i + 1) * nw)
+        Z[i, nx:, past] = regulator.K[i] @ Z[i, :nx, past]
+        Z[i, nx:, now] = regulator.W[i]
+        Z[i + 1, :nx, past] = program.A[i] @ Z[i, :nx, past] + program.B[i] @ Z[i, nx:, past]
+        Z[i + 1, :nx, now] = program.B[i] @ regulator.W[i]
+    return Z
+
+
+@dataclass
+class _Limits:
+    """Some of the limits of a program."""
+
+    upper: np.ndarray
+    """(N+1, m) rows of the linear limits that are limited from above,"""
+    lower: np.ndarray
+    """(N+1, m) and from below."""
+    norms: np.ndarray
+    """(number of norm limits, N+1)."""
+    terminal: bool
+
+    def any(self) -> bool:
+        return bool(self.terminal or self.upper.any() or self.lower.any() or self.norms.any())
+
+    def __or__(self, other: "_Limits") -> "_Limits":
+        return _Limits(self.upper | other.upper, self.lower | other.lower,
+                       self.norms | other.norms, self.terminal or other.terminal)
+
+    def without(self, other: "_Limits") -> "_Limits":
+        return _Limits(self.upper & ~other.upper, self.lower & ~other.lower,
+                       self.norms & ~other.norms, self.terminal and not other.terminal)
+
+    @staticmethod
+    def broken(program: StagedProgram, z: np.ndarray, excess: float) -> "_Limits":
+        """Returns the limits that z (N+1, nx+nw) breaks, soft ones by more than `excess`."""
+        linear, terminal = program.linear, program.terminal
+        value = linear.value + (linear.C @ z[..., None])[..., 0]
+        room = KEPT + excess * linear.soft
+        end = terminal.value + terminal.T @ z[-1, : terminal.T.shape[1]]
+        return _Limits(
+            upper=value > linear.upper + room,
+            lower=value < linear.lower - room,
+            norms=np.array([np.linalg.norm(limit.value + z[:, limit.rows], axis=1)
+                            > limit.bound + KEPT for limit in program.norms]),
+            terminal=bool(np.linalg.norm(end) > terminal.radius + KEPT))
+
+    @staticmethod
+    def near(program: StagedProgram) -> "_Limits":
+        """Returns the limits that the plan itself has nearly reached."""
+        linear, terminal = program.linear, program.terminal
+        margin = NEAR * (linear.upper - linear.lower)
+        return _Limits(
+            upper=linear.upper - linear.value < margin,
+            lower=linear.value - linear.lower < margin,
+            norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - NEAR) * limit.bound
+                            for limit in program.norms]),
+            terminal=bool(np.linalg.norm(terminal.value) > (1.0 - NEAR) * terminal.radius))
+
+
+def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, active: _Limits
+              ) -> tuple[np.ndarray, float, float] | None:
+    """Returns the r (N nw,) of least cost that keeps the `active` limits, with its s and v.
+
+    r is a combination of the gradients of these limits. With G = R^T Q^T by a QR decomposition of
+    G^T, r = Q p and the limits see R^T p, a triangular matrix: a small and sparse program.
+    """
+    linear, terminal = program.linear, program.terminal
+    rows, room = [], []
+    for sign, mask, bound in ((1.0, active.upper, linear.upper),
+                              (-1.0, active.lower, -linear.lower)):
+        stage, row = np.nonzero(mask)
+        C = sign * linear.C[stage, row]
+        rows.append((C[:, None, :] @ response[stage])[:, 0])
+        room.append(bound[stage, row] - sign * linear.value[stage, row] - np.sum(C * z[stage], 1))
+    soft = np.concatenate([linear.soft[np.nonzero(mask)[1]]
+                           for mask in (active.upper, active.lower)])
+    num_linear = len(soft)
+    cones = [(limit.value[k] + z[k, limit.rows], limit.bound[k], response[k, limit.rows])
+             for limit, mask in zip(program.norms, active.norms, strict=True)
+             for k in np.flatnonzero(mask)]
+    rows += [cone_rows for *_, cone_rows in cones]
+    nx = terminal.T.shape[1]
+    if active.terminal:
+        rows.append(terminal.T @ response[-1, :nx])
+    Q, R = np.linalg.qr(np.concatenate(rows).T)
+    G = np.ascontiguousarray(R.T)
+
+    prog = MathematicalProgram()
+    p = prog.NewContinuousVariables(G.shape[1], "p")
+    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(1, "v")
+    prog.AddQuadraticCost(np.eye(len(p)), np.zeros(len(p)), p, is_convex=True)
+    prog.AddLinearCost([program.slack_penalty, program.excess_penalty], np.concatenate([s, v]))
+    prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
+    if num_linear:
+        prog.AddLinearConstraint(
+            np.hstack([G[:num_linear], -soft[:, None].astype(float)]),
+            np.full(num_linear, -np.inf), np.concatenate(room), np.concatenate([p, v]))
+    first = num_linear
+    for value, bound, _ in cones:
+        last = first + len(value)
+        prog.AddLorentzConeConstraint(
+            np.vstack([np.zeros((1, len(p))), G[first:last]]),
+            np.concatenate([[bound], value]), p)
+        first = last
+    if active.terminal:
+        A = np.zeros((1 + len(terminal.T), len(p) + 1))
+        A[0, -1], A[1:, :-1] = 1.0, G[first:]
+        value = terminal.value + terminal.T @ z[-1, :nx]
+        prog.AddLorentzConeConstraint(
+            A, np.concatenate([[terminal.radius], value]), np.concatenate([p, s]))
+
+    result = ClarabelSolver().Solve(prog)
+    if not result.is_success():
+        return None
+    r = Q @ result.GetSolution(p)
+    if not np.all(np.isfinite(r)):
+        return None
+    return r, float(result.GetSolution(s)[0]), float(result.GetSolution(v)[0])
