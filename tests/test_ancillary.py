@@ -14,7 +14,7 @@ from uvms_drake.control.ancillary import (
     task_error,
     transpose_input,
 )
-from uvms_drake.control.plan import DynamicPlan, Plan
+from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.contact import UnilateralPlane, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate

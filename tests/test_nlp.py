@@ -11,8 +11,6 @@ from pydrake.solvers import SnoptSolver
 from uvms_drake.control.nlp import NonlinearSolver, _differentiable
 from uvms_drake.control.plan import Plan
 
-N, SIZE = 5, 10
-
 
 @pytest.fixture(scope="module")
 def nlp(short_ocp) -> NonlinearSolver:
@@ -21,13 +19,10 @@ def nlp(short_ocp) -> NonlinearSolver:
 
 @pytest.fixture(scope="module", params=["off", "on"])
 def point(request, start_plans) -> tuple[Plan, np.ndarray]:
-    """A guess, and values of the variables that satisfy none of the equations."""
+    """A guess, and values of the variables somewhere else."""
     guess = start_plans[request.param][0]
     rng = np.random.default_rng(1)
-    values = np.concatenate([
-        (guess.config[1:] + rng.uniform(-0.003, 0.003, size=(N, SIZE))).ravel(),
-        rng.uniform(-0.1, 0.1, size=2 * N * SIZE), [0.4]])
-    return guess, values
+    return guess, np.append(rng.uniform(-0.1, 0.1, size=guess.decision.size), 0.4)
 
 
 def test_the_gradient_of_the_cost_is_that_of_differences(nlp, point, derivative):
@@ -46,8 +41,10 @@ def test_the_jacobian_of_the_constraints_is_that_of_differences(nlp, point, deri
     for j, direction in enumerate(np.eye(len(values))):
         column = derivative(
             lambda s, d=direction: nlp._constraints(values + s * d, guess)[0], 1e-5)
-        assert np.all(np.abs(jacobian[:, j] - column) <= 1e-6 * scale + 1e-8), f"column {j}"
-    assert np.min(scale) > 0.0
+        assert np.all(np.abs(jacobian[:, j] - column) <= 1e-5 * scale + 1e-8), f"column {j}"
+    lower, upper = nlp._bounds(guess)
+    limited = np.isfinite(lower) | np.isfinite(upper)
+    assert np.min(scale[limited]) > 0.0
 
 
 FORCES = np.array([60.0, 50.0, 60.0, 15.0, 40.0, 25.0, 5.0, 5.0, 2.0, 0.2])  # N, N m
@@ -55,39 +52,24 @@ FORCES = np.array([60.0, 50.0, 60.0, 15.0, 40.0, 25.0, 5.0, 5.0, 2.0, 0.2])  # N
 
 @pytest.mark.parametrize("tau", [None, FORCES, 10.0 * FORCES])
 def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, start_plans, tau):
-    """At a rollout the equations hold, and the inequalities say what `Ocp.evaluate` says."""
-    short_ocp = copy.copy(short_ocp)
+    """The program says of a plan what `Ocp.evaluate` says, which computes it in another way."""
+    free, short_ocp = short_ocp, copy.copy(short_ocp)
     short_ocp.limits = replace(short_ocp.limits, tau=tau)
     nlp = NonlinearSolver(short_ocp, SnoptSolver())
-    lower, upper = nlp._bounds()
-    equations = 2 * N * SIZE
     forced = 0
     for guess in [*start_plans["off"], *start_plans["on"]]:
-        slack = short_ocp.evaluate(guess).terminal_slack
-        values = np.concatenate([guess.config[1:].ravel(), guess.zeta[1:].ravel(),
-                                 guess.zeta_dot.ravel(), [slack]])
         evaluation = short_ocp.evaluate(guess)
+        values = np.append(guess.decision.ravel(), evaluation.terminal_slack)
         assert nlp._cost(values, guess)[0][0] == pytest.approx(evaluation.cost, rel=1e-12)
         constraints = nlp._constraints(values, guess)[0]
-        np.testing.assert_allclose(constraints[:equations], 0.0, atol=1e-14)
-        inputs = short_ocp.inputs(guess)
-        u = np.concatenate([each.ravel() for each in inputs])
-        np.testing.assert_allclose(constraints[equations: equations + len(u)], u, rtol=1e-12)
-        forces = constraints[equations + len(u): equations + 2 * len(u)].reshape(2, N, SIZE)
-        for end in (0, 1):
-            for k in range(N):
-                M = short_ocp.model.mass_matrix(short_ocp.model.kinematics(guess.config[k + end]))
-                np.testing.assert_allclose(
-                    forces[end, k], M @ inputs[end][k], rtol=1e-9, atol=1e-9)
-        forced += tau is not None and np.any(np.abs(forces) > tau)
-        if slack > 0.0:
+        if evaluation.terminal_slack > 0.0:
             assert constraints[-1] == pytest.approx(0.0, abs=1e-9), "on the edge of the set"
-        excess = np.maximum(lower - constraints, constraints - upper)[equations:]
+        lower, upper = nlp._bounds(guess)
+        excess = np.maximum(lower - constraints, constraints - upper)[:-1]
         assert (np.max(excess) > 1e-9) == (evaluation.violation > 1e-9)
-        if tau is FORCES:
-            beyond = np.max(np.abs(forces) - tau)
-            within = beyond <= np.max(excess, initial=0.0) <= evaluation.violation + 1e-9
-            assert within, "an excess of force is that of the evaluation or less"
+        linear = np.maximum(excess[: short_ocp.staged_program(guess).linear.value.size], 0.0)
+        assert np.max(linear) <= evaluation.violation + 1e-9
+        forced += evaluation.violation > free.evaluate(guess).violation
     assert (forced > 0) == (tau is FORCES)
 
 

@@ -68,7 +68,7 @@ def same_optimum(ocp: Ocp, one: Solution, other: Solution) -> bool:
         return False
     assert one.evaluation.terminal_slack == pytest.approx(
         other.evaluation.terminal_slack, abs=1e-5)
-    np.testing.assert_allclose(one.plan.zeta_dot, other.plan.zeta_dot, atol=2e-3)
+    np.testing.assert_allclose(one.plan.zeta_dot, other.plan.zeta_dot, atol=5e-3)
     return True
 
 

@@ -71,7 +71,8 @@ class TerminalCheck:
 class TerminalLoop:
     """The nominal system about its equilibrium, under a terminal controller, valued by a P."""
 
-    def __init__(self, ocp: DynamicOcp, P: np.ndarray | None = None, gain: np.ndarray | None = None):
+    def __init__(self, ocp: DynamicOcp, P: np.ndarray | None = None,
+                 gain: np.ndarray | None = None):
         self.ocp = ocp
         self.P = ocp.terminal.P if P is None else P
         size = self.size = ocp.model.size
@@ -170,7 +171,8 @@ def _linear_limits(ocp: DynamicOcp, P: np.ndarray | None) -> dict[str, tuple[flo
     return out
 
 
-def check_terminal(ocp: DynamicOcp, radius: float, samples: int = 4000, seed: int = 0) -> TerminalCheck:
+def check_terminal(ocp: DynamicOcp, radius: float, samples: int = 4000, seed: int = 0
+                   ) -> TerminalCheck:
     """Returns whether ‖ξ‖_P ≤ `radius` is a terminal set of `ocp`, with its own P and controller.
 
     Args:
@@ -237,7 +239,8 @@ def check_penalty(ocp: DynamicOcp, P: np.ndarray, gain: np.ndarray | None = None
     return replace(check, margins=margins, worst={DECREASE: check.worst[DECREASE]})
 
 
-def _greedy(A: np.ndarray, B: np.ndarray, C: np.ndarray, ocp: DynamicOcp, P: np.ndarray) -> np.ndarray:
+def _greedy(A: np.ndarray, B: np.ndarray, C: np.ndarray, ocp: DynamicOcp, P: np.ndarray
+            ) -> np.ndarray:
     """Returns the gain of the ζ̄̇ that minimises ‖Aξ + Bζ̄̇‖²_P + h‖Cξ + ζ̄̇‖²_R."""
     weight = ocp.time_step * ocp.R
     return -np.linalg.solve(weight + B.T @ P @ B, weight @ C + B.T @ P @ A)

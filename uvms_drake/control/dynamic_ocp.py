@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.control.limits import NominalLimits
-from uvms_drake.control.ocp import Motion, MpcConfig, Ocp, input_limits, weights
+from uvms_drake.control.ocp import Motion, MpcConfig, Ocp, input_limits, weight
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.staged_program import StagedProgram, stacked
-from uvms_drake.control.terminal import terminal_ingredients
+from uvms_drake.control.terminal import declared_terminal, terminal_ingredients
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate_matrix
 
 
@@ -39,24 +39,28 @@ class Linearisation(Motion):
     intervals; with force limits only, else (2, 0, ...)."""
 
 
-class DynamicOcp(Ocp):
+class DynamicOcp(Ocp[DynamicPlan]):
     """The FHOCP of one task for the dynamics of one model; arguments as those of `Ocp`."""
 
     def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
                  limits: NominalLimits):
         super().__init__(model, config, y_des, limits)
         size = model.size
-        weight_y, weight_zeta, weight_u = weights(
-            config, ("weight_y", "weight_zeta", "weight_u"), size)
-        self.Q = np.diag(np.concatenate([weight_y, weight_zeta]))
-        self.R = np.diag(weight_u)
+        declared = config.terminal_weight is not None
+        self.Q = np.diag(np.concatenate([weight(config, key, size, zeros=declared)
+                                         for key in ("weight_y", "weight_zeta")]))
+        self.R = np.diag(weight(config, "weight_u", size))
         config_des = model.configuration(y_des)
         self.u_eq = self.u_ref = model.equilibrium_input(config_des)
+        if declared:
+            self.terminal = declared_terminal(
+                weight(config, "terminal_weight", 2 * size, zeros=True), size, self._radius)
+            return
         _, f_config, f_zeta = model.drift_derivatives(config_des[None], np.zeros((1, size)))
         J_x = model.task_jacobian(config_des)
         f_y = f_config[0] @ configuration_rate_matrix(config_des) @ np.linalg.inv(J_x)
         self.terminal = terminal_ingredients(
-            J_x, f_y, f_zeta[0], self.Q, self.R, config.time_step, config.terminal_radius)
+            J_x, f_y, f_zeta[0], self.Q, self.R, config.time_step, self._radius)
 
     @property
     def state_size(self) -> int:
@@ -124,19 +128,30 @@ class DynamicOcp(Ocp):
         A[:, :size] = np.concatenate([model.dy_dy, model.dy_dzeta], axis=2)
         A[:, size:, size:] = eye
         B[:, :size], B[:, size:] = model.dy_da, h * eye
+        inputs = self._limited_inputs(plan, model, A, B)
+        u, u_z, _ = inputs[0]
+        linear = stacked([*(input_limits(*rows) for rows in inputs),
+                          self._configuration_limits(model, 3 * size)])
+        return self._program(A, B, u, u_z, self.errors(plan, model.y), linear,
+                             self._speed_limits(plan.zeta, free_knot=0))
+
+    def _limited_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray, B: np.ndarray
+                        ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Returns what is limited on every interval: value (N, 6+n), its derivative, its limit.
+
+        The derivative (N, 6+n, 3(6+n)) is by (ξ, ζ̄̇) at the beginning of the interval; A and B give
+        it for what is limited at the end. The first is the ū of the cost.
+        """
+        N, size, eye = self.horizon, self.model.size, np.eye(self.model.size)
         f_xi = np.concatenate([model.f_y, model.f_zeta], axis=2)
         begin_z = np.concatenate([-f_xi[:-1], np.tile(eye, (N, 1, 1))], axis=2)
         end_z = np.concatenate([-f_xi[1:] @ A, eye - f_xi[1:] @ B], axis=2)
         begin, end = plan.zeta_dot - model.f[:-1], plan.zeta_dot - model.f[1:]
         inputs = [(begin, begin_z, self.limits.u), (end, end_z, self.limits.u)]
-        if self.limits.tau is not None:
-            # d(M ū) = M dū + ∂(M ū)/∂ȳ dȳ; ȳ at the end of an interval follows from A and B.
+        if self.limits.tau is not None:  # d(M ū) = M dū + ∂(M ū)/∂ȳ dȳ
             at_begin = np.concatenate([model.tau_y[0], np.zeros((N, size, 2 * size))], axis=2)
             at_end = model.tau_y[1] @ np.concatenate([A, B], axis=2)[:, :size]
             inputs += [((M @ u[..., None])[..., 0], M @ u_z + tau_z, self.limits.tau)
                        for M, u, u_z, tau_z in ((model.M[:-1], begin, begin_z, at_begin),
                                                 (model.M[1:], end, end_z, at_end))]
-        linear = stacked([*(input_limits(*rows) for rows in inputs),
-                          self._configuration_limits(model, 3 * size)])
-        return self._program(A, B, begin, begin_z, self.errors(plan, model.y), linear,
-                             self._speed_limits(plan.zeta, free_knot=0))
+        return inputs

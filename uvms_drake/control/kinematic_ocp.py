@@ -8,31 +8,35 @@ Joints of weight zero are left to themselves, as the paper leaves them: it weigh
 import numpy as np
 
 from uvms_drake.control.limits import NominalLimits
-from uvms_drake.control.ocp import MpcConfig, Ocp, weights
+from uvms_drake.control.ocp import MpcConfig, Ocp, weight
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.staged_program import StagedProgram
-from uvms_drake.control.terminal import kinematic_terminal_ingredients
-from uvms_drake.errors import require, vector
+from uvms_drake.control.terminal import declared_terminal, kinematic_terminal_ingredients
+from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
 
-class KinematicOcp(Ocp):
+class KinematicOcp(Ocp[KinematicPlan]):
     """The FHOCP of one task for the kinematics of one model; arguments as those of `Ocp`."""
 
     def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
                  limits: NominalLimits):
         super().__init__(model, config, y_des, limits)
-        weight_y = vector("weight_y", config.weight_y, model.size)
+        weight_y = weight(config, "weight_y", model.size, zeros=True)
         weighted = bool(np.all(weight_y[:6] > 0.0) and (
             np.all(weight_y[6:] > 0.0) or np.all(weight_y[6:] == 0.0)))
         require(weighted, "weight_y", weight_y,
                 "6 positive numbers, and for the joints positive ones or zeros only")
-        (weight_zeta,) = weights(config, ("weight_zeta",), model.size)
-        self.Q, self.R = np.diag(weight_y), np.diag(weight_zeta)
+        self.Q = np.diag(weight_y)
+        self.R = np.diag(weight(config, "weight_zeta", model.size))
         self.u_ref = np.zeros(model.size)
+        if config.terminal_weight is not None:
+            self.terminal = declared_terminal(
+                weight(config, "terminal_weight", model.size, zeros=True), model.size, self._radius)
+            return
         self.terminal = kinematic_terminal_ingredients(
             model.task_jacobian(model.configuration(y_des)), self.Q, self.R, config.time_step,
-            config.terminal_radius)
+            self._radius)
 
     @property
     def state_size(self) -> int:

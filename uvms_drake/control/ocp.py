@@ -19,11 +19,12 @@ A problem values a plan (`evaluate`) and makes the convex program about a plan (
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import Generic
 
 import numpy as np
 
 from uvms_drake.control.limits import NominalLimits
-from uvms_drake.control.plan import Plan, advance_derivatives
+from uvms_drake.control.plan import P, advance_derivatives
 from uvms_drake.control.staged_program import (
     LinearLimits,
     NormLimit,
@@ -52,8 +53,10 @@ class MpcConfig:
     """Diagonal of Q for ζ; of R, where ζ is the input."""
     weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of R for ū − ū_eq; of no meaning where ζ is the input."""
-    terminal_radius: float = 0.1
-    """ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
+    terminal_radius: float | None = 0.1
+    """ε of the terminal set ‖ξ‖_P ≤ ε, declared; none without a terminal set."""
+    terminal_weight: np.ndarray | None = None
+    """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ EXCESS_PENALTY = 1e5
 multipliers."""
 
 
-class Ocp(ABC):
+class Ocp(ABC, Generic[P]):
     """The FHOCP of one task for one model.
 
     Args:
@@ -130,13 +133,15 @@ class Ocp(ABC):
         require(config.horizon >= 1, "horizon", config.horizon, "a positive integer")
         require(0.0 < config.time_step < np.inf, "time_step", config.time_step, "positive")
         require(config.iterations >= 1, "iterations", config.iterations, "a positive integer")
-        require(config.terminal_radius > 0.0, "terminal_radius", config.terminal_radius, "positive")
+        radius = np.inf if config.terminal_radius is None else config.terminal_radius
+        require(radius > 0.0, "terminal_radius", radius, "positive")
         self.model = model
         self.horizon = config.horizon
         self.time_step = config.time_step
         self.iterations = config.iterations
         self.y_des = y_des
         self.limits = limits
+        self._radius = radius
 
     @property
     @abstractmethod
@@ -144,23 +149,23 @@ class Ocp(ABC):
         """Length of the state that a plan starts at."""
 
     @abstractmethod
-    def resting_plan(self, time: float, state: np.ndarray) -> Plan:
+    def resting_plan(self, time: float, state: np.ndarray) -> P:
         """Returns a first guess: come to rest from `state`."""
 
     @abstractmethod
-    def errors(self, plan: Plan, y: np.ndarray) -> np.ndarray:
+    def errors(self, plan: P, y: np.ndarray) -> np.ndarray:
         """Returns ξ at the knots (N+1, size of ξ); `y` is ȳ there, unwrapped."""
 
     @abstractmethod
-    def inputs(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    def inputs(self, plan: P) -> tuple[np.ndarray, np.ndarray]:
         """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
 
     @abstractmethod
-    def staged_program(self, plan: Plan) -> StagedProgram:
+    def staged_program(self, plan: P) -> StagedProgram:
         """Returns the convex program about a plan, for the change of its decision."""
 
     @abstractmethod
-    def _excess(self, plan: Plan, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    def _excess(self, plan: P, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
         """Returns by how much speeds and inputs are beyond their limits; negative within."""
 
     def unwrapped(self, y: np.ndarray) -> np.ndarray:
@@ -169,12 +174,12 @@ class Ocp(ABC):
         y[..., 3:6] = self.y_des[3:6] + wrap_angle(y[..., 3:6] - self.y_des[3:6])
         return y
 
-    def continued(self, plan: Plan) -> Plan:
+    def continued(self, plan: P) -> P:
         """Returns the plan one interval later, its end continued by the terminal controller."""
         y = self.unwrapped(self.model.task_pose(plan.config))
         return plan.shifted(self.terminal.gain @ self.errors(plan, y)[-1])
 
-    def evaluate(self, plan: Plan) -> Evaluation:
+    def evaluate(self, plan: P) -> Evaluation:
         """Returns the objective and the violations of a plan, nothing linearised."""
         y = self.unwrapped(self.model.task_pose(plan.config))
         xi = self.errors(plan, y)
@@ -220,10 +225,9 @@ class Ocp(ABC):
         H[:, :nx, :nx] += 2.0 * h * self.Q
         g = ((u - self.u_ref)[:, None, :] @ weighted)[:, 0]
         g[:, :nx] += 2.0 * h * xi[:-1] @ self.Q
-        P = self.terminal.P
-        root = self.terminal.root
+        penalty, root = self.terminal.P, self.terminal.root
         return StagedProgram(
-            A=A, B=B, H=H, g=g, H_end=2.0 * P, g_end=2.0 * P @ xi[-1], linear=linear, norms=norms,
+            A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1], linear=linear, norms=norms,
             terminal=TerminalLimit(root, root @ xi[-1], self.terminal.radius),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
 
@@ -271,11 +275,10 @@ def input_limits(value: np.ndarray, by_z: np.ndarray, bound: np.ndarray) -> Line
                         np.ones(len(bound), dtype=bool))
 
 
-def weights(config: MpcConfig, keys: tuple[str, ...], size: int) -> list[np.ndarray]:
-    """Returns the weights `keys` of an `MpcConfig`, each of `size` positive numbers."""
-    out = []
-    for key in keys:
-        weight = vector(key, getattr(config, key), size)
-        require(bool(np.all(weight > 0.0)), key, weight, f"{size} positive numbers")
-        out.append(weight)
-    return out
+def weight(config: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:
+    """Returns a weight of an `MpcConfig`: `size` positive numbers, or `zeros` among them too."""
+    values = vector(key, getattr(config, key), size)
+    allowed = bool(np.all(values >= 0.0 if zeros else values > 0.0))
+    require(allowed, key, values,
+            f"{size} numbers, none negative" if zeros else f"{size} positive numbers")
+    return values

@@ -8,7 +8,7 @@ error is below 1e-7 rad at the speeds of an underwater vehicle and h = 0.2 s.
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -153,6 +153,10 @@ class Plan(ABC):
         index = math.ceil(elapsed / self.time_step - KNOT_TOLERANCE) - 1
         index = min(max(index, 0), intervals - 1)
         return index, elapsed - index * self.time_step
+
+
+P = TypeVar("P", bound=Plan)
+"""The kind of plan that a problem is about."""
 
 
 @dataclass(frozen=True)

@@ -9,34 +9,35 @@ Rawlings 1999).
 """
 
 from dataclasses import dataclass
+from typing import Generic
 
 import numpy as np
 
 from uvms_drake.control.ocp import Evaluation, Ocp
-from uvms_drake.control.plan import Plan
+from uvms_drake.control.plan import P
 from uvms_drake.control.staged_program import solve_staged
 
 SHORTEST_STEP = 1.0 / 64.0
 
 
 @dataclass(frozen=True)
-class Solution:
+class Solution(Generic[P]):
     """What a solve found; `plan` is None if the solver failed."""
 
-    plan: Plan | None
+    plan: P | None
     evaluation: Evaluation | None
     iterations: int
     converged: bool
     """No step improved the merit by more than the tolerance."""
 
 
-class SequentialConvexSolver:
+class SequentialConvexSolver(Generic[P]):
     """Solves an `Ocp` from a guess."""
 
-    def __init__(self, ocp: Ocp):
+    def __init__(self, ocp: Ocp[P]):
         self.ocp = ocp
 
-    def solve(self, guess: Plan, iterations: int, tolerance: float = 1e-6) -> Solution:
+    def solve(self, guess: P, iterations: int, tolerance: float = 1e-6) -> Solution[P]:
         """Returns the best plan found from `guess`, whose first knot is the initial state.
 
         Args:
@@ -58,8 +59,8 @@ class SequentialConvexSolver:
                 return Solution(plan, evaluation, iteration, converged=True)
         return Solution(plan, evaluation, iterations, converged=False)
 
-    def _line_search(self, plan: Plan, evaluation: Evaluation, change: np.ndarray
-                     ) -> tuple[Plan, Evaluation] | None:
+    def _line_search(self, plan: P, evaluation: Evaluation, change: np.ndarray
+                     ) -> tuple[P, Evaluation] | None:
         step = 1.0
         while step >= SHORTEST_STEP:
             candidate = plan.redone(plan.start, plan.decision + step * change)

@@ -46,9 +46,10 @@ class LinearLimits(NamedTuple):
 
 def stacked(parts: list[LinearLimits]) -> LinearLimits:
     """Returns all rows of several limits."""
-    C, value, lower, upper, soft = zip(*parts, strict=True)
-    return LinearLimits(*(np.concatenate(rows, axis=1) for rows in (C, value, lower, upper)),
-                        np.concatenate(soft))
+    def rows(name: str, axis: int = 1) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts], axis=axis)
+
+    return LinearLimits(rows("C"), rows("value"), rows("lower"), rows("upper"), rows("soft", 0))
 
 
 class NormLimit(NamedTuple):

@@ -97,3 +97,8 @@ def kinematic_terminal_ingredients(
     P[kept] = 0.5 * (1.0 + inflation) * (riccati + riccati.T)
     gain[:, weighted] = -K
     return Terminal(P=P, gain=gain, radius=radius)
+
+
+def declared_terminal(weight: np.ndarray, num_inputs: int, radius: float) -> Terminal:
+    """Returns a penalty that somebody chose, P = diag `weight`, with no controller behind it."""
+    return Terminal(P=np.diag(weight), gain=np.zeros((num_inputs, len(weight))), radius=radius)

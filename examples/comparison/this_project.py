@@ -1,0 +1,130 @@
+"""This project's own solvers on the two problems: the fast one and the reference.
+
+ocp-k is `KinematicOcp` as it stands. ocp-d holds the input over a step, where `DynamicOcp` holds the
+acceleration and lets the input follow it. `HeldInput` takes for the held input the mean of what the
+acceleration needs at both ends of the interval: the trapezoidal rule for ζ̇ = f + u. What is left of
+the difference is seen in the closed loop, whose plant is the RK4 step: in its cost, and as a
+violation of the speed limits, since a limit that the plan touches is missed by the rule's error.
+"""
+
+import numpy as np
+from problems import (
+    CHI_DES,
+    HORIZON,
+    JOINT_LOWER,
+    JOINT_UPPER,
+    PITCH_LIMIT,
+    SPEED_LIMIT,
+    STEP,
+    U_EQ,
+    Problem,
+    load_model,
+)
+from pydrake.solvers import SnoptSolver
+
+from uvms_drake.control.dynamic_ocp import DynamicOcp, Linearisation
+from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.limits import NominalLimits
+from uvms_drake.control.nlp import NonlinearSolver
+from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.ocp import MpcConfig, Ocp
+from uvms_drake.control.plan import DynamicPlan, Plan
+from uvms_drake.control.scp import SequentialConvexSolver
+
+
+class HeldInput(DynamicOcp):
+    """The dynamic problem with ū constant on every interval."""
+
+    def inputs(self, plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the held ū (N, 10), twice."""
+        begin, end = super().inputs(plan)
+        return 0.5 * (begin + end), 0.5 * (begin + end)
+
+    def _limited_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray, B: np.ndarray
+                        ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        (begin, begin_z, limit), (end, end_z, _) = super()._limited_inputs(plan, model, A, B)
+        return [(0.5 * (begin + end), 0.5 * (begin_z + end_z), limit)]
+
+
+def make_ocp(problem: Problem) -> Ocp:
+    """Returns the problem for this project's solvers."""
+    y_des = np.concatenate([CHI_DES, np.zeros(4)])  # The joints weigh nothing.
+    task = np.repeat([problem.task_weight, 0.0], [6, 4])
+    terminal = (np.concatenate([task, np.full(10, problem.terminal_velocity_weight)])
+                if problem.dynamic else task)
+    config = MpcConfig(
+        horizon=HORIZON, time_step=STEP, weight_y=task,
+        weight_zeta=np.full(10, problem.velocity_weight),
+        weight_u=np.full(10, problem.input_weight), terminal_weight=terminal, terminal_radius=None)
+    limits = NominalLimits(
+        nu1=SPEED_LIMIT, nu2=SPEED_LIMIT, qdot=SPEED_LIMIT, roll=np.inf, pitch=PITCH_LIMIT,
+        tip_pitch=np.inf, q_lower=JOINT_LOWER, q_upper=JOINT_UPPER,
+        u=np.full(10, problem.input_limit))
+    if not problem.dynamic:
+        return KinematicOcp(load_model(), config, y_des, limits)
+    ocp = HeldInput(load_model(), config, y_des, limits)
+    ocp.u_ref = U_EQ
+    return ocp
+
+
+class FastController:
+    """The fast solver, warm-started by its shifted plan; the first step iterates to convergence.
+
+    Args:
+        problem: What it solves.
+        iterations: At most so many convex programs a step.
+        tolerance: Converged when a step improves the merit by less than this fraction of it.
+    """
+
+    def __init__(self, problem: Problem, iterations: int, tolerance: float = 1e-6):
+        kind = "one iteration" if iterations == 1 else "converged"
+        self.name = f"uvms_drake, {kind}"
+        self.status = True
+        self._ocp = make_ocp(problem)
+        self._solver = SequentialConvexSolver(self._ocp)
+        self._iterations, self._tolerance = iterations, tolerance
+        self._plan: Plan | None = None
+
+    def reset(self) -> None:
+        """Forgets the last plan."""
+        self._plan = None
+
+    def step(self, x: np.ndarray) -> np.ndarray:
+        """Returns u (10,) at the measured state x."""
+        iterations = FIRST_SOLVE_ITERATIONS if self._plan is None else self._iterations
+        guess = _guess(self._ocp, self._plan, x)
+        solution = self._solver.solve(guess, iterations, self._tolerance)
+        self.status = solution.converged or (self._iterations == 1 and solution.plan is not None)
+        self._plan = solution.plan if solution.plan is not None else guess
+        return self._ocp.inputs(self._plan)[0][0]
+
+
+class ReferenceController:
+    """The reference solver, SNOPT on the whole nonlinear program, warm-started likewise."""
+
+    def __init__(self, problem: Problem):
+        self.name = "uvms_drake, SNOPT on the whole problem"
+        self.status = True
+        self._ocp = make_ocp(problem)
+        self._solver = NonlinearSolver(self._ocp, SnoptSolver())
+        self._plan: Plan | None = None
+
+    def reset(self) -> None:
+        """Forgets the last plan."""
+        self._plan = None
+
+    def step(self, x: np.ndarray) -> np.ndarray:
+        """Returns u (10,) at the measured state x."""
+        guess = _guess(self._ocp, self._plan, x)
+        solution = self._solver.solve(guess)
+        self.status = solution.converged
+        self._plan = solution.plan if solution.plan is not None else guess
+        return self._ocp.inputs(self._plan)[0][0]
+
+
+def _guess(ocp: Ocp, last: Plan | None, x: np.ndarray) -> Plan:
+    """Returns the plan of the last step, shifted by one, from the measured state x."""
+    if last is None:
+        return ocp.resting_plan(0.0, x)
+    shifted = ocp.continued(last)
+    return shifted.redone(x, shifted.decision)
