@@ -1,6 +1,6 @@
 """This project's own solvers on the two problems: the fast one and the reference.
 
-ocp-k is `KinematicOcp` as it stands. ocp-d holds the input over a step, where `DynamicOcp` holds the
+ocp-k is `KinematicOcp` as it stands. ocp-d holds the input over a step where `DynamicOcp` holds the
 acceleration and lets the input follow it. `HeldInput` takes for the held input the mean of what the
 acceleration needs at both ends of the interval: the trapezoidal rule for ζ̇ = f + u. What is left of
 the difference is seen in the closed loop, whose plant is the RK4 step: in its cost, and as a
