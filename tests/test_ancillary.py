@@ -10,6 +10,7 @@ from uvms_drake.control.ancillary import (
     AncillaryFeedback,
     Resolved,
     Transpose,
+    motion,
     resolved_input,
     task_error,
     transpose_input,
@@ -18,6 +19,8 @@ from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.contact import UnilateralPlane, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
 K, SIGMA = 13.0, 4.0  # 1/s
 
@@ -119,6 +122,18 @@ def test_the_law_transpose_is_the_papers_as_its_proof_needs_it(model, states, wh
         np.testing.assert_allclose(u, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("where", ["free", "deep"])
+def test_with_joints_the_law_transpose_feeds_back_the_extended_task(model, states, where):
+    """That is, u = ū − k(ζ − ζ̄) − kσJ_x(𝔮̄)ᵀ(y − ȳ), y = (χ, q)."""
+    for state, nominal, nominal_input, _ in pairs(model, states, where):
+        y, y_nominal = (np.concatenate([dh.chi(x[:10]), x[6:10]]) for x in (state, nominal))
+        J_x = model.task_jacobian(nominal[:10])
+        expected = nominal_input - K * (state[10:] - nominal[10:]) - K * SIGMA * (
+            J_x.T @ (y - y_nominal))
+        u = transpose_input(model, state, nominal, nominal_input, K, SIGMA, joints=True)
+        np.testing.assert_allclose(u, expected, atol=1e-12)
+
+
 def turned(state: np.ndarray, angle: float) -> np.ndarray:
     """Returns the state seen after a turn of the whole world about the vertical, ψ in (−π, π]."""
     out = state.copy()
@@ -173,6 +188,52 @@ def test_the_system_computes_its_law_in_any_diagram(model, states, config):
     else:
         expected = transpose_input(model, state, nominal, nominal_input, K, SIGMA)
     np.testing.assert_array_equal(diagram.GetOutputPort("u").Eval(context), expected)
+
+
+@pytest.mark.parametrize("where", ["free", "deep"])
+@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
+def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
+        model, plane, states, config, where):
+    """ζ̇ = f + u: the full inertia, with added mass and rotors, on both sides."""
+    plant = make_uvms_plant(model="girona500_arm5e", surface=plane,
+                            disturbance=ConstantDisturbance(bound=0.0))
+    water = plant.GetSubsystemByName("hydrodynamics")
+    order = plant.GetSubsystemByName("tau_to_drake_order")
+    context = plant.CreateDefaultContext()
+    feedback = AncillaryFeedback(model, config)
+    inputs = feedback.CreateDefaultContext()
+
+    def accelerate(force):
+        plant.GetInputPort("tau").FixValue(context, force)
+        return water.GetOutputPort("acceleration").Eval(
+            water.GetMyContextFromRoot(context)).copy()
+
+    for state, nominal, _, _ in pairs(model, states, where):
+        set_state(plant, context, state)
+        for name, value in (("state", state), ("nominal_state", nominal),
+                            ("nominal_acceleration", np.linspace(-0.1, 0.2, 10)),
+                            ("nominal_input", np.linspace(0.3, -0.2, 10))):
+            feedback.GetInputPort(name).FixValue(inputs, value)
+        tau, u = (feedback.GetOutputPort(name).Eval(inputs) for name in ("tau", "u"))
+        gained = accelerate(tau) - accelerate(np.zeros(10))
+        accelerate(u)  # The same map takes u into the plant's order.
+        expected = order.GetOutputPort("drake_order").Eval(order.GetMyContextFromRoot(context))
+        np.testing.assert_allclose(gained, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_motions_are_remembered_and_not_mixed_up(uvms, model, states):
+    real, nominal, other = states["free"][:3]
+    first = motion(model, real, nominal)
+    assert motion(model, real.copy(), nominal.copy()) is first
+    second = motion(model, other, nominal)
+    for now, state in ((first, real), (second, other)):
+        y, J_x, J_x_dot = model.task_motion(state[:10], state[10:])
+        for value, expected in ((now.y[0], y), (now.J_x[0], J_x), (now.J_x_dot[0], J_x_dot),
+                                (now.inverse @ J_x, np.eye(10)), (now.zeta[0], state[10:]),
+                                (now.y[1], model.task_pose(nominal[:10]))):
+            np.testing.assert_allclose(value, expected, atol=1e-12)
+    same = UvmsModel(uvms, model.surface)
+    assert motion(same, real, nominal) is not first, "another model may be another robot"
 
 
 @pytest.mark.parametrize(("config", "needed"), [

@@ -7,15 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 
-from uvms_drake import simulation
+from uvms_drake import bench, simulation
 from uvms_drake.certificate.certificate import Certificate, read_certificate
 from uvms_drake.cli import main
 from uvms_drake.errors import RunFailed
-from uvms_drake.figures import FIGURES
+from uvms_drake.figures import figures_of
 from uvms_drake.model.description import models_dir
 from uvms_drake.record import load_record
 from uvms_drake.scenario import dump_scenario, load_scenario
@@ -85,7 +86,8 @@ def certified(tmp_path_factory):
 def test_a_short_run_writes_every_file(smoke):
     output, done = smoke
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in output.iterdir()} == DATA | {"replay.html", *FIGURES}
+    assert {path.name for path in output.iterdir()} == DATA | {
+        "replay.html", *figures_of(load_scenario("girona500_contact"))}
 
 
 def test_a_run_prints_the_summary_and_where_the_files_are(smoke):
@@ -130,13 +132,16 @@ def test_the_output_defaults_to_a_folder_named_after_the_scenario(tmp_path, caps
 def test_the_scenarios_are_listed_with_a_line_each(capsys):
     assert main(["scenarios"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == ["girona500_bilateral", "girona500_contact"]
+    assert [line.split()[0] for line in lines] == [
+        "girona500_bilateral", "girona500_contact", "paper_dynamic", "paper_dynamic_resolved",
+        "paper_kinematic", "paper_kinematic_certified"]
     assert all(len(line.split()) > 5 for line in lines)
 
 
 @pytest.mark.parametrize("args", [
     [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
-    ["certify", "--uncertified"], ["certify", "a", "b"]])
+    ["certify", "--uncertified"], ["certify", "a", "b"], ["bench", "--seed", "1"],
+    ["bench", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     assert main(args) == 2
     out, err = capsys.readouterr()
@@ -436,3 +441,54 @@ def test_an_uncertified_run_takes_the_certificate_out_of_its_folder(certified, t
     assert run_in(tmp_path) == 0
     assert run_in(tmp_path, "--uncertified") == 0
     assert {path.name for path in tmp_path.iterdir()} == DATA
+
+
+# Measurements ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def quick_bench(monkeypatch):
+    """Lets `bench` measure very little."""
+    little = bench.Effort(warm_up=0, steps=2, first_plans=1, instants=2, rounds=1, simulated=0.1,
+                          horizons=(2, 3), horizon_steps=1)
+    monkeypatch.setattr(bench, "measure", partial(bench.measure, effort=little))
+
+
+def test_bench_prints_and_writes_what_it_measures(quick_bench, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "out" / "girona500_bilateral"
+    folder.mkdir(parents=True)
+    (folder / "log.npz").write_text("of a run")
+    assert main(["bench", "girona500_bilateral", "--set", "mpc.horizon=4"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("girona500_bilateral: uvms_drake ")
+    assert "controller step, N = 4 [ms]" in out
+    lines = err.splitlines()
+    assert len(lines) == 4
+    assert all(line.startswith("measuring ") and line.endswith(" ...") for line in lines)
+    assert {path.name for path in folder.iterdir()} == {"bench.json", "log.npz"}
+    stored = json.loads((folder / "bench.json").read_text(encoding="utf-8"))
+    assert (stored["scenario"], stored["controller"]["horizon"]) == ("girona500_bilateral", 4)
+
+
+@pytest.mark.parametrize("args", [
+    ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "mpc.horizon=0"],
+    ["--set", "disturbance.bound=-0.1"], ["--set", "start.q.0=1.6"], ["--set", "model=girona501"]])
+def test_bad_input_is_refused_by_bench_too(args, quick_bench, capsys, tmp_path):
+    assert main(["bench", *args, "--output", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bench_writes_nothing_if_the_scenario_cannot_be_run(
+        quick_bench, capsys, tmp_path, monkeypatch):
+    def fails(*args, **kwargs):
+        raise RunFailed("no plan")
+
+    monkeypatch.setattr(bench, "simulate", fails)
+    assert main(["bench", "--output", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == "uvms-drake: error: no plan"
+    assert not (tmp_path / "out").exists()

@@ -6,6 +6,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 
 from uvms_drake.model.euler import (
     euler_angles,
+    inverse_rate_matrix,
     rate_matrix,
     rotation_matrix,
     wrap_angle,
@@ -43,6 +44,18 @@ def test_euler_angles_agree_with_drake(attitudes):
 
 def test_euler_angles_invert_rotation_matrix(attitudes):
     np.testing.assert_allclose(euler_angles(rotation_matrix(attitudes)), attitudes, atol=1e-13)
+
+
+def test_the_inverse_of_the_rate_matrix_is_one_and_exists_at_the_singularity(attitudes):
+    np.testing.assert_allclose(
+        inverse_rate_matrix(attitudes) @ rate_matrix(attitudes),
+        np.broadcast_to(np.eye(3), (20, 3, 3)), atol=1e-12)
+    nose_up = np.array([0.4, np.pi / 2, 0.1])
+    for rates in np.eye(3):
+        R_dot = rotation_matrix(nose_up + 1j * COMPLEX_STEP * rates).imag / COMPLEX_STEP
+        S = rotation_matrix(nose_up).T @ R_dot
+        np.testing.assert_allclose(
+            inverse_rate_matrix(nose_up) @ rates, [S[2, 1], S[0, 2], S[1, 0]], atol=1e-15)
 
 
 def test_pitch_is_found_at_the_singularity():

@@ -20,7 +20,8 @@ from uvms_drake.scenario import (
     shipped_scenarios,
 )
 
-SHIPPED = ("girona500_bilateral", "girona500_contact")
+SHIPPED = ("girona500_bilateral", "girona500_contact", "paper_dynamic",
+           "paper_dynamic_resolved", "paper_kinematic", "paper_kinematic_certified")
 
 
 def load_text(tmp_path, text, overrides=()):
@@ -36,7 +37,7 @@ def error_of(*args):
     return str(caught.value)
 
 
-def test_the_two_scenarios_are_shipped():
+def test_the_scenarios_are_shipped():
     assert tuple(shipped_scenarios()) == SHIPPED
 
 
@@ -173,7 +174,7 @@ def test_a_mistake_in_the_file_is_reported_without_mention_of_overrides(tmp_path
 
 def test_an_unknown_scenario_names_the_shipped_ones_and_the_closest():
     assert error_of("girona500_contcat") == (
-        "scenario = 'girona500_contcat': must be one of girona500_bilateral, girona500_contact, "
+        f"scenario = 'girona500_contcat': must be one of {', '.join(SHIPPED)}, "
         "or a YAML file (did you mean 'girona500_contact'?)")
 
 

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from uvms_drake.model.spatial import cross, cross_force, cross_motion, skew
+from uvms_drake.model.spatial import (
+    block_diagonal,
+    cross,
+    cross_force,
+    cross_motion,
+    force_matrix,
+    motion_matrix,
+    skew,
+    times,
+)
 
 
 @pytest.fixture
@@ -54,6 +63,22 @@ def test_force_product_gives_the_gyroscopic_moment_of_newton_and_euler(rng):
     F = cross_force(np.concatenate([v, w]), np.concatenate([mass * v, inertia @ w]))
     np.testing.assert_allclose(F[:3], mass * np.cross(w, v), atol=1e-14)
     np.testing.assert_allclose(F[3:], np.cross(w, inertia @ w), atol=1e-14)
+
+
+def test_the_matrices_are_those_of_the_products(rng):
+    V, W, F = rng.normal(size=(3, 7, 5, 6))
+    np.testing.assert_allclose(times(motion_matrix(V), W), cross_motion(V, W), atol=1e-14)
+    np.testing.assert_allclose(times(force_matrix(F), V), cross_force(V, F), atol=1e-14)
+    np.testing.assert_allclose(
+        times(-np.swapaxes(motion_matrix(V), -1, -2), F), cross_force(V, F), atol=1e-14)
+
+
+def test_a_block_diagonal_matrix_acts_on_each_half(rng):
+    A, B, x = rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 3, 3)), rng.normal(size=(4, 6))
+    expected = np.concatenate([np.einsum("mij,mj->mi", A, x[:, :3]),
+                               np.einsum("mij,mj->mi", B, x[:, 3:])], axis=1)
+    np.testing.assert_allclose(times(block_diagonal(A, B), x), expected, atol=1e-14)
+    np.testing.assert_array_equal(block_diagonal(1j * A, 1j * B), 1j * block_diagonal(A, B))
 
 
 @pytest.mark.parametrize("function", [cross_motion, cross_force])

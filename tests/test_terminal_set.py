@@ -9,12 +9,12 @@ import pytest
 from uvms_drake.certificate import terminal_set
 from uvms_drake.certificate.terminal_set import (
     TerminalCheck,
-    TerminalLoop,
     boundary_samples,
     check_penalty,
     check_terminal,
     largest_radius,
     linear_radius,
+    terminal_loop,
 )
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import NominalLimits
@@ -88,10 +88,10 @@ def test_there_is_a_terminal_set_and_what_limits_it_is_named(robot, found):
 
 def test_fresh_states_on_the_boundary_meet_every_condition(robot, found):
     radius, _ = found
-    loop = TerminalLoop(robot)
+    loop = terminal_loop(robot)
     xi = radius * boundary_samples(robot.terminal.P, FRESH, np.random.default_rng(77))
     assert np.min(loop.margins(xi)) >= 0.0
-    after, _ = loop.move(xi, xi @ robot.terminal.gain.T)
+    after, *_ = loop.move(xi, xi @ robot.terminal.gain.T)
     assert np.max(np.sum((after @ robot.terminal.P) * after, axis=1)) <= radius**2
 
 
@@ -118,7 +118,7 @@ def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
     u, tau = robot.limits.u, np.linspace(80.0, 90.0, 10)
     robot = changed(robot, inputs=robot.inputs, limits=dataclasses.replace(
         robot.limits, tau=tau, roll=0.25, pitch=0.28))
-    limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, TerminalLoop(robot)
+    limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, terminal_loop(robot)
     for state in 0.5 * boundary_samples(P, 5, np.random.default_rng(82)):
         config = robot.model.configuration(robot.y_des + state[:10])
         plan = DynamicPlan.from_accelerations(
@@ -135,14 +135,14 @@ def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
                     1.0 - abs(config[3]) / 0.25, 1.0 - abs(config[4]) / 0.28]
         np.testing.assert_allclose(loop.margins(state), expected, rtol=1e-9, atol=1e-9)
         # A task that is given by an angle beyond π is the same task.
-        turned = TerminalLoop(changed(robot, y_des=robot.y_des + 2.0 * np.pi * np.eye(10)[5]))
+        turned = terminal_loop(changed(robot, y_des=robot.y_des + 2.0 * np.pi * np.eye(10)[5]))
         np.testing.assert_allclose(turned.margins(state), expected, rtol=1e-6, atol=1e-6)
 
 
 def test_near_the_worst_states_nothing_in_the_set_is_worse(robot, found):
     """So they are local minima of the margins."""
     radius, check = found
-    loop, rng = TerminalLoop(robot), np.random.default_rng(83)
+    loop, rng = terminal_loop(robot), np.random.default_rng(83)
     root = np.linalg.inv(np.linalg.cholesky(robot.terminal.P))
     for column, name in enumerate(loop.names):
         if name == "decrease" or check.margins[name] < 0.3:
@@ -172,7 +172,7 @@ def test_with_little_inflation_the_decrease_limits_the_set(robot, found):
     assert check.limiting == "decrease"
     assert 0.0 < radius / np.sqrt(1.1) < 0.9 * found[0] / np.sqrt(1.0 + INFLATION)
     fresh = boundary_samples(little.terminal.P, FRESH, np.random.default_rng(81))
-    assert np.min(TerminalLoop(little).margins(radius * fresh)) >= 0.0
+    assert np.min(terminal_loop(little).margins(radius * fresh)) >= 0.0
     assert check_terminal(little, 1.5 * radius).failures[0] == "decrease"
 
 
@@ -266,7 +266,7 @@ def test_the_linear_radius_is_where_the_set_touches_a_limit(toy, name, bound, co
 
 def test_a_linear_input_limit_is_found_to_the_tolerance(toy):
     """Its support function is the answer: ε = limit/‖row‖_{P⁻¹}."""
-    loop = TerminalLoop(toy)
+    loop = terminal_loop(toy)
     reach = np.sqrt(np.sum((loop.rows @ np.linalg.inv(toy.terminal.P)) * loop.rows, axis=1))
     expected = 0.5 * linear_radius(toy)
     toy.limits = dataclasses.replace(toy.limits, u=expected * np.maximum(reach[:7], reach[7:14]))

@@ -17,7 +17,7 @@ def test_it_has_the_documented_ports(short_ocp):
     outputs = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
     assert {port.get_name(): port.size() for port in inputs} == {"state": 20}
     assert {port.get_name(): port.size() for port in outputs} == {
-        "tau": 10, "u": 10, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 6,
+        "tau": 10, "u": 10, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 7,
         "solve_seconds": 1}
 
 

@@ -12,6 +12,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
+from tiny_robots import drill, oblique, turret
 
 from uvms_drake.model.contact import BilateralSpring, UnilateralPlane, make_surface_law
 from uvms_drake.model.coordinates import Coordinates
@@ -104,17 +105,18 @@ def test_the_jacobian_is_the_derivative_of_the_papers_chain(model, derivative):
             model.task_jacobian(config), np.vstack([J, np.eye(10)[6:]]))
 
 
-def test_body_jacobians_are_those_of_the_plant(model, uvms):
-    """Jᵢζ is the velocity of each body and of the tip in its own axes."""
+def test_link_jacobians_are_those_of_the_plant(model, uvms):
+    """Jₖζ is the velocity of each link, the last one's at the tip, in its own axes."""
     plant = uvms.plant
     context = plant.CreateDefaultContext()
     rng = np.random.default_rng(3)
-    frames = [plant.get_body(i).body_frame() for i in plant.GetBodyIndices(uvms.model_instance)]
+    links = [uvms.vehicle, *(joint.child_body() for joint in uvms.joints[:-1])]
+    frames = [*(link.body_frame() for link in links), uvms.tip]
     for config in dh.random_configurations(seed=3, count=5):
         zeta = rng.normal(size=10)
         plant.SetPositionsAndVelocities(
             context, Coordinates(uvms).to_drake(np.concatenate([config, zeta])))
-        for J, frame in zip(model.kinematics(config).J_bodies, [*frames, uvms.tip], strict=True):
+        for J, frame in zip(model.kinematics(config).J_links, frames, strict=True):
             V = frame.CalcSpatialVelocity(context, plant.world_frame(), frame)
             np.testing.assert_allclose(
                 J @ zeta, np.concatenate([V.translational(), V.rotational()]), atol=1e-12)
@@ -223,6 +225,62 @@ def test_the_derivatives_of_f_are_those_of_differences(model, states, derivative
         np.testing.assert_allclose(f_zeta[..., j], by_zeta, rtol=1e-6, atol=1e-8 * scale)
 
 
+def complex_derivatives(model: UvmsModel, config: np.ndarray, zeta: np.ndarray):
+    """Returns ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n), one column at a time, by complex steps."""
+    f = model.drift(config, zeta)
+    M = model.mass_matrix(model.kinematics(config))
+    columns = []
+    for direction in np.eye(2 * model.size):
+        by_config, by_zeta = np.split(1e-30j * direction, 2)
+        residual = model.inverse_dynamics(
+            model.kinematics(config + by_config), zeta + by_zeta, f.astype(complex))
+        columns.append(-np.linalg.solve(M, residual.imag[..., None] / 1e-30))
+    return np.split(np.concatenate(columns, axis=-1), 2, axis=-1)
+
+
+def tilted(surface) -> UvmsModel:
+    """Returns the robot where gravity has all three components."""
+    plant = MultibodyPlant(time_step=0.1)
+    uvms = add_uvms(plant, "girona500_arm5e")
+    plant.mutable_gravity_field().set_gravity_vector([2.0, -3.0, 8.0])
+    plant.Finalize()
+    return UvmsModel(uvms, surface)
+
+
+@pytest.mark.parametrize("where", ["free", "skin", "deep"])
+@pytest.mark.parametrize("kind", ["plane", "spring", "tilted"])
+def test_the_derivatives_of_f_are_those_of_complex_steps(uvms, model, states, kind, where):
+    if kind != "plane":
+        surface = make_surface_law(SPRING)
+        model = UvmsModel(uvms, surface) if kind == "spring" else tilted(surface)
+    config, zeta = np.split(states[where], 2, axis=1)
+    _, f_config, f_zeta = model.drift_derivatives(config, zeta)
+    for value, expected in zip(
+            (f_config, f_zeta), complex_derivatives(model, config, zeta), strict=True):
+        np.testing.assert_allclose(
+            value, expected, rtol=1e-9, atol=1e-10 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("robot", [turret(0.4), drill(), oblique()])
+def test_robots_with_other_joints_have_their_derivatives_too(robot):
+    rng = np.random.default_rng(12)
+    config, zeta = rng.uniform(-1.0, 1.0, size=(2, 4, robot.size))
+    config[:, 0] += 0.01 - robot.task_pose(config)[:, 0]
+    _, *values = robot.drift_derivatives(config, zeta)
+    for value, expected in zip(values, complex_derivatives(robot, config, zeta), strict=True):
+        np.testing.assert_allclose(
+            value, expected, rtol=1e-9, atol=1e-10 * np.max(np.abs(expected)))
+
+
+def test_the_derivatives_exist_where_the_vehicle_stands_on_its_nose(model):
+    """𝔮 is singular there, f is not."""
+    config = np.array([[-2.0, 0.0, 0.0, 0.3, 0.5 * np.pi, 0.2, 0.2, 0.9, 0.2, 0.1]])
+    zeta = np.linspace(-0.3, 0.3, 10)[None]
+    _, *values = model.drift_derivatives(config, zeta)
+    for value, expected in zip(values, complex_derivatives(model, config, zeta), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
+
+
 def test_the_equilibrium_input_holds_the_robot_still_on_the_wall(uvms, model, states, plane):
     """τ = M u_eq is the inverse dynamics at rest, and the plant does not move under it."""
     plant = Plant(plane)
@@ -317,3 +375,11 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
     expected = np.array([0.0, 0.0, (50.0 - 40.0) * 9.81 / (50.0 + 30.0), 0.0, 0.0, 0.0])
     np.testing.assert_allclose(bare.drift(config, np.zeros(6)), expected, atol=1e-12)
     np.testing.assert_allclose(bare.task_pose(config)[:3], [-2.4, 0.0, 0.0], atol=1e-12)
+    config[0], zeta = -0.595, np.linspace(-0.2, 0.3, 6)
+    _, *values = bare.drift_derivatives(config[None], zeta[None])
+    for value, expected in zip(
+            values, complex_derivatives(bare, config[None], zeta[None]), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
+    ahead, behind = (bare.task_jacobian(moved(config, zeta, s)) for s in (1e-5, -1e-5))
+    np.testing.assert_allclose(
+        bare.task_motion(config, zeta)[2], (ahead - behind) / 2e-5, atol=1e-8)

@@ -1,4 +1,4 @@
-"""The command line: `uvms-drake run`, `uvms-drake certify` and `uvms-drake scenarios`.
+"""The command line: `uvms-drake run`, `certify`, `bench`, `errata` and `scenarios`.
 
 The exit status is 0 if all went well, 1 if the run could not be carried through or the certificate
 is void, 2 for bad input and 130 after Ctrl-C. An error is one line on stderr.
@@ -39,6 +39,7 @@ from uvms_drake.summary import format_summary, summarise
 
 PROGRAM = "uvms-drake"
 MAIN_SCENARIO = "girona500_contact"
+ERRATA_FILE = "errata.md"
 SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
 
@@ -85,6 +86,8 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_run(commands)
     _add_certify(commands)
+    _add_bench(commands)
+    _add_errata(commands)
     scenarios = commands.add_parser("scenarios", help="list the shipped scenarios",
                                     allow_abbrev=False)
     scenarios.set_defaults(command=list_scenarios)
@@ -132,6 +135,27 @@ def _add_certify(commands: argparse._SubParsersAction) -> None:
                          dest="overrides", help="any value of the scenario; can be repeated")
 
 
+def _add_bench(commands: argparse._SubParsersAction) -> None:
+    bench = commands.add_parser("bench", help="measure how long the parts of a scenario take",
+                                allow_abbrev=False)
+    bench.set_defaults(command=bench_scenario)
+    bench.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
+                       help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    bench.add_argument("--output", type=Path, metavar="DIR",
+                       help="where to write bench.json (default: out/<scenario>)")
+    bench.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+                       dest="overrides", help="any value of the scenario; can be repeated")
+
+
+def _add_errata(commands: argparse._SubParsersAction) -> None:
+    errata = commands.add_parser("errata", help="compute what is wrong in the paper",
+                                 allow_abbrev=False)
+    errata.set_defaults(command=list_errata)
+    errata.add_argument("--output", type=Path, metavar="DIR",
+                        help="also write errata.md, and a figure for each of three choices that "
+                             "the paper's text leaves, simulated both ways")
+
+
 def certify_scenario(args: argparse.Namespace) -> int:
     """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
     from uvms_drake.certificate.certify import certified_once
@@ -156,6 +180,45 @@ def certify_scenario(args: argparse.Namespace) -> int:
         if args.laws:
             print(f"\n{format_laws(compare_laws(scenario))}")
     return 0 if certificate.certified else 1
+
+
+def bench_scenario(args: argparse.Namespace) -> int:
+    """Prints how long the parts of a scenario take, and writes it."""
+    from uvms_drake.bench import format_bench, measure, write_bench
+
+    def progress(what: str) -> None:
+        print(f"measuring {what} ...", file=sys.stderr)
+
+    scenario = load_scenario(args.scenario, args.overrides)
+    output = args.output if args.output is not None else Path("out") / scenario.name
+    with output_folder(output, ()) as folder:
+        with reported_in(scenario_source(args.scenario, args.overrides)):
+            bench = measure(scenario, progress=progress)
+        write_bench(bench, folder)
+    print(format_bench(bench))
+    return 0
+
+
+def list_errata(args: argparse.Namespace) -> int:
+    """Prints the errata of the paper, as they are computed, and returns 1 if one is not confirmed.
+
+    With an output folder, writes them as Markdown, and the figures of `choices`.
+    """
+    from uvms_drake.choices import draw_choices
+    from uvms_drake.errata import all_errata, errata_markdown, errata_table
+
+    def progress(what: str) -> None:
+        print(f"drawing {what} ...", file=sys.stderr)
+
+    if args.output is None:
+        errata = all_errata()
+    else:
+        with output_folder(args.output, ()) as folder:
+            errata = all_errata()
+            (folder / ERRATA_FILE).write_text(errata_markdown(errata) + "\n", encoding="utf-8")
+            draw_choices(folder, progress)
+    print(errata_table(errata))
+    return 0 if all(erratum.wrong for erratum in errata) else 1
 
 
 def list_scenarios(args: argparse.Namespace) -> int:

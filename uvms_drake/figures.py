@@ -26,7 +26,13 @@ from uvms_drake.figure_style import (
     room_above_zero,
     tube_label,
 )
+from uvms_drake.paper_figures import (
+    draw_input_norms,
+    draw_orientation_errors,
+    draw_position_errors,
+)
 from uvms_drake.record import Record
+from uvms_drake.scenario import Scenario
 from uvms_drake.summary import input_names, settling_index
 
 UNCERTIFIED = "run without a certificate"
@@ -35,7 +41,8 @@ UNCERTIFIED = "run without a certificate"
 def make_figures(record: Record, output_dir: Path) -> list[Path]:
     """Writes all figures of a run as PNG files into a folder and returns their paths."""
     paths = []
-    for name, draw in FIGURES.items():
+    for name in figures_of(record.scenario):
+        draw = FIGURES[name]
         with matplotlib.rc_context(STYLE):
             figure = draw(record)
             if not record.certified:
@@ -44,6 +51,12 @@ def make_figures(record: Record, output_dir: Path) -> list[Path]:
             figure.savefig(output_dir / name)
         paths.append(output_dir / name)
     return paths
+
+
+def figures_of(scenario: Scenario) -> list[str]:
+    """Returns the names of the figures of a scenario's run."""
+    without = WITH_FORCES if scenario.kinematic else PAPERS
+    return [name for name in FIGURES if name not in without]
 
 
 def draw_task_error(record: Record) -> Figure:
@@ -168,18 +181,21 @@ def draw_inputs(record: Record) -> Figure:
 
 
 def draw_disturbance(record: Record) -> Figure:
-    """Draws the components of d, and its norm against the bound."""
+    """Draws the components of d, or w, and its norm against the bound."""
     figure, axes = panels(2, 2.8)
-    blocks = (slice(0, 3), slice(3, 6), slice(6, None))
-    names = ("surge, sway, heave", "roll, pitch, yaw", "joints")
-    for block, color, name in zip(blocks, XYZ, names, strict=True):
+    kinematic = record.scenario.kinematic
+    symbol, unit = ("w", "m/s, rad/s") if kinematic else ("d", "m/s², rad/s²")
+    blocks = (slice(0, 3), slice(3, 6), slice(6, None))[: 2 if kinematic else 3]
+    names = ("position", "orientation") if kinematic else (
+        "surge, sway, heave", "roll, pitch, yaw", "joints")
+    for block, color, name in zip(blocks, XYZ, names, strict=False):
         axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
                      label=name)
     axes[1].plot(record.time, np.linalg.norm(record.disturbance, axis=1), color=BLACK)
     axes[1].axhline(record.scenario.disturbance.bound, **{**LIMIT, "color": VERMILION})
-    axes[1].set_title(r"dashed: bound $\tilde{d}$")
-    axes[0].set_ylabel("$d_i$ [m/s², rad/s²]")
-    axes[1].set_ylabel(r"$\|d\|_2$ [m/s², rad/s²]")
+    axes[1].set_title(rf"dashed: bound $\tilde{{{symbol}}}$")
+    axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
+    axes[1].set_ylabel(rf"$\|{symbol}\|_2$ [{unit}]")
     room_above_zero(axes[1])
     legend_above(figure, axes[0])
     return figure
@@ -230,7 +246,8 @@ def draw_deviation(record: Record) -> Figure:
 def nominal_limits(record: Record) -> NominalLimits:
     """Returns what the tube left of the limits to the nominal MPC."""
     scenario = record.scenario
-    return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper)
+    return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper,
+                   accelerations=not scenario.kinematic)
 
 
 def _name_tube(axis: Axes, record: Record) -> None:
@@ -258,4 +275,11 @@ FIGURES: dict[str, Callable[[Record], Figure]] = {
     "disturbance.png": draw_disturbance,
     "mpc.png": draw_mpc,
     "deviation.png": draw_deviation,
+    "position_errors.png": draw_position_errors,
+    "orientation_errors.png": draw_orientation_errors,
+    "input_norms.png": draw_input_norms,
 }
+WITH_FORCES = ("force.png", "inputs.png")
+"""Of dynamic motion only."""
+PAPERS = ("position_errors.png", "orientation_errors.png", "input_norms.png")
+"""Of kinematic motion only: the paper's."""

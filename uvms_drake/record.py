@@ -35,17 +35,18 @@ class Record:
     chi_des: np.ndarray
     """χ_des (6,) [m, rad]."""
     nominal_input: np.ndarray
-    """ū (T, 6+n) [m/s², rad/s²]."""
+    """ū (T, 6+n) [m/s², rad/s²]; ζ̄ [m/s, rad/s] if the motion is kinematic."""
     u: np.ndarray
-    """𝔲 (T, 6+n) [m/s², rad/s²]."""
+    """𝔲 (T, 6+n) [m/s², rad/s²]; ζ [m/s, rad/s] if the motion is kinematic."""
     tau: np.ndarray
-    """τ = M𝔲 (T, 6+n) [N, N m]."""
+    """τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
     force: np.ndarray
-    """𝔉, exerted on the surface (T, 6) [N, N m]."""
+    """𝔉, exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
+    surface's law gives for the pose."""
     penetration: np.ndarray
     """Of the end-effector into the surface (T,) [m]."""
     disturbance: np.ndarray
-    """d (T, 6+n) [m/s², rad/s²]."""
+    """d (T, 6+n) [m/s², rad/s²]; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
     joint_lower: np.ndarray
     """Joint limits in force (n,) [rad]: the robot's, or the scenario's if they are narrower."""
     joint_upper: np.ndarray

@@ -27,6 +27,8 @@ from uvms_drake.plant.disturbance import (
 )
 from uvms_drake.schema import load_typed, parse_yaml, read_yaml
 
+MOTIONS = ("dynamic", "kinematic")
+
 
 @dataclass
 class Start:
@@ -67,6 +69,10 @@ class Scenario:
     """Of everything random."""
     duration: float = 20.0
     """[s]."""
+    motion: str = "dynamic"
+    """What is simulated: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
+    input, the end-effector's velocity is disturbed and the force only follows from the pose, as in
+    the paper's simulation."""
     model: str = "girona500_arm5e"
     """A shipped robot or a robot's folder."""
     start: Start = field(default_factory=Start)
@@ -85,6 +91,11 @@ class Scenario:
         integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
     log_period: float = 0.02
     """Between two samples of every logged signal [s]."""
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether the velocity is the input."""
+        return self.motion == "kinematic"
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -172,6 +183,7 @@ def check_scenario(scenario: Scenario) -> None:
     name = scenario.name
     require(not any(c in name for c in "/\\\n") and name not in (".", ".."), "name", name,
             "usable as the name of a folder")
+    require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
     _require_positive("duration", scenario.duration)
     _require_positive("log_period", scenario.log_period)
     require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,

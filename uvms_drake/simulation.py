@@ -103,8 +103,13 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
     model = UvmsModel.load(scenario.model, surface)
     size = model.size
     joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
+    chi = model.task_pose(logs["state"][:, :size])[:, :6]
+    if scenario.kinematic:  # There are no forces; the surface's law gives one for the pose.
+        still = np.zeros_like(chi)
+        logs |= {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
+                 "tau": np.empty((len(chi), 0))}
     derived = {
-        "chi": model.task_pose(logs["state"][:, :size])[:, :6],
+        "chi": chi,
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
         "chi_des": surface.pose_for(scenario.task.force, scenario.task.pose),
         "joint_lower": joint_lower,

@@ -7,20 +7,29 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
 
+from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
 from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
 from uvms_drake.control.nominal_mpc import REPORT_FIELDS
+from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
-from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.errors import require, vector, within
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.kinematic_plant import make_kinematic_plant, set_configuration
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.scenario import Scenario
 
-LOGGED = ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penetration",
-          "disturbance", "tube_deviation", "tube_bound")
-"""Output ports of the station that are logged every `log_period`."""
+LOGGED = {
+    "dynamic": ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penetration",
+                "disturbance", "tube_deviation", "tube_bound"),
+    "kinematic": ("state", "nominal_state", "nominal_input", "u", "disturbance", "tube_deviation",
+                  "tube_bound"),
+}
+"""Output ports of the station that are logged every `log_period`, by the scenario's motion."""
 
 MONITOR_SLACK = 0.01
 """Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over
@@ -39,10 +48,12 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
                ┌───▶└──────┘         └──────────┘  │ tau
                └───────────────────────────────────┘
 
-    A `TubeMonitor` watches both. The output ports are `LOGGED`, `plan`, `report`, `solve_seconds`
-    and `tube_report`; see `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`. Each of the logged
-    ports has a VectorLogSink named `log.<port>`; `report` and `solve_seconds` have one of the
-    sampling period.
+    A `TubeMonitor` watches both. With kinematic motion there is no current, the controller reads
+    `configuration`, and its velocity ζ = u goes to the plant. The output ports are those of
+    `LOGGED`, `plan`, `report`, `solve_seconds` and `tube_report`; see `make_uvms_plant`,
+    `make_tube_mpc` and `TubeMonitor`, and their kinematic counterparts. Each of the logged ports
+    has a VectorLogSink named `log.<port>`; `report` and `solve_seconds` have one of the sampling
+    period.
 
     Args:
         scenario: Everything the run depends on.
@@ -51,9 +62,29 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    ocp = make_ocp(scenario)
-    start_state(scenario, ocp)
     builder = DiagramBuilder()
+    connect = _connect_kinematic if scenario.kinematic else _connect_dynamic
+    uvms, controller, monitor = connect(builder, scenario, meshcat)
+    logged = LOGGED[scenario.motion]
+    for name in (*logged, "plan", "report", "solve_seconds", "tube_report"):
+        if name.startswith("tube_"):
+            port = monitor.GetOutputPort(name.removeprefix("tube_"))
+        else:
+            port = (uvms if uvms.HasOutputPort(name) else controller).GetOutputPort(name)
+        builder.ExportOutput(port, name)
+        if name not in ("plan", "tube_report"):
+            period = scenario.log_period if name in logged else scenario.mpc.time_step
+            LogVectorOutput(port, builder, period).set_name(f"log.{name}")
+    station = builder.Build()
+    station.set_name("station")
+    return station
+
+
+def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario,
+                     meshcat: Meshcat | None) -> tuple[Diagram, Diagram, TubeMonitor]:
+    """Adds plant, controller and monitor of dynamic motion, connected."""
+    ocp = make_dynamic_ocp(scenario)
+    start_state(scenario, ocp)
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
         model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
         seed=scenario.seed, meshcat=meshcat))
@@ -70,39 +101,78 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
         slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
+    return uvms, controller, monitor
 
-    for name in (*LOGGED, "plan", "report", "solve_seconds", "tube_report"):
-        if name.startswith("tube_"):
-            port = monitor.GetOutputPort(name.removeprefix("tube_"))
-        else:
-            port = (uvms if uvms.HasOutputPort(name) else controller).GetOutputPort(name)
-        builder.ExportOutput(port, name)
-        if name not in ("plan", "tube_report"):
-            period = scenario.log_period if name in LOGGED else ocp.time_step
-            LogVectorOutput(port, builder, period).set_name(f"log.{name}")
-    station = builder.Build()
-    station.set_name("station")
-    return station
+
+def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario,
+                       meshcat: Meshcat | None) -> tuple[Diagram, Diagram, KinematicTubeMonitor]:
+    """Adds plant, controller and monitor of kinematic motion, connected."""
+    require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
+            "zero where there is no water (motion: kinematic)")
+    ocp = make_kinematic_ocp(scenario)
+    start_state(scenario, ocp)
+    uvms = builder.AddNamedSystem("uvms", make_kinematic_plant(
+        model=scenario.model, disturbance=scenario.disturbance, seed=scenario.seed,
+        meshcat=meshcat))
+    with within("ancillary"):
+        controller = builder.AddNamedSystem(
+            "tube_mpc", make_kinematic_tube_mpc(ocp, scenario.ancillary))
+    builder.Connect(uvms.GetOutputPort("configuration"), controller.GetInputPort("configuration"))
+    builder.Connect(controller.GetOutputPort("u"), uvms.GetInputPort("zeta"))
+    monitor = KinematicTubeMonitor.AddToBuilder(
+        builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
+        set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
+        nominal_state=controller.GetOutputPort("nominal_state"),
+        disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
+        slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
+    return uvms, controller, monitor
 
 
 def set_wise_radii(scenario: Scenario) -> dict[str, float]:
-    """Returns the set-wise bounds that a `TubeMonitor` watches, from the scenario's tube."""
-    tube = resolved_radii(scenario.tube)
+    """Returns the set-wise bounds that a `TubeMonitor` watches, from the scenario's tube.
+
+    The paper's law has none for the joints.
+    """
+    tube, law = resolved_radii(scenario.tube), scenario.ancillary
+    joints = None if isinstance(law, Transpose) and not law.joints else tube.joints
     radii = {"task": tube.e, "position": tube.position, "orientation": tube.orientation,
-             "joints": tube.joints, "z": tube.z}
+             "joints": joints, "z": tube.z}
     return {field: radius for field, radius in radii.items() if radius is not None}
 
 
-def make_ocp(scenario: Scenario) -> DynamicOcp:
+def make_ocp(scenario: Scenario) -> Ocp:
     """Returns the nominal MPC's problem, with a model that is the controller's own.
 
     Raises:
         InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
     """
+    return make_kinematic_ocp(scenario) if scenario.kinematic else make_dynamic_ocp(scenario)
+
+
+def make_kinematic_ocp(scenario: Scenario) -> KinematicOcp:
+    """Returns the problem of a scenario with kinematic motion; see `make_ocp`."""
+    model, y_des, limits = _task(scenario)
+    with within("mpc"):
+        return KinematicOcp(model, scenario.mpc, y_des, limits)
+
+
+def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
+    """Returns the problem of a scenario with dynamic motion; see `make_ocp`."""
+    model, y_des, limits = _task(scenario)
+    with within("mpc"):
+        ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
+    require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
+            f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
+    return ocp
+
+
+def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
+    """Returns the controller's model, y_des (6+n,), and the limits that the tube leaves."""
     with within("surface"):
         surface = make_surface_law(scenario.surface)
     model = UvmsModel.load(scenario.model, surface)
-    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper)
+    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper,
+                     accelerations=not scenario.kinematic)
     task = scenario.task
     with within("task"):
         force = vector("force", task.force, 6)
@@ -111,14 +181,10 @@ def make_ocp(scenario: Scenario) -> DynamicOcp:
         y_des = np.concatenate([surface.pose_for(force, pose), posture])
         config = model.configuration(y_des)
         _check_configuration("pose", "posture", config, y_des, limits)
-    with within("mpc"):
-        ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
-    require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
-            f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
-    return ocp
+    return model, y_des, limits
 
 
-def start_state(scenario: Scenario, ocp: DynamicOcp) -> np.ndarray:
+def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 
     Raises:
@@ -148,13 +214,16 @@ def _check_configuration(pose_key: str, joint_key: str, config: np.ndarray, y: n
 def initialize(station: Diagram, context: Context, scenario: Scenario) -> None:
     """Sets the state of a station's `context` to the scenario's start."""
     uvms = cast(Diagram, station.GetSubsystemByName("uvms"))
+    own_context = uvms.GetMyMutableContextFromRoot(context)
     config = np.concatenate([scenario.start.eta, scenario.start.q])
-    set_state(uvms, uvms.GetMyMutableContextFromRoot(context),
-              np.concatenate([config, np.zeros_like(config)]))
+    if scenario.kinematic:
+        set_configuration(uvms, own_context, config)
+    else:
+        set_state(uvms, own_context, np.concatenate([config, np.zeros_like(config)]))
 
 
 def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
-    """Returns the logs so far: `time` (T,), each of `LOGGED` (T, size), and the MPC's samples.
+    """Returns the logs so far: `time` (T,), each logged port (T, size), and the MPC's samples.
 
     The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
     `mpc_iterations` (K,), see `REPORT_FIELDS`, and `step_seconds` (K,), wall time.
@@ -162,7 +231,9 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     def log(name: str):
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)
 
-    logs = {name: log(name).data().T.copy() for name in LOGGED}
+    logged = [name for ports in LOGGED.values() for name in ports
+              if station.HasSubsystemNamed(f"log.{name}")]
+    logs = {name: log(name).data().T.copy() for name in logged}
     logs["time"] = log("state").sample_times().copy()
     logs["tube_report"] = station.GetOutputPort("tube_report").Eval(context).copy()
     # A sink publishes before the update of the same instant: the last sample is in the Context.

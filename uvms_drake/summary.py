@@ -121,7 +121,7 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     signals["tip_pitch"] = (np.abs(record.chi[:, 4]), limits.tip_pitch)
     names = input_names(record.num_joints)
     for key, inputs, bounds in (("u", record.u, limits.u), ("tau", record.tau, limits.tau)):
-        if bounds is not None:
+        if bounds is not None and not record.scenario.kinematic:
             for name, values, limit in zip(names, inputs.T, bounds, strict=True):
                 signals[f"{key}_{name}"] = (np.abs(values), limit)
     return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}

@@ -55,7 +55,7 @@ def make_ocp(problem: Problem) -> Ocp:
     config = MpcConfig(
         horizon=HORIZON, time_step=STEP, weight_y=task,
         weight_zeta=np.full(10, problem.velocity_weight),
-        weight_u=np.full(10, problem.input_weight), terminal_weight=terminal, terminal_radius=None)
+        weight_u=np.full(10, problem.input_weight), terminal_weight=terminal, terminal_set=False)
     limits = NominalLimits(
         nu1=SPEED_LIMIT, nu2=SPEED_LIMIT, qdot=SPEED_LIMIT, roll=np.inf, pitch=PITCH_LIMIT,
         tip_pitch=np.inf, q_lower=JOINT_LOWER, q_upper=JOINT_UPPER,

@@ -28,8 +28,8 @@ from uvms_drake.scenario import Scenario, dump_scenario
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube")
 """Keys of a scenario that a certificate does not depend on. `tube` is for runs without one; of
-`disturbance` the bound counts, of `mpc` all but the terminal set's declared radius, of `task` all
-but what counts as settled."""
+`disturbance` the bound counts, of the terminal set's declared radius whether there is one, of
+`task` all but what counts as settled."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,18 @@ class Certificate:
     scenario: str
     law: str
     k: float
+    """[1/s]; of no meaning with kinematic motion."""
     sigma: float
+    """σ [1/s]."""
     d_bound: float
+    """d̃, with kinematic motion w̃."""
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
     inputs: str
     """SHA-256 of the scenario's relevant part."""
     versions: dict[str, str]
+    motion: str = "dynamic"
+    """See `Scenario`."""
     made_by: str = "certify"
     """The command that wrote it."""
     constants: tuple[Constant, ...] = ()

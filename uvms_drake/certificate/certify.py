@@ -3,7 +3,8 @@
     limits ──▶ declared set ──▶ constants ──▶ tube ──▶ tightened sets ──▶ terminal set ──▶ plan
 
 Each arrow adds its conditions to the certificate. It stops at the first stage that leaves nothing
-to go on with: then the certificate is void, and says which condition failed first.
+to go on with: then the certificate is void, and says which condition failed first. The tube depends
+on the scenario's motion: `resolved_radii_of` and `_transpose`, or `kinematic.kinematic_radii`.
 """
 
 from dataclasses import replace
@@ -16,6 +17,13 @@ from uvms_drake.certificate.conditions import Condition, LemmaConstants, paper_c
 from uvms_drake.certificate.constants import Constant, estimate_constants
 from uvms_drake.certificate.constraint_set import ConstraintSet
 from uvms_drake.certificate.covering import prove_constants
+from uvms_drake.certificate.kinematic import (
+    CONSTANTS,
+    attitude_radii,
+    kinematic_radii,
+    paper_radii,
+    undetermined_joints,
+)
 from uvms_drake.certificate.settings import check_settings
 from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.certificate.tube_image import tube_image
@@ -45,6 +53,8 @@ PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_atti
 """Constants that decide the tube of `resolved`, by block of rows."""
 REACHED = 1e-6
 """Distance to the terminal set, in ‖ξ‖_P, that counts as none."""
+AT_START = 1.1
+"""How many times the force at the start the declared set reaches."""
 OUTSIDE = 0.01
 """How far off a plane the declared set reaches [m]; nothing changes any more further away."""
 
@@ -58,22 +68,41 @@ def certify(scenario: Scenario) -> Certificate:
     model = check_inputs(scenario)
     declared = declared_set(scenario, model)
     constants = constants_of(scenario, model, declared)
+    paper = paper_radii if scenario.kinematic else _paper
     draft = Certificate(
-        scenario=scenario.name, law=type(scenario.ancillary).__name__.lower(),
+        scenario=scenario.name, motion=scenario.motion,
+        law=type(scenario.ancillary).__name__.lower(),
         k=scenario.ancillary.k, sigma=scenario.ancillary.sigma,
         d_bound=scenario.disturbance.bound, constants=tuple(constants.values()),
-        paper=_paper(constants, scenario), **fingerprint(scenario))
-    if isinstance(scenario.ancillary, Resolved):
+        paper=paper(scenario, constants), **fingerprint(scenario))
+    if scenario.kinematic:
+        tube, conditions = kinematic_radii(scenario, model, declared, constants)
+    elif isinstance(scenario.ancillary, Resolved):
         tube, conditions = resolved_radii_of(scenario, model, declared, constants)
     else:
-        tube, conditions = _transpose(scenario, model, constants)
-    draft = replace(draft, tube=tube, conditions=(*conditions, Condition(
-        "current, which the controller does not know", float(np.linalg.norm(scenario.current)),
-        "<=", 0.0)))
+        tube, conditions = _transpose(scenario, model, declared, constants)
+    draft = replace(draft, tube=tube, conditions=(*conditions, *assumptions(scenario)))
     if not draft.certified:
         return draft
     draft = draft.adding(room_of(scenario, tube, model))
     return _with_terminal_set(draft, tube, scenario) if draft.certified else draft
+
+
+def assumptions(scenario: Scenario) -> list[Condition]:
+    """Returns what the proofs take for granted and a scenario can give up; 0 where it is kept."""
+    mpc = scenario.mpc
+    given_up: list[tuple[str, float]] = [
+        ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
+        ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
+        ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
+        ("mpc.terminal_set, none", not mpc.terminal_set)]
+    if scenario.kinematic:
+        free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
+        given_up.append(("joints of weight zero, which no terminal set holds", free))
+    else:
+        given_up.append(("mpc.input_reference, not the equilibrium's input",
+                         mpc.input_reference != "equilibrium"))
+    return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 
 def check_inputs(scenario: Scenario) -> UvmsModel:
@@ -89,15 +118,17 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
     model = UvmsModel.load(scenario.model, surface)
     vector("current", scenario.current, 3)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
-    check_limits(scenario.limits, model.num_joints)
-    for owner, keys in (("ancillary", ("k", "sigma")), ("disturbance", ("bound",))):
+    dynamic = not scenario.kinematic
+    check_limits(scenario.limits, model.num_joints, accelerations=dynamic)
+    gains = ("k", "sigma") if dynamic else ("sigma",)
+    for owner, keys in (("ancillary", gains), ("disturbance", ("bound",))):
         with within(owner):
             for key in keys:
                 value = getattr(getattr(scenario, owner), key)
                 positive = value > 0.0 or (key == "bound" and value == 0.0)
                 require(bool(positive and value < np.inf), key, value,
                         "zero or positive" if key == "bound" else "positive")
-    none = np.zeros(model.size)
+    none = np.zeros(model.size if dynamic else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube))
     return model
@@ -124,19 +155,38 @@ def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
         depth_min=-OUTSIDE, depth_max=max(depth, OUTSIDE),
-        force_max=max(float(np.linalg.norm(largest[:3])), 1.0))
+        force_max=largest_force(scenario, model))
+
+
+def largest_force(scenario: Scenario, model: UvmsModel) -> float:
+    """Returns the largest norm of a force on the surface in the declared set [N].
+
+    It is `force_range` times the desired one, or what the surface asks for at the start, and at
+    least 1 N.
+    """
+    desired = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
+    start = model.task_pose(np.concatenate([scenario.start.eta, scenario.start.q]))[:6]
+    at_start = float(np.linalg.norm(model.surface.force(start, np.zeros(6))[:3]))
+    return max(scenario.certificate.force_range * desired, AT_START * at_start, 1.0)
 
 
 def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
                  ) -> dict[str, Constant]:
-    """Returns the estimated and the proven constants by name, from the cache if they are there."""
+    """Returns the estimated and the proven constants by name, from the cache if they are there.
+
+    Those of a kinematic scenario are what the law `transpose` needs.
+    """
     settings = scenario.certificate
     key = {"set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
            "surface": repr(scenario.surface), "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
-           "files": fingerprint(scenario)["files"]}
+           "files": fingerprint(scenario)["files"], "kinematic": scenario.kinematic}
 
     def compute() -> dict:
+        if scenario.kinematic:
+            return {name: constant.to_data() for name, constant in estimate_constants(
+                model, declared, CONSTANTS, samples=settings.constant_samples,
+                safety_factor=settings.safety_factor, seed=settings.seed).items()}
         found = estimate_constants(
             model, declared, samples=settings.constant_samples,
             safety_factor=settings.safety_factor, seed=settings.seed)
@@ -146,9 +196,16 @@ def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
     return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}
 
 
-def lemma_constants(constants: dict[str, Constant]) -> LemmaConstants:
-    """Returns what the paper's Lemma assumes, Lipschitz constants in χ with the joints held."""
+def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
+    """Returns what the paper's Lemma assumes, Lipschitz constants in χ with the joints held.
+
+    With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
+    """
     value = {name: constant.value for name, constant in constants.items()}
+    if joints:
+        return LemmaConstants(
+            J_min=value["Jx_inv_max"] ** -2, J_max=value["Jx_max"], J_dot=value["J_dot_max"],
+            L_c=value["L_c"], L_1=value["L_1"], L_2=value["L_2"])
     return LemmaConstants(J_min=value["J_min"], J_max=value["J_max"], J_dot=value["J_dot_max"],
                           L_c=value["L_c_chi"], L_1=value["L_1_chi"], L_2=value["L_2"])
 
@@ -173,25 +230,24 @@ def resolved_radii_of(scenario: Scenario, model: UvmsModel, declared: Constraint
     return tube, (Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega),)
 
 
-def _transpose(scenario: Scenario, model: UvmsModel, constants: dict[str, Constant]
-               ) -> tuple[TubeRadii, tuple[Condition, ...]]:
+def _transpose(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
+               constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
     """Returns the tube of the law `transpose`; see `tubes.transpose_tube`.
 
-    The joints are not in this tube: for an arm with self-motion it is void.
+    In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
     """
-    k, sigma, d = scenario.ancillary.k, scenario.ancillary.sigma, scenario.disturbance.bound
-    lemma = lemma_constants(constants)
-    found = transpose_tube(lemma, k, sigma, d)
-    z = transpose_velocity_radius(found, sigma)
-    u = np.full(model.size, k * found.r)
-    tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=np.inf, z=z, nu1=z,
-                     nu2=z, qdot=z, roll=np.inf, pitch=np.inf, u=u, tau=np.full_like(u, np.inf))
-    return tube, (*found.conditions, Condition(
-        "n, joints that χ does not determine (the tube is in χ alone)",
-        float(model.num_joints), "<=", 0.0))
+    law, d = scenario.ancillary, scenario.disturbance.bound
+    found = transpose_tube(lemma_constants(constants, joints=law.joints), law.k, law.sigma, d)
+    z = transpose_velocity_radius(found, law.sigma)
+    u = np.full(model.size, law.k * found.r)
+    joints = found.e if law.joints or model.num_joints == 0 else np.inf
+    roll, pitch = attitude_radii(declared, found.e, joints, model.num_joints)
+    tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
+                     nu2=z, qdot=z, roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
+    return tube, (*found.conditions, undetermined_joints(scenario, model))
 
 
-def _paper(constants: dict[str, Constant], scenario: Scenario) -> dict[str, float]:
+def _paper(scenario: Scenario, constants: dict[str, Constant]) -> dict[str, float]:
     """Returns what the paper's Lemma gives for the same constants and gains, for comparison."""
     k, sigma, d = scenario.ancillary.k, scenario.ancillary.sigma, scenario.disturbance.bound
     lemma = lemma_constants(constants)
@@ -230,22 +286,23 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
 def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> list[Condition]:
     """Returns the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    And that the plan does not press harder than the declared set reaches, which no limit of the
-    MPC sees to.
+    And that, where forces move the robot, the plan does not press harder than the declared set
+    reaches, which no limit of the MPC sees to.
     """
     ocp = make_ocp(draft.applied_to(scenario))
     solution = SequentialConvexSolver(ocp).solve(
-        ocp.resting_plan(0.0, start), FIRST_SOLVE_ITERATIONS)
+        ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
         return [Condition("first plan found", 0.0, ">=", 1.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
+    reached = [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
+               Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
+    if scenario.kinematic:
+        return reached
     chi = ocp.model.task_pose(solution.plan.config)[:, :6]
     pressed = np.linalg.norm(ocp.model.surface.force(chi, np.zeros_like(chi))[:, :3], axis=1)
-    desired = float(np.linalg.norm(np.asarray(scenario.task.force)[:3]))
-    return [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
-            Condition("first plan, distance to the terminal set", slack, "<=", REACHED),
-            Condition("first plan, force on the surface", float(np.max(pressed)), "<=",
-                      scenario.certificate.force_range * desired)]
+    return [*reached, Condition("first plan, force on the surface", float(np.max(pressed)), "<=",
+                                largest_force(scenario, ocp.model))]
 
 
 def ultimate_bounds(tube: TubeRadii, scenario: Scenario, model: UvmsModel) -> dict[str, float]:
@@ -253,8 +310,8 @@ def ultimate_bounds(tube: TubeRadii, scenario: Scenario, model: UvmsModel) -> di
 
     `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
     ‖force part of 𝔉 − 𝔉_des‖: a plane's over the depth ± `position` and the speed
-    ‖𝔭̇‖ ≤ 2σ `position` that goes with it (‖𝔢̇_p‖ ≤ σE + gR = 2σE, see `tubes.resolved_tube`); a
-    spring's from the norms of the blocks of K.
+    ‖𝔭̇‖ ≤ 2σ `position` that goes with it (‖𝔢̇_p‖ ≤ σE + gR = 2σE, see `tubes.resolved_tube`; of the
+    kinematics σE + w̃ = 2σE); a spring's from the norms of the blocks of K.
     """
     surface, sigma = model.surface, scenario.ancillary.sigma
     tube = resolved_radii(tube)

@@ -46,6 +46,7 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
           gains: Iterable[float] = GAINS) -> list[FrontPoint]:
     """Returns the points for all combinations of factors on d̃ and on (k, σ)."""
     law = scenario.ancillary
+    require(not scenario.kinematic, "motion", scenario.motion, "dynamic for a front")
     require(isinstance(law, Resolved), "ancillary", type(law).__name__, "!Resolved for a front")
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     declared = declared_set(scenario, model)

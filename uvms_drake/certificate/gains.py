@@ -36,9 +36,10 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
     to say.
 
     Raises:
-        InvalidParameter: The bandwidth is not positive.
+        InvalidParameter: The bandwidth is not positive, or the motion kinematic.
         RunFailed: No candidate leaves something of every limit.
     """
+    require(not scenario.kinematic, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     declared = declared_set(scenario, model)

@@ -19,12 +19,13 @@ from uvms_drake.certificate.tubes import resolved_tube, transpose_tube
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved, Transpose
 from uvms_drake.control.tube_monitor import FIELDS, TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.errors import require
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import Adversary, AdversaryConfig, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.scenario import Scenario
-from uvms_drake.station import make_ocp
+from uvms_drake.station import make_dynamic_ocp
 
 LAWS: tuple[AncillaryConfig, ...] = (
     Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),
@@ -53,6 +54,7 @@ class LawRow:
 
 def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> list[LawRow]:
     """Returns a row for every law, with the scenario's model, limits and d̃."""
+    require(not scenario.kinematic, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     constants = constants_of(scenario, model, declared_set(scenario, model))
@@ -74,7 +76,7 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> 
 def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> float:
     """Returns the largest deviation that one adversary reaches in `DURATION`."""
     d = scenario.disturbance.bound
-    ocp = make_ocp(replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)))
+    ocp = make_dynamic_ocp(replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)))
     builder = DiagramBuilder()
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
         model=scenario.model, surface=scenario.surface, disturbance=None))

@@ -12,10 +12,15 @@ HELP = {
     "a = ": "a larger ancillary.sigma or slower speed limits",
     "b = ": "a larger ancillary.k",
     "ab": "a larger ancillary.k",
-    "n, joints": "the law resolved",
+    "n, joints": "ancillary.joints: true, or the law resolved",
+    "mpc.initial_state": "initial_state: nominal",
+    "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
+    "mpc.terminal_set": "terminal_set: true",
+    "mpc.input_reference": "input_reference: equilibrium",
+    "joints of weight zero": "positive joint weights in mpc.weight_y",
     "current":
         "still water, or --uncertified: a current is a model error that d̃ does not count",
-    "terminal set": "wider input limits or other mpc weights",
+    "terminal set": "wider limits, a task further inside them or other mpc weights",
     "first plan, violation": "a start further inside the limits",
     "first plan, force": "a larger certificate.force_range",
     "first plan, distance": "a longer horizon or a closer start",
@@ -26,8 +31,8 @@ HELP = {
 def format_certificate(certificate: Certificate) -> str:
     """Returns the certificate as text."""
     return "\n".join([
-        f"{certificate.scenario}: law {certificate.law}, k = {certificate.k:g} 1/s, "
-        f"σ = {certificate.sigma:g} 1/s, d̃ = {certificate.d_bound:g}",
+        f"{certificate.scenario}: {certificate.motion} motion, law {certificate.law}, "
+        f"{_gains(certificate)}",
         "", "constants", *(_constant_row(item) for item in certificate.constants),
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
         "", "tube", *_tube_rows(certificate),
@@ -36,6 +41,13 @@ def format_certificate(certificate: Certificate) -> str:
         "", "the paper's Lemma with these constants",
         *(f"  {name:<32}{value:>12.4g}" for name, value in certificate.paper.items()),
         "", verdict(certificate)])
+
+
+def _gains(certificate: Certificate) -> str:
+    if certificate.motion == "kinematic":
+        return f"σ = {certificate.sigma:g} 1/s, w̃ = {certificate.d_bound:.4g}"
+    return (f"k = {certificate.k:g} 1/s, σ = {certificate.sigma:g} 1/s, "
+            f"d̃ = {certificate.d_bound:g}")
 
 
 def verdict(certificate: Certificate) -> str:

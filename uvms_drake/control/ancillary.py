@@ -15,17 +15,26 @@ angles are compared modulo 2π. Two laws:
       u = ū − k 𝔷 − k σ J(𝔮̄)ᵀ 𝔢.
 
   The printed (eq:kappa_law) multiplies a (6+n)×6 matrix with a (6+n)-vector; the proof uses
-  u − ū = −k 𝔯 with 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢, which is this. It does not act on the arm's self-motion.
+  u − ū = −k 𝔯 with 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢, which is this. It does not act on the arm's self-motion; with
+  `joints`, J_x and 𝔢_y take the place of J and 𝔢, the proof goes through as before, and it does.
+
+u of (eq:dynamics) is a generalised acceleration: f carries M⁻¹ inside, u stands beside it. What
+goes to thrusters and joints is τ = M(𝔮) u, with the full inertia including added mass. For the law
+`resolved` that is the inverse dynamics at ζ̇_ref − k𝔯, and neither f nor M is needed.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, ValueProducer
 
 from uvms_drake.errors import require
 from uvms_drake.model.euler import wrap_angle
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
 @dataclass
@@ -46,44 +55,116 @@ class Transpose:
     """[1/s]."""
     sigma: float = 1.0
     """σ [1/s]."""
+    joints: bool = False
+    """Feeds back 𝔢_y with J_x instead of 𝔢 with J: the arm's self-motion too, which the paper's
+    law leaves alone, and without which no tube protects the joints."""
 
 
 AncillaryConfig = Resolved | Transpose
 
 
-def resolved_input(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
-                   nominal_acceleration: np.ndarray, k: float, sigma: float) -> np.ndarray:
-    """Returns u (6+n,) of the law `resolved`.
+@dataclass(frozen=True)
+class Command:
+    """What a law commands; it gives one of the two, and the other follows when it is asked for."""
+
+    u: Callable[[], np.ndarray]
+    """u (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    tau: Callable[[], np.ndarray]
+    """τ = M(𝔮) u (6+n,) [N (3), N m (3+n)]."""
+
+
+class Motion(NamedTuple):
+    """How the real and the nominal robot move at an instant; the real one is first everywhere."""
+
+    kinematics: Kinematics
+    """Of stacks (2,)."""
+    zeta: np.ndarray
+    """(2, 6+n) ζ, ζ̄."""
+    y: np.ndarray
+    """(2, 6+n) y, ȳ."""
+    J_x: np.ndarray
+    """(2, 6+n, 6+n) J_x(𝔮), J_x(𝔮̄)."""
+    J_x_dot: np.ndarray
+    """(2, 6+n, 6+n)."""
+    inverse: np.ndarray
+    """(6+n, 6+n) J_x(𝔮)⁻¹."""
+
+
+def motion(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Motion:
+    """Returns the motion of (𝔮, ζ) and (𝔮̄, ζ̄) (2(6+n),) each, whose arrays must not be changed.
+
+    The last ones are remembered, since the law and the `TubeMonitor` ask for the same ones.
+    """
+    return _motion(model, *(np.asarray(each, dtype=float).tobytes()
+                            for each in (state, nominal_state)))
+
+
+@lru_cache(maxsize=2)
+def _motion(model: UvmsModel, *states: bytes) -> Motion:
+    both = np.frombuffer(b"".join(states)).reshape(2, -1)
+    config, zeta = both[:, : model.size], both[:, model.size:]
+    kinematics = model.kinematics(config)
+    y, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)
+    return Motion(kinematics, zeta, y, J_x, J_x_dot, np.linalg.inv(J_x[0]))
+
+
+def resolved_command(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
+                     nominal_acceleration: np.ndarray, k: float, sigma: float) -> Command:
+    """Returns what the law `resolved` commands.
 
     Args:
-        model: The prediction model; it supplies J_x, J̇_x and f.
+        model: The prediction model; it supplies J_x, J̇_x and the inverse dynamics.
         state: (𝔮, ζ) measured (2(6+n),).
         nominal_state: (𝔮̄, ζ̄) (2(6+n),).
         nominal_acceleration: ζ̄̇ (6+n,).
         k: Velocity gain [1/s].
         sigma: σ, task gain [1/s].
     """
-    config, zeta = np.split(state, 2)
-    nominal_config, nominal_zeta = np.split(nominal_state, 2)
-    (y, y_nominal), (J, J_nominal), (J_dot, J_dot_nominal) = model.task_motion(
-        np.stack([config, nominal_config]), np.stack([zeta, nominal_zeta]))
+    now = motion(model, state, nominal_state)
+    (zeta, nominal_zeta), (J, J_nominal), (J_dot, J_dot_nominal) = now.zeta, now.J_x, now.J_x_dot
     velocity = J_nominal @ nominal_zeta
     acceleration = J_dot_nominal @ nominal_zeta + J_nominal @ nominal_acceleration
-    error = task_error(y, y_nominal)
-    zeta_ref = np.linalg.solve(J, velocity - sigma * error)
+    zeta_ref = now.inverse @ (velocity - sigma * task_error(*now.y))
     error_rate = J @ zeta - velocity
-    zeta_ref_dot = np.linalg.solve(J, acceleration - sigma * error_rate - J_dot @ zeta_ref)
-    return zeta_ref_dot - model.drift(config, zeta) - k * (zeta - zeta_ref)
+    zeta_ref_dot = now.inverse @ (acceleration - sigma * error_rate - J_dot @ zeta_ref)
+    measured = now.kinematics.at(0)
+    tau = model.inverse_dynamics(measured, zeta, zeta_ref_dot - k * (zeta - zeta_ref))
+    return Command(u=lambda: np.linalg.solve(model.mass_matrix(measured), tau), tau=lambda: tau)
+
+
+def transpose_command(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
+                      nominal_input: np.ndarray, k: float, sigma: float,
+                      joints: bool = False) -> Command:
+    """Returns what `transpose` commands; `nominal_input` is ū (6+n,), the rest as above.
+
+    Args:
+        model: The prediction model.
+        state: As above.
+        nominal_state: As above.
+        nominal_input: ū (6+n,).
+        k: Velocity gain [1/s].
+        sigma: σ, task gain [1/s].
+        joints: Whether 𝔢_y and J_x take the place of 𝔢 and J.
+    """
+    now = motion(model, state, nominal_state)
+    rows = slice(None) if joints else slice(0, 6)
+    error = task_error(*now.y)[rows]
+    z = now.zeta[0] - now.zeta[1]
+    u = nominal_input - k * z - k * sigma * now.J_x[1, rows].T @ error
+    return Command(u=lambda: u, tau=lambda: model.mass_matrix(now.kinematics.at(0)) @ u)
+
+
+def resolved_input(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
+                   nominal_acceleration: np.ndarray, k: float, sigma: float) -> np.ndarray:
+    """Returns u (6+n,) of `resolved_command`."""
+    return resolved_command(model, state, nominal_state, nominal_acceleration, k, sigma).u()
 
 
 def transpose_input(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
-                    nominal_input: np.ndarray, k: float, sigma: float) -> np.ndarray:
-    """Returns u (6+n,) of the law `transpose`; `nominal_input` is ū (6+n,), the rest as above."""
-    config, zeta = np.split(state, 2)
-    nominal_config, nominal_zeta = np.split(nominal_state, 2)
-    nominal = model.kinematics(nominal_config)
-    error = task_error(model.kinematics(config).chi, nominal.chi)
-    return nominal_input - k * (zeta - nominal_zeta) - k * sigma * nominal.J_chi.T @ error
+                    nominal_input: np.ndarray, k: float, sigma: float,
+                    joints: bool = False) -> np.ndarray:
+    """Returns u (6+n,) of `transpose_command`."""
+    return transpose_command(model, state, nominal_state, nominal_input, k, sigma, joints).u()
 
 
 def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
@@ -94,7 +175,7 @@ def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
 
 
 class AncillaryFeedback(LeafSystem):
-    """Turns nominal trajectory and measured state into the acceleration command u.
+    """Turns nominal trajectory and measured state into a command, as acceleration and as force.
 
     .. pydrake_system::
 
@@ -106,12 +187,15 @@ class AncillaryFeedback(LeafSystem):
         - nominal_input
         output_ports:
         - u
+        - tau
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n); read by `resolved` only.
     - `nominal_input`: ū (6+n); read by `transpose` only.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
+    - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
+      (3+n)].
 
     It has no state.
 
@@ -129,21 +213,31 @@ class AncillaryFeedback(LeafSystem):
         self._config = config
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
-        self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
-        self._input_port = self.DeclareVectorInputPort("nominal_input", model.size)
-        self.DeclareVectorOutputPort("u", model.size, self._calc_u)
+        acceleration = self.DeclareVectorInputPort("nominal_acceleration", model.size)
+        nominal_input = self.DeclareVectorInputPort("nominal_input", model.size)
+        resolved = isinstance(config, Resolved)
+        self._law = resolved_command if resolved else transpose_command
+        self._forward_port = acceleration if resolved else nominal_input
+        read = (self._state_port, self._nominal_state_port, self._forward_port)
+        self._command = self.DeclareCacheEntry(
+            description="the command",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(()), calc=self._calc_command),
+            prerequisites_of_calc={self.input_port_ticket(port.get_index()) for port in read})
+        given = {self._command.ticket()}
+        self.DeclareVectorOutputPort("u", model.size, self._calc_u, given)
+        self.DeclareVectorOutputPort("tau", model.size, self._calc_tau, given)
+
+    def _calc_command(self, context, command):
+        command.set_value(self._law(
+            self._model, self._state_port.Eval(context), self._nominal_state_port.Eval(context),
+            self._forward_port.Eval(context), *astuple(self._config)))
 
     def _calc_u(self, context, output):
-        state = self._state_port.Eval(context)
-        nominal_state = self._nominal_state_port.Eval(context)
-        gains = self._config.k, self._config.sigma
-        if isinstance(self._config, Resolved):
-            acceleration = self._acceleration_port.Eval(context)
-            u = resolved_input(self._model, state, nominal_state, acceleration, *gains)
-        else:
-            u = transpose_input(
-                self._model, state, nominal_state, self._input_port.Eval(context), *gains)
-        output.SetFromVector(u)
+        output.SetFromVector(self._command.Eval(context).u())
+
+    def _calc_tau(self, context, output):
+        output.SetFromVector(self._command.Eval(context).tau())
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig, *,

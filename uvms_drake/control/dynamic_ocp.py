@@ -51,7 +51,8 @@ class DynamicOcp(Ocp[DynamicPlan]):
                                          for key in ("weight_y", "weight_zeta")]))
         self.R = np.diag(weight(config, "weight_u", size))
         config_des = model.configuration(y_des)
-        self.u_eq = self.u_ref = model.equilibrium_input(config_des)
+        self.u_eq = model.equilibrium_input(config_des)
+        self.u_ref = np.zeros(size) if config.input_reference == "zero" else self.u_eq
         if declared:
             self.terminal = declared_terminal(
                 weight(config, "terminal_weight", 2 * size, zeros=True), size, self._radius)
@@ -82,6 +83,11 @@ class DynamicOcp(Ocp[DynamicPlan]):
         """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
         f = self.model.drift(plan.config, plan.zeta)
         return plan.zeta_dot - f[:-1], plan.zeta_dot - f[1:]
+
+    def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
+        """Returns ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n,)."""
+        config, zeta, zeta_dot = at
+        return zeta_dot - self.model.drift(config, zeta)
 
     def _excess(self, plan: DynamicPlan, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
         limits, zeta = self.limits, plan.zeta[1:]

@@ -56,6 +56,10 @@ class KinematicOcp(Ocp[KinematicPlan]):
         """Returns ζ̄ (N, 6+n), the same at the beginning and at the end of every interval."""
         return plan.zeta, plan.zeta
 
+    def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
+        """Returns ζ̄ (6+n,)."""
+        return at[1]
+
     def _excess(self, plan: KinematicPlan, begin: np.ndarray, end: np.ndarray
                 ) -> list[np.ndarray]:
         limits, zeta = self.limits, begin

@@ -136,8 +136,8 @@ def tightened_parts(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_uppe
     return [(name, float(radius), float(room)) for name, radius, room in parts]
 
 
-def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray,
-            q_upper: np.ndarray) -> NominalLimits:
+def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.ndarray, *,
+            accelerations: bool = True) -> NominalLimits:
     """Returns the Pontryagin difference of the limits and the tube (Section IV-C of the paper).
 
     A ball of radius ρ takes ρ from ‖x‖ ≤ c, from |x| ≤ c and from either side of an interval.
@@ -147,14 +147,15 @@ def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray,
         tube: Deviation bounds.
         q_lower: Joint limits of the robot (n,) [rad].
         q_upper: Joint limits of the robot (n,) [rad].
+        accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
 
     Raises:
         InvalidParameter: A parameter has no meaning, or the tube leaves nothing of a limit.
     """
-    check_limits(limits, len(q_lower))
+    check_limits(limits, len(q_lower), accelerations=accelerations)
     q_lower, q_upper = joint_limits(limits, q_lower, q_upper)
     tube = resolved_radii(tube)
-    _check_tube(tube, limits, len(q_lower))
+    _check_tube(tube, limits, 6 + len(q_lower) if accelerations else 0)
     for name, radius, room in tightened_parts(limits, tube, q_lower, q_upper):
         if radius >= room:
             raise InvalidParameter(f"limits.{name}", room, f"larger than the tube's {radius:.4g}")
@@ -164,9 +165,9 @@ def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray,
                          u=np.asarray(limits.u) - np.asarray(tube.u), tau=tau)
 
 
-def check_limits(limits: Limits, num_joints: int) -> None:
+def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True) -> None:
     """Raises `InvalidParameter` for the first limit that has no meaning."""
-    size = 6 + num_joints
+    size = 6 + num_joints if accelerations else 0
     with within("limits"):
         for key, _ in _SCALARS:
             require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
@@ -178,8 +179,7 @@ def check_limits(limits: Limits, num_joints: int) -> None:
                 require(bool(np.all(value > 0.0)), key, value, f"{size} positive numbers")
 
 
-def _check_tube(tube: TubeRadii, limits: Limits, num_joints: int) -> None:
-    size = 6 + num_joints
+def _check_tube(tube: TubeRadii, limits: Limits, size: int) -> None:
     with within("tube"):
         for key, value in vars(tube).items():
             if key == "tau" and limits.tau is None:

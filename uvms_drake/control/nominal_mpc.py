@@ -1,7 +1,9 @@
 """The nominal MPC as a system: plans at the sampling instants, evaluates the plan in between."""
 
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -13,18 +15,33 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
-from uvms_drake.errors import RunFailed
+from uvms_drake.errors import InvalidParameter, RunFailed
 
 FIRST_SOLVE_ITERATIONS = 50
 """The first solve starts from a plan that goes nowhere and is iterated to convergence."""
 FEASIBLE = 1e-4
 """Largest violation that the first plan may have, in the unit of the limit that it violates."""
 
-REPORT_FIELDS = ("time", "status", "cost", "terminal_slack", "violation", "iterations")
+REACHED = 1e-6
+"""Distance to the terminal set, in ‖ξ‖_P, that counts as none."""
+
+REPORT_FIELDS = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
 """Of the last sample: t_k [s], 0 solved or 1 fallback, the plan's objective, s of the terminal
-set, largest violation of a limit (in its own unit), convex programs solved."""
+set, largest violation of a limit (in its own unit), convex programs solved, 1 if a new desired
+force was asked for and is refused."""
+
+
+class Targets(NamedTuple):
+    """How the nominal MPC comes by the problem of another desired force."""
+
+    force: np.ndarray
+    """𝔉_des at the start (6,) [N, N m]."""
+    ocp: Callable[[np.ndarray], Ocp]
+    """Returns the problem of another 𝔉_des; raises `InvalidParameter` if there is none."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +49,10 @@ class MpcMemory:
     """What the nominal MPC remembers: everything that changes in time lives in the Context."""
 
     plan: Plan | None = None
+    force: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """𝔉_des of the problem whose plan it is (6,) [N, N m]; zero if it cannot be changed."""
+    asked: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """The last 𝔉_des that was asked for, and is refused if it is not `force`."""
     solves: int = 0
     """Plans made so far."""
     report: np.ndarray = field(default_factory=lambda: np.full(len(REPORT_FIELDS), np.nan))
@@ -45,56 +66,79 @@ class NominalMpc(LeafSystem):
     The first plan is made at initialization, from the measured state; every later one starts at the
     state that the last plan predicted, because the tube is about the *nominal* trajectory:
     (eq:diff_mpc), which starts each solve at the measured state, contradicts the paper's own proof.
+    A problem with the initial state `measured` does so all the same.
+
+    The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, the last plan continued by the terminal controller takes its place; that is
     counted in `report`. Without a first plan there is nothing to fall back to: `RunFailed`.
+
+    With `targets` the desired force can be changed while it runs. A new one gets a problem of its
+    own, with its own equilibrium, penalty and terminal set. If that has a feasible plan from the
+    nominal state, into its terminal set, it is taken; else the old one, whose continued plan is
+    always feasible, is kept, the refusal reported, and the new one tried again at the next sample.
+    So recursive feasibility is never lost.
 
     .. pydrake_system::
 
         name: NominalMpc
         input_ports:
         - state
+        - desired_force (optional, with targets)
         output_ports:
         - nominal_state
-        - nominal_acceleration
+        - nominal_acceleration (with a DynamicOcp)
         - nominal_input
         - plan
         - report
         - solve_seconds
+        - accepted_force (with targets)
 
-    - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order; read at initialization only.
+    - `state`: (𝔮, ζ) (2(6+n)) or 𝔮 (6+n) measured, in the paper's order; unless each plan starts
+      there, it is read at initialization only.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
-    - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n).
+    - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄), or ζ̄ (6+n).
     - `plan`: the current `Plan` (abstract).
     - `report`: see `REPORT_FIELDS`.
     - `solve_seconds`: wall time of the last step [s]; not reproducible, unlike all else.
+    - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
 
     The state is one abstract `MpcMemory`. The computation takes no simulated time.
 
     Args:
         solver: Solves the problem; its `ocp` is the problem.
+        targets: Makes the problem of another desired force; None if it stays as it is.
     """
 
-    def __init__(self, solver: SequentialConvexSolver):
+    def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None):
         super().__init__()
+        self._targets = targets
         self._solver = solver
         self._ocp = solver.ocp
         size = self._ocp.model.size
-        self._memory = self.DeclareAbstractState(Value(MpcMemory()))
-        self._state_port = self.DeclareVectorInputPort("state", 2 * size)
+        force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
+        self._solvers = {force.tobytes(): solver}  # of every force: what `targets` gives for it
+        self._initial = MpcMemory(force=force, asked=force)
+        self._memory = self.DeclareAbstractState(Value(self._initial))
+        self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
+        if targets is not None:
+            self._force_port = self.DeclareVectorInputPort("desired_force", 6)
+            self.DeclareVectorOutputPort(
+                "accepted_force", 6, self._calc_force, {self.abstract_state_ticket(self._memory)})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._plan_first)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._ocp.time_step, 0.0, self._plan_again)
         remembered = {self.abstract_state_ticket(self._memory)}
         self._nominal = self.DeclareCacheEntry(
-            description="𝔮̄, ζ̄ and ζ̄̇ now",
+            description="the nominal trajectory now",
             value_producer=ValueProducer(
                 allocate=lambda: AbstractValue.Make(()), calc=self._evaluate_plan),
             prerequisites_of_calc=remembered | {self.time_ticket()})
         evaluated = {self._nominal.ticket()}
         self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
-        self.DeclareVectorOutputPort(
-            "nominal_acceleration", size, self._calc_acceleration, evaluated)
+        if isinstance(self._ocp, DynamicOcp):
+            self.DeclareVectorOutputPort(
+                "nominal_acceleration", size, self._calc_acceleration, evaluated)
         self.DeclareVectorOutputPort("nominal_input", size, self._calc_input, evaluated)
         self.DeclareAbstractOutputPort(
             "plan", lambda: Value(object()), self._calc_plan, remembered)
@@ -123,7 +167,7 @@ class NominalMpc(LeafSystem):
         if solution.plan is None or solution.evaluation.violation > FEASIBLE:
             raise RunFailed("the nominal MPC has no solution at the start: the limits cannot be "
                             "kept from there, or the tube leaves too little of them")
-        return self._remember(state, MpcMemory(), now, solution, solution.plan, started)
+        return self._remember(state, self._initial, now, solution, solution.plan, started)
 
     def _goes_on(self, memory: MpcMemory, now: float) -> bool:
         """Returns whether an initialized Context goes on with its plan, as a clone of a run does.
@@ -142,33 +186,70 @@ class NominalMpc(LeafSystem):
         plan = self._plan_now(context)
         if context.get_time() < plan.start_time + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
-        guess = self._ocp.continued(plan)
-        solution = self._solver.solve(guess, self._ocp.iterations)
-        return self._remember(state, self._recall(context), context.get_time(), solution,
+        memory = self._recall(context)
+        solver = self._solver_of(memory.force)
+        ocp = solver.ocp
+        guess = ocp.continued(plan)
+        if ocp.starts_at_measured:
+            guess = guess.redone(self._state_port.Eval(context), guess.decision)
+        memory, solution = self._retargeted(context, memory, guess)
+        if solution is None:
+            solution = solver.solve(guess, ocp.iterations)
+        return self._remember(state, memory, context.get_time(), solution,
                               solution.plan or guess, started)
+
+    def _retargeted(self, context, memory: MpcMemory, guess: Plan
+                    ) -> tuple[MpcMemory, Solution | None]:
+        """Returns what is remembered after a look at `desired_force`, and the plan to a new one."""
+        if self._targets is None or not self._force_port.HasValue(context):
+            return memory, None
+        asked = self._force_port.Eval(context)
+        memory = replace(memory, asked=asked.copy())
+        if np.array_equal(asked, memory.force):
+            return memory, None
+        try:
+            solver = self._solver_of(asked)
+        except InvalidParameter:
+            return memory, None
+        solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
+        value = solution.evaluation
+        if value is None or value.violation > FEASIBLE or value.terminal_slack > REACHED:
+            return memory, None
+        return replace(memory, force=memory.asked), solution
+
+    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver:
+        """Returns the solver of the problem of a desired force (6,), made when it is first needed.
+
+        It is no state: a function of the force alone.
+        """
+        key = force.tobytes()
+        if key not in self._solvers:
+            assert self._targets is not None
+            self._solvers[key] = SequentialConvexSolver(self._targets.ocp(force))
+        return self._solvers[key]
 
     def _remember(self, state, old: MpcMemory, now: float, solution: Solution, plan: Plan,
                   started: float):
-        value = solution.evaluation or self._ocp.evaluate(plan)
+        value = solution.evaluation or self._solver_of(old.force).ocp.evaluate(plan)
         report = np.array([now, float(solution.plan is None), value.cost, value.terminal_slack,
-                           value.violation, solution.iterations])
-        state.get_mutable_abstract_state(int(self._memory)).set_value(
-            MpcMemory(plan, old.solves + 1, report, time.perf_counter() - started))
+                           value.violation, solution.iterations,
+                           float(not np.array_equal(old.asked, old.force))])
+        state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
+            old, plan=plan, solves=old.solves + 1, report=report,
+            solve_seconds=time.perf_counter() - started))
         return EventStatus.Succeeded()
 
     def _evaluate_plan(self, context, nominal):
         nominal.set_value(self._plan_now(context).at(context.get_time()))
 
     def _calc_state(self, context, output):
-        config, zeta, _ = self._nominal.Eval(context)
-        output.SetFromVector(np.concatenate([config, zeta]))
+        output.SetFromVector(np.concatenate(self._nominal.Eval(context)[:2]))
 
     def _calc_acceleration(self, context, output):
         output.SetFromVector(self._nominal.Eval(context)[2])
 
     def _calc_input(self, context, output):
-        config, zeta, zeta_dot = self._nominal.Eval(context)
-        output.SetFromVector(zeta_dot - self._ocp.model.drift(config, zeta))
+        output.SetFromVector(self._ocp.nominal_input(self._nominal.Eval(context)))
 
     def _calc_plan(self, context, output):
         output.set_value(self._plan_now(context))
@@ -176,15 +257,18 @@ class NominalMpc(LeafSystem):
     def _calc_report(self, context, output):
         output.SetFromVector(self._recall(context).report)
 
+    def _calc_force(self, context, output):
+        output.SetFromVector(self._recall(context).force)
+
     def _calc_seconds(self, context, output):
         output.SetFromVector([self._recall(context).solve_seconds])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, solver: SequentialConvexSolver, *,
-                     state: OutputPort | None = None,
+                     state: OutputPort | None = None, targets: Targets | None = None,
                      name: str = "nominal_mpc") -> "NominalMpc":
-        """Adds the planner; `state` gives (𝔮, ζ) and is left to the caller if None."""
-        mpc = NominalMpc(solver)
+        """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""
+        mpc = NominalMpc(solver, targets)
         builder.AddNamedSystem(name, mpc)
         if state is not None:
             builder.Connect(state, mpc.GetInputPort("state"))

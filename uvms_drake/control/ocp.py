@@ -36,6 +36,9 @@ from uvms_drake.errors import require, vector
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
+INITIAL_STATES = ("nominal", "measured")
+INPUT_REFERENCES = ("equilibrium", "zero")
+
 
 @dataclass
 class MpcConfig:
@@ -53,8 +56,15 @@ class MpcConfig:
     """Diagonal of Q for ζ; of R, where ζ is the input."""
     weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of R for ū − ū_eq; of no meaning where ζ is the input."""
-    terminal_radius: float | None = 0.1
-    """ε of the terminal set ‖ξ‖_P ≤ ε, declared; none without a terminal set."""
+    terminal_set: bool = True
+    """Whether there is one; without it nothing is certified."""
+    terminal_radius: float = 0.1
+    """ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
+    initial_state: str = "nominal"
+    """Where a plan starts: `nominal`, at what the last plan predicted, as the tube needs it; or
+    `measured`, as (eq:diff_mpc) has it."""
+    input_reference: str = "equilibrium"
+    """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
 
@@ -133,15 +143,19 @@ class Ocp(ABC, Generic[P]):
         require(config.horizon >= 1, "horizon", config.horizon, "a positive integer")
         require(0.0 < config.time_step < np.inf, "time_step", config.time_step, "positive")
         require(config.iterations >= 1, "iterations", config.iterations, "a positive integer")
-        radius = np.inf if config.terminal_radius is None else config.terminal_radius
-        require(radius > 0.0, "terminal_radius", radius, "positive")
+        require(config.terminal_radius > 0.0, "terminal_radius", config.terminal_radius, "positive")
+        for key, choices in (("initial_state", INITIAL_STATES),
+                             ("input_reference", INPUT_REFERENCES)):
+            require(getattr(config, key) in choices, key, getattr(config, key),
+                    f"one of {', '.join(choices)}")
         self.model = model
+        self.starts_at_measured = config.initial_state == "measured"
         self.horizon = config.horizon
         self.time_step = config.time_step
         self.iterations = config.iterations
         self.y_des = y_des
         self.limits = limits
-        self._radius = radius
+        self._radius = config.terminal_radius if config.terminal_set else np.inf
 
     @property
     @abstractmethod
@@ -159,6 +173,10 @@ class Ocp(ABC, Generic[P]):
     @abstractmethod
     def inputs(self, plan: P) -> tuple[np.ndarray, np.ndarray]:
         """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
+
+    @abstractmethod
+    def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
+        """Returns ū (6+n,) where a plan is `at`, see `Plan.at`."""
 
     @abstractmethod
     def staged_program(self, plan: P) -> StagedProgram:
@@ -227,7 +245,8 @@ class Ocp(ABC, Generic[P]):
         g[:, :nx] += 2.0 * h * xi[:-1] @ self.Q
         penalty, root = self.terminal.P, self.terminal.root
         return StagedProgram(
-            A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1], linear=linear, norms=norms,
+            A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
+            linear=linear, norms=norms,
             terminal=TerminalLimit(root, root @ xi[-1], self.terminal.radius),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
 

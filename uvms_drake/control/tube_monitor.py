@@ -11,6 +11,7 @@ in `certificate.tubes`, ‖𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b and ‖J_x⁻¹�
 while the robot is in the constraint set, and says how much of the distance is due to J_x.
 """
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from uvms_drake.control.ancillary import AncillaryConfig, Resolved, task_error
+from uvms_drake.control.ancillary import AncillaryConfig, Resolved, motion, task_error
 from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -78,29 +79,37 @@ def deviation(model: UvmsModel, config: AncillaryConfig, state: np.ndarray,
         state: (𝔮, ζ) measured (2(6+n),).
         nominal_state: (𝔮̄, ζ̄) (2(6+n),).
     """
-    (q, zeta), (q_nominal, zeta_nominal) = np.split(state, 2), np.split(nominal_state, 2)
-    (y, y_nominal), (J, J_nominal), (J_dot, _) = model.task_motion(
-        np.stack([q, q_nominal]), np.stack([zeta, zeta_nominal]))
-    e_y = task_error(y, y_nominal)
+    now = motion(model, state, nominal_state)
+    (zeta, zeta_nominal), (J, J_nominal) = now.zeta, now.J_x
+    e_y = task_error(*now.y)
     z = zeta - zeta_nominal
     if isinstance(config, Resolved):
-        inverse = np.linalg.inv(J)
-        offset = inverse @ (J_nominal @ zeta_nominal) - zeta_nominal  # ζ_ref − ζ̄ at 𝔢_y = 0
-        r, task = z - offset + config.sigma * inverse @ e_y, e_y
-        gains = np.array([*(_norm2(rows) for rows in (J, J[:3], J[3:6], J[6:])), 1.0])
-        turning = -inverse @ J_dot
-        mu = float(np.linalg.eigvalsh(0.5 * (turning + turning.T))[-1])
+        offset = now.inverse @ (J_nominal @ zeta_nominal) - zeta_nominal  # ζ_ref − ζ̄ at 𝔢_y = 0
+        r, task = z - offset + config.sigma * now.inverse @ e_y, e_y
+        turning = -now.inverse @ now.J_x_dot[0]
+        gains, mu = _gains_and_growth(J, 0.5 * (turning + turning.T))
         z_gain, z_offset = config.sigma, _norm2(offset)
     else:
         r, task = z + config.sigma * J_nominal[:6].T @ e_y[:6], e_y[:6]
         gains, mu, z_offset = np.zeros(0), 0.0, 0.0
-        z_gain = config.sigma * _norm2(J_nominal[:6])
+        z_gain = config.sigma * float(np.linalg.norm(J_nominal[:6], 2))
     norms = np.array([_norm2(x) for x in (task, e_y[:3], e_y[3:6], e_y[6:], z, r)])
     return Deviation(norms, e_y, r, gains, mu, z_gain, z_offset)
 
 
+def _gains_and_growth(J_x: np.ndarray, turning: np.ndarray) -> tuple[np.ndarray, float]:
+    """Returns `Deviation.gains` and `Deviation.mu`; `turning` is symmetric.
+
+    ‖J‖² is the largest eigenvalue of J Jᵀ. The rows of the joints are unit vectors.
+    """
+    squares = J_x @ J_x.T
+    whole, mu = np.linalg.eigvalsh(np.array([squares, turning]))[:, -1]
+    blocks = np.linalg.eigvalsh(np.array([squares[:3, :3], squares[3:6, 3:6]]))[:, -1]
+    return np.array([*np.sqrt([whole, *blocks]), 1.0, 1.0]), float(mu)
+
+
 def _norm2(x: np.ndarray) -> float:
-    return float(np.linalg.norm(x, 2))
+    return math.sqrt(x @ x)
 
 
 class TubeMonitor(LeafSystem):

@@ -1,27 +1,26 @@
-"""The controller: nominal MPC, ancillary feedback and input map as one Diagram."""
+"""The controller: nominal MPC and ancillary feedback as one Diagram."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.control.ancillary import AncillaryConfig, AncillaryFeedback
-from uvms_drake.control.input_map import InputMap
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.kinematic_feedback import KinematicFeedback
+from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.nominal_mpc import NominalMpc
-from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.scp import SequentialConvexSolver
 
 
-def make_tube_mpc(ocp: Ocp, ancillary: AncillaryConfig) -> Diagram:
+def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
 
                   ┌─────────────┐ nominal_state, nominal_acceleration, nominal_input
         state ─┬─▶│ nominal_mpc │──────────────┐
-               │  └─────────────┘        ┌─────▼─────┐  u   ┌───────────┐
-               ├────────────────────────▶│ ancillary │─┬───▶│ input_map │──▶ tau
-               │                         └───────────┘ │    └──▲────────┘
-               └───────────────────────────────────────┼───────┘
-                                                       └──▶ u
+               │  └─────────────┘        ┌─────▼─────┐
+               └────────────────────────▶│ ancillary │──▶ tau, u
+                                         └───────────┘
 
     .. pydrake_system::
 
@@ -52,12 +51,58 @@ def make_tube_mpc(ocp: Ocp, ancillary: AncillaryConfig) -> Diagram:
     mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, ancillary, nominal=mpc, state=measured)
-    forces = InputMap.AddToBuilder(
-        builder, ocp.model, state=measured, u=feedback.GetOutputPort("u"))
 
     builder.ExportInput(state.get_input_port(), "state")
-    builder.ExportOutput(forces.GetOutputPort("tau"), "tau")
+    builder.ExportOutput(feedback.GetOutputPort("tau"), "tau")
     builder.ExportOutput(feedback.GetOutputPort("u"), "u")
+    for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
+        builder.ExportOutput(mpc.GetOutputPort(name), name)
+    diagram = builder.Build()
+    diagram.set_name("tube_mpc")
+    return diagram
+
+
+def make_kinematic_tube_mpc(ocp: KinematicOcp, ancillary: AncillaryConfig) -> Diagram:
+    """Returns the tube-based NMPC of the kinematic model, as a Diagram named "tube_mpc".
+
+    ::
+
+                          ┌─────────────┐ nominal_state
+        configuration ─┬─▶│ nominal_mpc │──────┐
+                       │  └─────────────┘ ┌────▼──────┐
+                       └─────────────────▶│ ancillary │──▶ u
+                                          └───────────┘
+
+    .. pydrake_system::
+
+        name: tube_mpc
+        input_ports:
+        - configuration
+        output_ports:
+        - u
+        - nominal_state
+        - nominal_input
+        - plan
+        - report
+        - solve_seconds
+
+    - `configuration`: 𝔮 measured (6+n), in the paper's order.
+    - `u`: the velocity command ζ (6+n) [m/s (3), rad/s (3+n)].
+    - the others: see `NominalMpc`.
+
+    Args:
+        ocp: The problem that the nominal MPC solves; its model is the controller's.
+        ancillary: The feedback law and its σ.
+    """
+    builder = DiagramBuilder()
+    configuration = builder.AddNamedSystem("configuration", PassThrough(ocp.model.size))
+    measured = configuration.get_output_port()
+    mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
+    feedback = KinematicFeedback.AddToBuilder(
+        builder, ocp.model, ancillary, nominal=mpc, configuration=measured)
+
+    builder.ExportInput(configuration.get_input_port(), "configuration")
+    builder.ExportOutput(feedback.GetOutputPort("zeta"), "u")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     diagram = builder.Build()

@@ -26,8 +26,10 @@ class Coordinates:
         start = vehicle.floating_velocities_start_in_v()
         self._angular = slice(start, start + 3)
         self._linear = slice(start + 3, start + 6)
-        self._joint_positions = [joint.position_start() for joint in uvms.joints]
-        self._joint_velocities = [joint.velocity_start() for joint in uvms.joints]
+        self._joint_positions = np.array(
+            [joint.position_start() for joint in uvms.joints], dtype=int)
+        self._joint_velocities = np.array(
+            [joint.velocity_start() for joint in uvms.joints], dtype=int)
         self.num_positions = uvms.plant.num_positions()
         self.num_velocities = uvms.plant.num_velocities()
         self.size = 6 + len(uvms.joints)
@@ -38,14 +40,15 @@ class Coordinates:
     def from_drake(self, state: np.ndarray) -> np.ndarray:
         """Returns (𝔮, ζ) of a plant state (q, v); |θ| ≤ π/2, φ and ψ in (−π, π]."""
         q, v = state[: self.num_positions], state[self.num_positions:]
-        R_WB = self._rotation(q)
+        rotation = self._rotation(q)
+        R_WB = rotation.matrix()
         out = np.empty(2 * self.size)
         out[:3] = q[self._position]
-        out[3:6] = RollPitchYaw(R_WB).vector()
+        out[3:6] = RollPitchYaw(rotation).vector()
         out[6: self.size] = q[self._joint_positions]
         zeta = out[self.size:]
-        zeta[:3] = v[self._linear] @ R_WB.matrix()
-        zeta[3:6] = v[self._angular] @ R_WB.matrix()
+        zeta[:3] = v[self._linear] @ R_WB
+        zeta[3:6] = v[self._angular] @ R_WB
         zeta[6:] = v[self._joint_velocities]
         return out
 
@@ -78,4 +81,4 @@ class Coordinates:
 
     def _rotation(self, q: np.ndarray) -> RotationMatrix:
         quaternion = q[self._attitude]
-        return RotationMatrix(Quaternion(wxyz=quaternion / np.linalg.norm(quaternion)))
+        return RotationMatrix(Quaternion(wxyz=quaternion / np.sqrt(quaternion @ quaternion)))

@@ -2,26 +2,30 @@
 
 Every function takes stacks of any leading shape, and complex numbers, so that a derivative can
 be taken by a complex step (Squire and Trapp, 1998: f'(x) = Im f(x + ih)/h, exact to rounding).
+Matrices are filled by column in their transpose, where a component of a whole stack is one item.
 """
 
 import numpy as np
+
+COMPLEX_STEP = 1e-30
+"""h of a complex step: there is no difference, so it can be arbitrarily small."""
 
 
 def rotation_matrix(rpy: np.ndarray) -> np.ndarray:
     """Returns R_AB (..., 3, 3) of frame B with ZYX Euler angles `rpy` (..., 3) [rad] in A."""
     sin, cos = np.sin(rpy), np.cos(rpy)
-    sf, st, sp = sin[..., 0], sin[..., 1], sin[..., 2]
-    cf, ct, cp = cos[..., 0], cos[..., 1], cos[..., 2]
+    (sf, st, sp), (cf, ct, cp) = sin.T, cos.T
     R = np.empty((*rpy.shape, 3), dtype=sin.dtype)
-    R[..., 0, 0] = cp * ct
-    R[..., 0, 1] = cp * st * sf - sp * cf
-    R[..., 0, 2] = cp * st * cf + sp * sf
-    R[..., 1, 0] = sp * ct
-    R[..., 1, 1] = sp * st * sf + cp * cf
-    R[..., 1, 2] = sp * st * cf - cp * sf
-    R[..., 2, 0] = -st
-    R[..., 2, 1] = ct * sf
-    R[..., 2, 2] = ct * cf
+    columns = R.T
+    columns[0, 0] = cp * ct
+    columns[0, 1] = sp * ct
+    columns[0, 2] = -st
+    columns[1, 0] = cp * st * sf - sp * cf
+    columns[1, 1] = sp * st * sf + cp * cf
+    columns[1, 2] = ct * sf
+    columns[2, 0] = cp * st * cf + sp * sf
+    columns[2, 1] = sp * st * cf - cp * sf
+    columns[2, 2] = ct * cf
     return R
 
 
@@ -32,8 +36,11 @@ def euler_angles(R: np.ndarray) -> np.ndarray:
     if np.iscomplexobj(R):
         # d asin(s) = ds/cos θ carries the imaginary part.
         pitch = pitch - 1j * R[..., 2, 0].imag / np.cos(pitch)
-    return np.stack(
-        [_atan2(R[..., 2, 1], R[..., 2, 2]), pitch, _atan2(R[..., 1, 0], R[..., 0, 0])], axis=-1)
+    rpy = np.empty(R.shape[:-1], dtype=R.dtype)
+    rpy[..., 0] = _atan2(R[..., 2, 1], R[..., 2, 2])
+    rpy[..., 1] = pitch
+    rpy[..., 2] = _atan2(R[..., 1, 0], R[..., 0, 0])
+    return rpy
 
 
 def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -49,17 +56,31 @@ def rate_matrix(rpy: np.ndarray) -> np.ndarray:
 
     It is the paper's 𝔍₂ (Fossen 2021, eq. 2.40); singular at |θ| = π/2.
     """
-    sf, cf = np.sin(rpy[..., 0]), np.cos(rpy[..., 0])
-    ct, tt = np.cos(rpy[..., 1]), np.tan(rpy[..., 1])
-    T = np.zeros((*rpy.shape, 3), dtype=sf.dtype)
-    T[..., 0, 0] = 1.0
-    T[..., 0, 1] = sf * tt
-    T[..., 0, 2] = cf * tt
-    T[..., 1, 1] = cf
-    T[..., 1, 2] = -sf
-    T[..., 2, 1] = sf / ct
-    T[..., 2, 2] = cf / ct
+    (sf, st, _), (cf, ct, _) = np.sin(rpy).T, np.cos(rpy).T
+    T = np.zeros((*rpy.shape, 3), dtype=rpy.dtype)
+    columns = T.T
+    columns[0, 0] = 1.0
+    columns[1, 0] = sf * st / ct
+    columns[1, 1] = cf
+    columns[1, 2] = sf / ct
+    columns[2, 0] = cf * st / ct
+    columns[2, 1] = -sf
+    columns[2, 2] = cf / ct
     return T
+
+
+def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
+    """Returns T⁻¹ (..., 3, 3) with ω_B = T⁻¹ d(φ, θ, ψ)/dt; it exists at every attitude."""
+    (sf, st, _), (cf, ct, _) = np.sin(rpy).T, np.cos(rpy).T
+    E = np.zeros((*rpy.shape, 3), dtype=rpy.dtype)
+    columns = E.T
+    columns[0, 0] = 1.0
+    columns[1, 1] = cf
+    columns[1, 2] = -sf
+    columns[2, 0] = -st
+    columns[2, 1] = sf * ct
+    columns[2, 2] = cf * ct
+    return E
 
 
 def wrap_angle(angle: np.ndarray) -> np.ndarray:

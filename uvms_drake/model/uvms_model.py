@@ -1,115 +1,91 @@
 """The prediction model: kinematics and underwater dynamics of a UVMS as functions of arrays.
 
-It holds the numbers of a `MultibodyPlant` and of a hydrodynamics file, not the plant: every
-function takes stacks of any leading shape, so that a whole prediction horizon is one call, and
-complex numbers, so that a derivative is one more call (see `euler`).
+It holds the numbers of a `MultibodyPlant` and of a hydrodynamics file (`Links`), not the plant:
+every function takes stacks of any leading shape, so that a whole prediction horizon is one call,
+and complex numbers, so that a derivative is one more call (see `euler`).
 
     M(𝔮) ζ̇ + C(𝔮, ζ) ζ + D(𝔮, ζ) ζ + g(𝔮) + J(𝔮)ᵀ𝔉(χ, χ̇) = τ                    (eq:dynamics)
 
 A rigid body with added mass is a body with a general 6×6 inertia I = M_RB + M_A, and its equation
-of motion in its own axes is f = I ν̇ + ν ×* I ν (Kirchhoff; Fossen 2021, §6.3 and §8.1). With body
-Jacobians Jᵢ (νᵢ = Jᵢ ζ) the whole chain follows from virtual power: τ = Σ Jᵢᵀ fᵢ.
+of motion in its own axes is f = I ν̇ + ν ×* I ν (Kirchhoff; Fossen 2021, §6.3 and §8.1). With the
+links' Jacobians Jₖ (Vₖ = Jₖ ζ) the whole chain follows from virtual power: τ = Σ Jₖᵀ fₖ.
 
-The water is still. All bodies hang on the vehicle's frame B, axes FRD.
+The water is still. All links hang on the vehicle's frame B, axes FRD. The screws of the joints are
+vectors (v, ω) in axes of B about its origin (Fossen's order); Xₖ takes such a vector to link k.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint, RigidBody
 
 from uvms_drake.model.contact import SurfaceLaw
 from uvms_drake.model.description import Uvms, add_uvms
-from uvms_drake.model.euler import euler_angles, rate_matrix, rotation_matrix
-from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, added_mass_about_origin
-from uvms_drake.model.spatial import cross, cross_force, cross_motion, skew
-
-COMPLEX_STEP = 1e-30
-"""h of the complex step: there is no difference, so it can be arbitrarily small."""
+from uvms_drake.model.euler import (
+    COMPLEX_STEP,
+    euler_angles,
+    inverse_rate_matrix,
+    rate_matrix,
+    rotation_matrix,
+)
+from uvms_drake.model.links import read_links
+from uvms_drake.model.spatial import (
+    block_diagonal,
+    cross,
+    cross_force,
+    cross_motion,
+    motion_matrix,
+    times,
+)
+from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
 
 
 class Kinematics(NamedTuple):
-    """Geometry at a configuration; the last body is the end-effector's frame Σ_E."""
+    """Geometry at a configuration; the last link has the frame of the end-effector, Σ_E."""
 
     R_WB: np.ndarray
     """(..., 3, 3) attitude of the vehicle."""
     chi: np.ndarray
     """(..., 6) χ = (𝔭, 𝔬)."""
+    A_E: np.ndarray
+    """(..., 6, 6) A(𝔬) = blkdiag(R_WE, T(𝔬)): χ̇ = A V_E."""
     R_BL: np.ndarray
-    """(..., b, 3, 3) attitude of every body in the vehicle's frame."""
+    """(..., n+1, 3, 3) attitude of every link in the vehicle's frame."""
     p_BL: np.ndarray
-    """(..., b, 3) origin of every body in the vehicle's frame [m]."""
+    """(..., n+1, 3) origin of every link in the vehicle's frame [m]."""
     axis: np.ndarray
     """(..., n, 3) joint axes in the vehicle's frame."""
     anchor: np.ndarray
     """(..., n, 3) a point on each joint axis in the vehicle's frame [m]."""
-    J_bodies: np.ndarray
-    """(..., b, 6, 6+n) Jᵢ: velocity of body i in its own axes, Fossen's order, by ζ."""
+    screw: np.ndarray
+    """(..., n, 6) sⱼ = (anchor × axis, axis)."""
+    J_links: np.ndarray
+    """(..., n+1, 6, 6+n) Jₖ: velocity of link k in its own axes by ζ; Xₖ is its first columns."""
     J_chi: np.ndarray
     """(..., 6, 6+n) the paper's J(𝔮): χ̇ = J ζ."""
+
+    def at(self, index: int) -> "Kinematics":
+        """Returns the geometry at one configuration of a stack, or at one stack of several."""
+        return Kinematics(*(item[index] for item in self))
 
 
 class UvmsModel:
     """Kinematics and dynamics of a UVMS in still water and in contact with a surface."""
 
     def __init__(self, uvms: Uvms, surface: SurfaceLaw):
-        plant = uvms.plant
-        context = plant.CreateDefaultContext()
         self.surface = surface
-        self.num_joints = len(uvms.joints)
-        self.size = 6 + self.num_joints
+        self.num_joints = n = len(uvms.joints)
+        self.size = 6 + n
         """6 + n."""
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
-
-        # A joint turns about an axis in F on the inner link; M and the outer link follow.
-        links = [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
-        placements = [plant.CalcRelativeTransform(
-            context, link.body_frame(), joint.frame_on_parent())
-            for link, joint in zip(links[:-1], uvms.joints, strict=True)]
-        self._R_LF = np.array([X.rotation().matrix() for X in placements]).reshape(-1, 3, 3)
-        self._p_LF = np.array([X.translation() for X in placements]).reshape(-1, 3)
-        after = [joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
-                 for joint in uvms.joints]
-        self._R_MC = np.array([X.rotation().matrix() for X in after]).reshape(-1, 3, 3)
-        self._p_MC = np.array([X.translation() for X in after]).reshape(-1, 3)
-        axis_F = np.array([joint.revolute_axis() for joint in uvms.joints]).reshape(-1, 3)
-        self._axis_L = (self._R_LF @ axis_F[..., None])[..., 0]
-        self._S_axis = skew(axis_F)
-        self._joint_damping = np.array([joint.default_damping() for joint in uvms.joints])
-        self._rotor_inertia = np.array([_reflected_inertia(uvms, joint) for joint in uvms.joints])
-
-        # Bodies: each is fixed to a link (the end-effector's frame is the last, without inertia).
-        bodies = [plant.get_body(index) for index in plant.GetBodyIndices(uvms.model_instance)]
-        frames = [*(body.body_frame() for body in bodies), uvms.tip]
-        owners = [plant.GetBodiesWeldedTo(link) for link in links]
-        self._link = np.array([next(i for i, owner in enumerate(owners) if frame.body() in owner)
-                               for frame in frames])
-        offsets = [plant.CalcRelativeTransform(context, links[i].body_frame(), frame)
-                   for i, frame in zip(self._link, frames, strict=True)]
-        self._R_LB = np.array([X.rotation().matrix() for X in offsets])
-        self._p_LB = np.array([X.translation() for X in offsets])
-        self._carries = (np.arange(self.num_joints) < self._link[:, None]).astype(float)
-
-        water = uvms.hydrodynamics
-        wet = [water.bodies.get(body.name(), BodyHydrodynamics()) for body in bodies]
-        self._inertia = np.array([_rigid_inertia(body) + added_mass_about_origin(item.added_mass)
-                                  for body, item in zip(bodies, wet, strict=True)])
-        masses = np.array([body.default_mass() for body in bodies])
-        displaced = water.fluid_density * np.array([item.displaced_volume for item in wet])
-        self._net_mass = masses - displaced
-        self._net_moment = (
-            masses[:, None] * np.array([body.default_com() for body in bodies])
-            - displaced[:, None] * np.array([item.center_of_buoyancy for item in wet]))
-        self._gravity = plant.gravity_field().gravity_vector()
-        drag = [(i, element) for i, item in enumerate(wet) for element in item.drag]
-        self._drag_body = np.array([i for i, _ in drag], dtype=int)
-        self._drag_point = np.array([element.point for _, element in drag]).reshape(-1, 3)
-        self._drag_linear = np.array([element.linear for _, element in drag]).reshape(-1, 6)
-        self._drag_quadratic = np.array([element.quadratic for _, element in drag]).reshape(-1, 6)
-        # Sums the drag elements of each body: (b, number of elements).
-        self._drag_sum = (np.arange(len(bodies))[:, None] == self._drag_body).astype(float)
+        self._links = read_links(uvms)
+        self._gravity = uvms.plant.gravity_field().gravity_vector()
+        self._joint_rows = np.eye(self.size)[6:]
+        # 1 where joint j moves link k: (n+1, n).
+        self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
+        self._rotor_inertia = np.concatenate([np.zeros(6), self._links.rotor_inertia])
+        self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
 
     @staticmethod
     def load(model: str, surface: SurfaceLaw) -> "UvmsModel":
@@ -123,75 +99,91 @@ class UvmsModel:
 
     def kinematics(self, config: np.ndarray) -> Kinematics:
         """Returns the geometry at 𝔮 (..., 6+n)."""
-        shape, n = config.shape[:-1], self.num_joints
+        X_BL = self._chain(config[..., 6:])
+        R_WB, R_WE, chi = self._tip(config, X_BL[..., -1, :3, :])
+        A_E = pose_rate_matrix(R_WE, chi[..., 3:])
+        R_BL, p_BL = X_BL[..., :3, :3], X_BL[..., :3, 3]
+        joints = X_BL[..., :-1, :, :] @ self._links.joint_axis
+        axis, anchor = joints[..., :3, 0], joints[..., :3, 1]
+        screw = np.concatenate([cross(anchor, axis), axis], axis=-1)
+        J_links = self._link_jacobians(R_BL, p_BL, screw)
+        J_chi = A_E @ J_links[..., -1, :, :]
+        return Kinematics(R_WB, chi, A_E, R_BL, p_BL, axis, anchor, screw, J_links, J_chi)
+
+    def _chain(self, angles: np.ndarray) -> np.ndarray:
+        """Returns the links' poses X_BL (..., n+1, 4, 4) at the joint angles (..., n)."""
+        fixed, by_sin, by_cos = self._links.step
+        step = (fixed + np.sin(angles)[..., None, None] * by_sin
+                + np.cos(angles)[..., None, None] * by_cos)
+        X_BL = np.empty((*angles.shape[:-1], self.num_joints + 1, 4, 4), dtype=step.dtype)
+        X_BL[..., 0, :, :] = self._links.X_BV
+        for j in range(self.num_joints):
+            np.matmul(X_BL[..., j, :, :], step[..., j, :, :], out=X_BL[..., j + 1, :, :])
+        return X_BL
+
+    def _tip(self, config: np.ndarray, X_BE: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns R_WB, R_WE (..., 3, 3) and χ (..., 6); X_BE is (..., 3, 4)."""
         R_WB = rotation_matrix(config[..., 3:6])
-        R_LM = self._R_LF @ self._joint_rotations(config[..., 6:])
-        R_LC = R_LM @ self._R_MC  # each joint's step to the next link
-        p_LC = self._p_LF + (R_LM @ self._p_MC[..., None])[..., 0]
-        R = np.empty((*shape, n + 1, 3, 3), dtype=R_WB.dtype)  # links in B
-        p = np.empty((*shape, n + 1, 3), dtype=R_WB.dtype)
-        R[..., 0, :, :] = np.eye(3)
-        p[..., 0, :] = 0.0
-        for j in range(n):
-            R[..., j + 1, :, :] = R[..., j, :, :] @ R_LC[..., j, :, :]
-            p[..., j + 1, :] = p[..., j, :] + (R[..., j, :, :] @ p_LC[..., j, :, None])[..., 0]
-        inner = R[..., :-1, :, :]
-        axis = (inner @ self._axis_L[..., None])[..., 0]
-        anchor = p[..., :-1, :] + (inner @ self._p_LF[..., None])[..., 0]
-        R_BL = R[..., self._link, :, :] @ self._R_LB
-        p_BL = p[..., self._link, :] + (R[..., self._link, :, :] @ self._p_LB[..., None])[..., 0]
-        J_bodies = self._body_jacobians(R_BL, p_BL, axis, anchor)
-        R_WE = R_WB @ R_BL[..., -1, :, :]
-        position = config[..., :3] + (R_WB @ p_BL[..., -1, :, None])[..., 0]
-        attitude = euler_angles(R_WE)
-        J_chi = np.concatenate([R_WE @ J_bodies[..., -1, :3, :],
-                                rate_matrix(attitude) @ J_bodies[..., -1, 3:, :]], axis=-2)
-        chi = np.concatenate([position, attitude], axis=-1)
-        return Kinematics(R_WB, chi, R_BL, p_BL, axis, anchor, J_bodies, J_chi)
+        X = R_WB @ X_BE
+        chi = np.concatenate([config[..., :3] + X[..., 3], euler_angles(X[..., :3])], axis=-1)
+        return R_WB, X[..., :3], chi
 
-    def _joint_rotations(self, angles: np.ndarray) -> np.ndarray:
-        """Returns R_FM (..., n, 3, 3) = I + sin q S(a) + (1 − cos q) S(a)² (Rodrigues)."""
-        sin, cos = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
-        return np.eye(3) + sin * self._S_axis + (1.0 - cos) * (self._S_axis @ self._S_axis)
-
-    def _body_jacobians(self, R_BL: np.ndarray, p_BL: np.ndarray, axis: np.ndarray,
-                        anchor: np.ndarray) -> np.ndarray:
-        """Returns Jᵢ (..., b, 6, 6+n): of v + ω × p for the vehicle, a × (p − o) for the joints."""
-        shape, b, n = p_BL.shape[:-2], p_BL.shape[-2], self.num_joints
-        J = np.zeros((*shape, b, 6, 6 + n), dtype=R_BL.dtype)
-        J[..., :3, :3] = np.eye(3)
-        J[..., :3, 3:6] = -skew(p_BL)
-        J[..., 3:, 3:6] = np.eye(3)
-        lever = p_BL[..., :, None, :] - anchor[..., None, :, :]
-        carries = self._carries[:, None, :]
-        J[..., :3, 6:] = np.swapaxes(cross(axis[..., None, :, :], lever), -1, -2) * carries
-        J[..., 3:, 6:] = np.swapaxes(axis, -1, -2)[..., None, :, :] * carries
-        R_LB = np.swapaxes(R_BL, -1, -2)
-        return np.concatenate([R_LB @ J[..., :3, :], R_LB @ J[..., 3:, :]], axis=-2)
+    def _link_jacobians(
+        self, R_BL: np.ndarray, p_BL: np.ndarray, screw: np.ndarray
+    ) -> np.ndarray:
+        """Returns Jₖ = Xₖ [I, s₁ … sₖ, 0] (..., n+1, 6, 6+n), Xₖ = [R_LB −R_LB S(p_BL); 0 R_LB]."""
+        R_LB = R_BL.swapaxes(-1, -2)
+        J = np.zeros((*p_BL.shape[:-1], 6, self.size), dtype=R_BL.dtype)
+        J[..., :3, :3] = J[..., 3:, 3:6] = R_LB
+        J[..., :3, 3:6] = cross(p_BL[..., None, :], R_LB)
+        J[..., 6:] = (J[..., :6] @ screw.swapaxes(-1, -2)[..., None, :, :]
+                      ) * self._moves[:, None, :]
+        return J
 
     def task_pose(self, config: np.ndarray) -> np.ndarray:
         """Returns the extended task y = (χ, q) (..., 6+n) at 𝔮 (..., 6+n)."""
-        return np.concatenate([self.kinematics(config).chi, config[..., 6:]], axis=-1)
+        _, _, chi = self._tip(config, self._chain(config[..., 6:])[..., -1, :3, :])
+        return np.concatenate([chi, config[..., 6:]], axis=-1)
 
     def task_jacobian(self, config: np.ndarray) -> np.ndarray:
         """Returns J_x (..., 6+n, 6+n) = [J(𝔮); 0 I] with ẏ = J_x ζ."""
         return self._extend(self.kinematics(config).J_chi)
 
     def _extend(self, J_chi: np.ndarray) -> np.ndarray:
-        J_x = np.zeros((*J_chi.shape[:-2], self.size, self.size), dtype=J_chi.dtype)
+        J_x = np.empty((*J_chi.shape[:-2], self.size, self.size), dtype=J_chi.dtype)
         J_x[..., :6, :] = J_chi
-        J_x[..., range(6, self.size), range(6, self.size)] = 1.0
+        J_x[..., 6:, :] = self._joint_rows
         return J_x
 
     def task_motion(
-        self, config: np.ndarray, zeta: np.ndarray
+        self, config: np.ndarray, zeta: np.ndarray, kinematics: Kinematics | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns y (..., 6+n), J_x (..., 6+n, 6+n) and J̇_x along 𝔮̇ = Γ(𝔮)ζ."""
-        kinematics = self.kinematics(
-            config + 1j * COMPLEX_STEP * configuration_rate(config, zeta))
-        J_x = self._extend(kinematics.J_chi)
-        y = np.concatenate([kinematics.chi.real, config[..., 6:]], axis=-1)
-        return y, J_x.real, J_x.imag / COMPLEX_STEP
+        """Returns y (..., 6+n), J_x (..., 6+n, 6+n) and J̇_x along 𝔮̇ = Γ(𝔮)ζ, all real.
+
+        `kinematics` is the geometry at 𝔮, if it is known already.
+        """
+        kinematics = kinematics or self.kinematics(config)
+        y = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)
+        return y, self._extend(kinematics.J_chi), self.task_jacobian_rate(kinematics, zeta)
+
+    def task_jacobian_rate(self, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
+        """Returns J̇_x (..., 6+n, 6+n) along 𝔮̇ = Γ(𝔮)ζ, real.
+
+        J = A J_E, and the columns of J_E = X_E [I, s₁ … s_n] change by X_E ((Vⱼ − V_E) × sⱼ); those
+        of the vehicle likewise, with V₀ and the unit vectors.
+        """
+        J_E = kinematics.J_links[..., -1, :, :]
+        V_B = self._link_velocities(kinematics, zeta)
+        from_tip = V_B - V_B[..., -1:, :]
+        J_E_rate = J_E[..., :6] @ np.concatenate([
+            motion_matrix(from_tip[..., 0, :]),
+            _columns(cross_motion(from_tip[..., 1:, :], kinematics.screw))], axis=-1)
+        _, A_moved = complex_step(kinematics.chi, kinematics.A_E, times(J_E, zeta))
+        J_x_rate = np.zeros((*zeta.shape, self.size))
+        J_x_rate[..., :6, :] = (
+            (A_moved.imag / COMPLEX_STEP) @ J_E + kinematics.A_E @ J_E_rate)
+        return J_x_rate
 
     def configuration(self, y: np.ndarray) -> np.ndarray:
         """Returns 𝔮 (..., 6+n) of the extended task y (..., 6+n), angles in (−π, π].
@@ -200,69 +192,50 @@ class UvmsModel:
         """
         config = np.zeros_like(y)
         config[..., 6:] = y[..., 6:]
-        at_origin = self.kinematics(config)
-        R_BE, p_BE = at_origin.R_BL[..., -1, :, :], at_origin.p_BL[..., -1, :]
-        R_WB = rotation_matrix(y[..., 3:6]) @ np.swapaxes(R_BE, -1, -2)
-        config[..., :3] = y[..., :3] - (R_WB @ p_BE[..., None])[..., 0]
+        X_BE = self._chain(config[..., 6:])[..., -1, :, :]
+        R_BE, p_BE = X_BE[..., :3, :3], X_BE[..., :3, 3]
+        R_WB = rotation_matrix(y[..., 3:6]) @ R_BE.swapaxes(-1, -2)
+        config[..., :3] = y[..., :3] - times(R_WB, p_BE)
         config[..., 3:6] = euler_angles(R_WB)
         return config
 
     # Dynamics
 
+    def _link_velocities(self, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
+        """Returns the velocities V_B (..., n+1, 6) of the links about the origin of B, in B."""
+        return zeta[..., None, :6] + self._moves @ (kinematics.screw * zeta[..., 6:, None])
+
+    def _motion(self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray) -> "_Motion":
+        """Returns how the links move: a joint's screw is carried along by the link it moves."""
+        screw, q_dot, q_ddot = kinematics.screw, zeta[..., 6:, None], zeta_dot[..., 6:, None]
+        V_B = self._link_velocities(kinematics, zeta)
+        screw_rate = cross_motion(V_B[..., 1:, :], screw)
+        A_B = zeta_dot[..., None, :6] + self._moves @ (screw * q_ddot + screw_rate * q_dot)
+        X = kinematics.J_links[..., :6]
+        g_B = self._gravity @ kinematics.R_WB
+        g = (g_B[..., None, None, :] @ kinematics.R_BL)[..., 0, :]
+        return _Motion(V_B, A_B, screw_rate, times(X, V_B), times(X, A_B), g)
+
+    def _forces(self, kinematics: Kinematics, motion: "_Motion") -> np.ndarray:
+        """Returns fₖ (..., n+1, 6): what moves link k so, against water and surface."""
+        force = self._links.force(motion.V, motion.A, motion.g)
+        force[..., -1, :] += tip_force(
+            self.surface, kinematics.chi, kinematics.A_E, motion.V[..., -1, :])
+        return force
+
     def inverse_dynamics(
         self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray
     ) -> np.ndarray:
         """Returns τ (..., 6+n), the generalised force at which ζ̇ is the acceleration."""
-        J = kinematics.J_bodies[..., :-1, :, :]
-        V = (J @ zeta[..., None, :, None])[..., 0]
-        A = (J @ zeta_dot[..., None, :, None])[..., 0] + self._bias_acceleration(kinematics, zeta)
-        momentum = (self._inertia @ V[..., None])[..., 0]
-        force = (self._inertia @ A[..., None])[..., 0] + cross_force(V, momentum)
-        force -= self._weight(kinematics) + self._drag(V)
-        tau = np.sum(np.swapaxes(J, -1, -2) @ force[..., None], axis=-3)[..., 0]
-        tau[..., 6:] += (self._joint_damping * zeta[..., 6:]
-                         + self._rotor_inertia * zeta_dot[..., 6:])
-        chi_dot = (kinematics.J_chi @ zeta[..., None])[..., 0]
-        contact = self.surface.force(kinematics.chi, chi_dot)
-        return tau + (np.swapaxes(kinematics.J_chi, -1, -2) @ contact[..., None])[..., 0]
-
-    def _bias_acceleration(self, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
-        """Returns J̇ᵢ ζ (..., b, 6): each joint's screw is carried along by the link it moves."""
-        axis, anchor = kinematics.axis, kinematics.anchor
-        screw = np.concatenate([cross(anchor, axis), axis], axis=-1) * zeta[..., 6:, None]
-        link_velocity = zeta[..., None, :6] + np.cumsum(screw, axis=-2)
-        rate = cross_motion(link_velocity, screw)
-        total = self._carries[:-1] @ rate
-        p, R = kinematics.p_BL[..., :-1, :], kinematics.R_BL[..., :-1, :, :]
-        linear = total[..., :3] + cross(total[..., 3:], p)
-        R_LB = np.swapaxes(R, -1, -2)
-        return np.concatenate([(R_LB @ linear[..., None])[..., 0],
-                               (R_LB @ total[..., 3:, None])[..., 0]], axis=-1)
-
-    def _weight(self, kinematics: Kinematics) -> np.ndarray:
-        """Returns weight and buoyancy (..., b, 6) about each body's origin, in its axes."""
-        R_WL = kinematics.R_WB[..., None, :, :] @ kinematics.R_BL[..., :-1, :, :]
-        down = np.swapaxes(R_WL, -1, -2) @ self._gravity
-        return np.concatenate(
-            [self._net_mass[:, None] * down, cross(self._net_moment, down)], axis=-1)
-
-    def _drag(self, V: np.ndarray) -> np.ndarray:
-        """Returns −(D_lin + D_quad |v|) v summed over each body's drag points (..., b, 6)."""
-        v = V[..., self._drag_body, :].copy()
-        v[..., :3] += cross(v[..., 3:], self._drag_point)
-        speed = np.where(v.real < 0.0, -v, v)
-        f = -(self._drag_linear + self._drag_quadratic * speed) * v
-        f[..., 3:] += cross(self._drag_point, f[..., :3])
-        return self._drag_sum @ f
+        force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot))
+        tau = (force.reshape(*zeta.shape[:-1], 1, -1) @ _stacked(kinematics.J_links))[..., 0, :]
+        return tau + self._joint_damping * zeta + self._rotor_inertia * zeta_dot
 
     def mass_matrix(self, kinematics: Kinematics) -> np.ndarray:
-        """Returns M (..., 6+n, 6+n) = Σ Jᵢᵀ Iᵢ Jᵢ with added mass and reflected joint inertia."""
-        J = kinematics.J_bodies[..., :-1, :, :]
-        IJ = self._inertia @ J
-        stacked = (*J.shape[:-3], -1, self.size)
-        M = np.swapaxes(J.reshape(stacked), -1, -2) @ IJ.reshape(stacked)
-        M[..., range(6, self.size), range(6, self.size)] += self._rotor_inertia
-        return M
+        """Returns M (..., 6+n, 6+n) = Σ Jₖᵀ Iₖ Jₖ with added mass and reflected joint inertia."""
+        J = kinematics.J_links
+        return (_stacked(J).swapaxes(-1, -2) @ _stacked(self._links.inertia @ J)
+                + np.diag(self._rotor_inertia))
 
     def drift(self, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
         """Returns f (..., 6+n) of (eq:func_h): the acceleration at τ = 0."""
@@ -273,22 +246,70 @@ class UvmsModel:
     def drift_derivatives(
         self, config: np.ndarray, zeta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns f (m, 6+n), ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n) at m states.
+        """Returns f (..., 6+n), ∂f/∂𝔮 and ∂f/∂ζ (..., 6+n, 6+n), real.
 
         From M f + b = 0: ∂f = −M⁻¹ ∂(M ζ̇ + b) at ζ̇ = f held fixed, so no derivative of M⁻¹ is
-        needed. The partial derivatives are complex steps: exact, with no step to choose.
+        needed. A change of 𝔮 moves the vehicle in its own axes by Γ(𝔮)⁻¹ d𝔮.
         """
-        f = self.drift(config, zeta)
-        steps = 1j * COMPLEX_STEP * np.eye(self.size)
-        moved = config[:, None, :] + steps
-        by_config = self.inverse_dynamics(
-            self.kinematics(moved), zeta[:, None, :].astype(complex), f[:, None, :])
-        still = self.kinematics(config[:, None, :])
-        by_zeta = self.inverse_dynamics(still, zeta[:, None, :] + steps, f[:, None, :])
-        rates = np.concatenate([by_config, by_zeta], axis=1).imag / COMPLEX_STEP
-        M = self.mass_matrix(Kinematics(*(item[:, 0] for item in still)))
-        derivatives = -np.linalg.solve(M, np.swapaxes(rates, -1, -2))
+        kinematics = self.kinematics(config)
+        inverse = np.linalg.inv(self.mass_matrix(kinematics))
+        f = -times(inverse, self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta)))
+        rates = self.inverse_dynamics_derivatives(kinematics, zeta, f)
+        rates[..., :6] = rates[..., :6] @ block_diagonal(
+            kinematics.R_WB.swapaxes(-1, -2), inverse_rate_matrix(config[..., 3:6]))
+        derivatives = -(inverse @ rates)
         return f, derivatives[..., : self.size], derivatives[..., self.size:]
+
+    def inverse_dynamics_derivatives(
+        self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray
+    ) -> np.ndarray:
+        """Returns ∂τ along motions and by ζ (..., 6+n, 2(6+n)) of `inverse_dynamics`, real.
+
+        The first 6 + n columns are for a displacement of the vehicle along each of its own axes and
+        of each joint, as by ζ dt.
+
+        It is the closed form of Singh, Russell and Wensing (2022), "Efficient analytical
+        derivatives of rigid-body dynamics using spatial vector algebra". A joint i carries all
+        links beyond it. In the axes of such a link, a change of qᵢ changes V by ṡᵢ = Vᵢ × sᵢ and A
+        by s̈ᵢ + ṡᵢ × V, with s̈ᵢ = Aᵢ × sᵢ + Vᵢ × ṡᵢ, and moves the link by sᵢ relative to gravity
+        and to the surface. With N and K of `Links.force_gradients` and of the surface,
+
+            ∂f = N ṡᵢ + I s̈ᵢ + K sᵢ  by qᵢ,   ∂f = N sᵢ + 2 I ṡᵢ  by q̇ᵢ;
+            ∂f = K e  along e,            ∂f = N e + I (V₀ × e)  by ζ of the vehicle.
+
+        In axes of B, moreover, f and the screws beyond joint i have turned with it, which changes
+        their power fᵀsⱼ on inner joints and the vehicle only, by (sⱼ × sᵢ)ᵀ Σ f for j ≤ i.
+        """
+        size, J, screw = self.size, kinematics.J_links, kinematics.screw
+        motion = self._motion(kinematics, zeta, zeta_dot)
+        N, K = self._links.force_gradients(motion.V, motion.g)
+        by_velocity, by_motion = tip_force_gradients(
+            self.surface, kinematics.chi, kinematics.A_E, motion.V[..., -1, :])
+        N[..., -1, :, :] += by_velocity
+        K[..., -1, :, :] += by_motion
+
+        second = (cross_motion(motion.A_B[..., 1:, :], screw)
+                  + cross_motion(motion.V_B[..., 1:, :], motion.screw_rate))  # s̈
+        # V₀ × e of the vehicle, 2 ṡ and s̈ of the joints that move the link, in its axes.
+        rates = J[..., :6] @ np.concatenate(
+            [motion_matrix(zeta[..., :6]), 2.0 * _columns(motion.screw_rate), _columns(second)],
+            axis=-1)[..., None, :, :]
+        rates[..., 6:] *= np.tile(self._moves, 2)[:, None, :]
+        carried = self._links.inertia @ rates
+        change = np.concatenate([K @ J, N @ J + carried[..., :size]], axis=-1)  # ∂f
+        change[..., 6:size] += 0.5 * N @ rates[..., 6:size] + carried[..., size:]
+
+        out = _stacked(J).swapaxes(-1, -2) @ _stacked(change)
+        out[..., 6:size] += self._turned(kinematics, self._forces(kinematics, motion))
+        out[..., size:] += np.diag(self._joint_damping)
+        return out
+
+    def _turned(self, kinematics: Kinematics, force: np.ndarray) -> np.ndarray:
+        """Returns (sⱼ × sᵢ)ᵀ Σ f (..., 6+n, n) in row j ≤ i, the sum over the links beyond i."""
+        screw = kinematics.screw
+        force_B = (force[..., None, :] @ kinematics.J_links[..., :6])[..., 0, :]
+        turned = cross_force(screw, self._moves.T @ force_B)
+        return _columns(np.concatenate([turned, np.tril(turned @ _columns(screw))], axis=-1))
 
     def equilibrium_input(self, config: np.ndarray) -> np.ndarray:
         """Returns u_eq = −f(𝔮, 0) (..., 6+n), the input that holds 𝔮 at rest."""
@@ -298,8 +319,8 @@ class UvmsModel:
 def configuration_rate(config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """Returns 𝔮̇ = Γ(𝔮) ζ (..., 6+n), Γ = blkdiag(𝔍₁, 𝔍₂, I) (eq:kin)."""
     rpy = config[..., 3:6]
-    linear = (rotation_matrix(rpy) @ zeta[..., :3, None])[..., 0]
-    angular = (rate_matrix(rpy) @ zeta[..., 3:6, None])[..., 0]
+    linear = times(rotation_matrix(rpy), zeta[..., :3])
+    angular = times(rate_matrix(rpy), zeta[..., 3:6])
     return np.concatenate([linear, angular, zeta[..., 6:]], axis=-1)
 
 
@@ -313,17 +334,28 @@ def configuration_rate_matrix(config: np.ndarray) -> np.ndarray:
     return Gamma
 
 
-def _rigid_inertia(body: RigidBody) -> np.ndarray:
-    """Returns M_RB (6, 6) of a body about its origin in its axes, Fossen's order."""
-    spatial = body.default_spatial_inertia().CopyToFullMatrix6()  # (ω, v) order
-    swap = [3, 4, 5, 0, 1, 2]
-    return spatial[np.ix_(swap, swap)]
+class _Motion(NamedTuple):
+    """How the links move, in B about its origin and each in its own axes."""
+
+    V_B: np.ndarray
+    """(..., n+1, 6) velocities in B."""
+    A_B: np.ndarray
+    """(..., n+1, 6) accelerations in B."""
+    screw_rate: np.ndarray
+    """(..., n, 6) ṡⱼ = Vⱼ × sⱼ in B."""
+    V: np.ndarray
+    """(..., n+1, 6) velocities."""
+    A: np.ndarray
+    """(..., n+1, 6) accelerations."""
+    g: np.ndarray
+    """(..., n+1, 3) gravity [m/s²]."""
 
 
-def _reflected_inertia(uvms: Uvms, joint: RevoluteJoint) -> float:
-    """Returns the motor's inertia at the joint, N² I_rotor [kg m²]; zero without an actuator."""
-    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
-        actuator = uvms.plant.get_joint_actuator(index)
-        if actuator.joint().index() == joint.index():
-            return actuator.default_gear_ratio() ** 2 * actuator.default_rotor_inertia()
-    return 0.0
+def _stacked(matrices: np.ndarray) -> np.ndarray:
+    """Returns the links' matrices (..., n+1, 6, c) one below the other, (..., 6(n+1), c)."""
+    return matrices.reshape(*matrices.shape[:-3], -1, matrices.shape[-1])
+
+
+def _columns(vectors: np.ndarray) -> np.ndarray:
+    """Returns vectors (..., n, 6) as the columns of a matrix (..., 6, n)."""
+    return vectors.swapaxes(-1, -2)

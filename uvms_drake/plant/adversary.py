@@ -16,7 +16,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import unit_vector
 
 AIM_FROM = 1e-6
-"""‖𝔯‖ or ‖J_bᵀ𝔢_b‖ at which an aimed disturbance goes halfway between fixed direction and aim."""
+"""‖𝔯‖, ‖J_bᵀ𝔢_b‖ or ‖𝔢‖ at which what is aimed goes halfway between fixed direction and aim."""
 
 KINDS = ("along_r", "along_task_error", "leading", "constant", "sinusoid", "bang_bang",
          "per_channel")
@@ -55,6 +55,15 @@ class AdversaryConfig:
     """Of `sinusoid`, `bang_bang` and `per_channel` [s]."""
     phase: float = 0.0
     """Of the sine at t = 0 [rad]."""
+
+
+def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Returns a unit vector along `aim`, or along the unit vector `direction` where that is zero.
+
+    It is continuous but where `aim` = −`AIM_FROM` `direction`.
+    """
+    vector = aim + AIM_FROM * direction
+    return unit_vector(vector, len(aim)) if np.any(vector) else direction
 
 
 class Adversary(LeafSystem):
@@ -125,10 +134,10 @@ class Adversary(LeafSystem):
     def _calc_disturbance(self, context, output):
         match self._config.kind:
             case "along_r":
-                e = self._toward(self._r_port.Eval(context))
+                e = toward(self._r_port.Eval(context), self._direction)
             case "along_task_error":
                 e_b = self._e_y_port.Eval(context)[ROWS[self._config.rows]]
-                e = self._toward(self._jacobian(context).T @ e_b)
+                e = toward(self._jacobian(context).T @ e_b, self._direction)
             case "leading":
                 leading = np.linalg.svd(self._jacobian(context))[2][0]
                 sign = -1.0 if leading @ self._direction < 0.0 else 1.0
@@ -146,11 +155,6 @@ class Adversary(LeafSystem):
         """Returns the rows of J_x that are aimed at."""
         config = self._state_port.Eval(context)[: self._model.size]
         return self._model.task_jacobian(config)[ROWS[self._config.rows]]
-
-    def _toward(self, aim: np.ndarray) -> np.ndarray:
-        """Returns a unit vector along `aim`, or along the fixed direction where that vanishes."""
-        vector = aim + AIM_FROM * self._direction
-        return unit_vector(vector, len(aim)) if np.any(vector) else self._direction
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AdversaryConfig, *,
@@ -173,4 +177,50 @@ class Adversary(LeafSystem):
         if monitor is not None:
             for port in ("e_y", "r"):
                 builder.Connect(monitor.GetOutputPort(port), adversary.GetInputPort(port))
+        return adversary
+
+
+class TaskAdversary(LeafSystem):
+    """A disturbance w of the kinematic model χ̇ = J(𝔮)ζ + w with ‖w‖₂ = w̃, along the task error.
+
+    Under the law `resolved`, 𝔢̇ = −σ𝔢 + w: no other w of this size makes ‖𝔢‖ larger.
+
+    .. pydrake_system::
+
+        name: TaskAdversary
+        input_ports:
+        - e
+        output_ports:
+        - disturbance
+
+    - `e` (6): 𝔢 = χ − χ̄, differences of Euler angles wrapped; of a `KinematicTubeMonitor`.
+    - `disturbance` (6) [m/s, rad/s]: w, along 𝔢, or along the fixed direction where 𝔢 vanishes.
+
+    It has no state.
+
+    Args:
+        bound: w̃ [m/s, rad/s].
+        direction: The fixed direction (6,), of any length; None means the same in all components.
+    """
+
+    def __init__(self, bound: float, direction: np.ndarray | None = None):
+        super().__init__()
+        require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
+        self._bound = bound
+        self._direction = unit_vector(np.zeros(0) if direction is None else direction, 6)
+        self._e_port = self.DeclareVectorInputPort("e", 6)
+        self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance)
+
+    def _calc_disturbance(self, context, output):
+        output.SetFromVector(self._bound * toward(self._e_port.Eval(context), self._direction))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, bound: float, direction: np.ndarray | None = None, *,
+                     e: OutputPort | None = None,
+                     name: str = "adversary") -> "TaskAdversary":
+        """Adds the adversary; `e` gives 𝔢 and is left to the caller if None."""
+        adversary = TaskAdversary(bound, direction)
+        builder.AddNamedSystem(name, adversary)
+        if e is not None:
+            builder.Connect(e, adversary.GetInputPort("e"))
         return adversary

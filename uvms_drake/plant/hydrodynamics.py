@@ -26,7 +26,7 @@ from uvms_drake.model.hydrodynamics_data import (
 )
 from uvms_drake.model.spatial import cross, cross_force, skew
 
-_FROM_DRAKE = [3, 4, 5, 0, 1, 2]  # Drake's spatial vectors have the angular part first.
+_FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.
 
 
 def relative_acceleration(acceleration: np.ndarray, nu_r: np.ndarray) -> np.ndarray:
@@ -180,7 +180,9 @@ class Hydrodynamics(LeafSystem):
     def __init__(self, plant: MultibodyPlant, parameters: HydrodynamicParameters):
         super().__init__()
         self._water = make_water(parameters)
-        self._bodies = [_find_body(plant, name) for name in parameters.bodies]
+        bodies = [_find_body(plant, name) for name in parameters.bodies]
+        self._frames = [body.body_frame() for body in bodies]
+        self._indices = [int(body.index()) for body in bodies]
         self._plant = plant
         self._workspace = plant.CreateDefaultContext()
         self._forces = MultibodyForces(plant)
@@ -244,18 +246,16 @@ class Hydrodynamics(LeafSystem):
         """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0."""
         plant, workspace = self._plant, self._workspace
         W, V, zero = plant.world_frame(), JacobianWrtVariable.kV, np.zeros(3)
-        nb, nv = len(self._bodies), plant.num_velocities()
-        J, A, R_WB = np.empty((nb, 6, nv)), np.empty((nb, 6)), np.empty((nb, 3, 3))
-        for i, body in enumerate(self._bodies):
-            B = body.body_frame()
-            J[i] = plant.CalcJacobianSpatialVelocity(workspace, V, B, zero, W, B)
-            A[i] = plant.CalcBiasSpatialAcceleration(workspace, V, B, zero, W, B).get_coeffs()
-            R_WB[i] = body.EvalPoseInWorld(workspace).rotation().matrix()
-        J, A = J[:, _FROM_DRAKE], A[:, _FROM_DRAKE]
+        J = _stack([plant.CalcJacobianSpatialVelocity(workspace, V, B, zero, W, B)
+                    for B in self._frames], 6, plant.num_velocities())
+        R_WB = _stack([B.CalcRotationMatrixInWorld(workspace).matrix() for B in self._frames], 3, 3)
+        A = plant.CalcSpatialAccelerationsFromVdot(workspace, self._no_acceleration)  # in World
+        A_B = _stack([A[index].get_coeffs() for index in self._indices], 2, 3) @ R_WB
+        J, A_B = J.take(_FROM_DRAKE, 1), A_B.reshape(-1, 6).take(_FROM_DRAKE, 1)
         nu_r = J @ plant.GetVelocities(workspace)
         nu_r[:, :3] -= v_c_W @ R_WB
         g_B = plant.gravity_field().gravity_vector() @ R_WB
-        return J, self._water.force(nu_r, relative_acceleration(A, nu_r), g_B)
+        return J, self._water.force(nu_r, relative_acceleration(A_B, nu_r), g_B)
 
 
 def _eval_or_zero(port: InputPort, context) -> np.ndarray:

@@ -8,10 +8,11 @@ and a torque conjugate to Euler-angle rates. The laws 𝔉(χ, χ̇) are in `mod
 from typing import cast
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, ValueProducer
 
 from uvms_drake.model.contact import SurfaceConfig, make_surface_law
 from uvms_drake.model.euler import rate_matrix
@@ -75,11 +76,16 @@ class CompliantSurface(LeafSystem):
 
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
-        inputs = {self.all_input_ports_ticket()}
+        self._touch = self.DeclareCacheEntry(
+            description="χ, J_χ and 𝔉",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(()), calc=self._calc_touch),
+            prerequisites_of_calc={self.all_input_ports_ticket()})
+        now = {self._touch.ticket()}
         self.DeclareVectorOutputPort(
-            "generalized_force", plant.num_velocities(), self._calc_generalized_force, inputs)
-        self.DeclareVectorOutputPort("force", 6, self._calc_force, inputs)
-        self.DeclareVectorOutputPort("penetration", 1, self._calc_penetration, inputs)
+            "generalized_force", plant.num_velocities(), self._calc_generalized_force, now)
+        self.DeclareVectorOutputPort("force", 6, self._calc_force, now)
+        self.DeclareVectorOutputPort("penetration", 1, self._calc_penetration, now)
 
     @staticmethod
     def AddToBuilder(
@@ -98,21 +104,19 @@ class CompliantSurface(LeafSystem):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         return system
 
-    def _calc_generalized_force(self, context, output):
-        chi, J, chi_dot = self._tip_motion(context)
-        output.SetFromVector(-self._law.force(chi, chi_dot) @ J)
-
-    def _calc_force(self, context, output):
-        chi, _, chi_dot = self._tip_motion(context)
-        output.SetFromVector(self._law.force(chi, chi_dot))
-
-    def _calc_penetration(self, context, output):
-        chi, _, _ = self._tip_motion(context)
-        output.SetFromVector([self._law.penetration(chi)])
-
-    def _tip_motion(self, context) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns χ (6,), J_χ (6, nv) and χ̇ (6,)."""
+    def _calc_touch(self, context, touch):
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
         self._plant.SetPositionsAndVelocities(self._workspace, plant_state)
         chi, J = pose_and_jacobian(self._plant, self._workspace, self._tip)
-        return chi, J, J @ self._plant.GetVelocities(self._workspace)
+        chi_dot = J @ self._plant.GetVelocities(self._workspace)
+        touch.set_value((chi, J, self._law.force(chi, chi_dot)))
+
+    def _calc_generalized_force(self, context, output):
+        _, J, force = self._touch.Eval(context)
+        output.SetFromVector(-force @ J)
+
+    def _calc_force(self, context, output):
+        output.SetFromVector(self._touch.Eval(context)[2])
+
+    def _calc_penetration(self, context, output):
+        output.SetFromVector([self._law.penetration(self._touch.Eval(context)[0])])

@@ -1,0 +1,93 @@
+"""Tests of `uvms_drake.model.links`."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.model.links import Links, read_links
+from uvms_drake.model.spatial import cross_motion, times
+
+
+@pytest.fixture(scope="module")
+def links(uvms) -> Links:
+    return read_links(uvms)
+
+
+@pytest.fixture
+def motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocities, accelerations and gravity of the links, three times."""
+    rng = np.random.default_rng(1)
+    return rng.normal(size=(3, 5, 6)), rng.normal(size=(3, 5, 6)), rng.normal(size=(3, 5, 3))
+
+
+def test_the_steps_of_the_chain_are_those_of_the_plant(links, uvms):
+    plant = uvms.plant
+    context = plant.CreateDefaultContext()
+    frames = [uvms.vehicle.body_frame(),
+              *(joint.child_body().body_frame() for joint in uvms.joints[:-1]), uvms.tip]
+    angles = np.array([0.3, -0.4, 0.5, 0.6])
+    for joint, angle in zip(uvms.joints, angles, strict=True):
+        joint.set_angle(context, angle)
+    for i, joint in enumerate(uvms.joints):
+        step = links.step[0, i] + np.sin(angles[i]) * links.step[1, i] + np.cos(
+            angles[i]) * links.step[2, i]
+        expected = plant.CalcRelativeTransform(context, frames[i], frames[i + 1])
+        np.testing.assert_allclose(step, expected.GetAsMatrix4(), atol=1e-14)
+        X_LF = plant.CalcRelativeTransform(context, frames[i], joint.frame_on_parent())
+        np.testing.assert_allclose(
+            links.joint_axis[i, :3].T,
+            [X_LF.rotation() @ joint.revolute_axis(), X_LF.translation()], atol=1e-14)
+
+
+def test_weight_less_buoyancy_of_the_robot_is_that_of_its_bodies(links, uvms):
+    water = uvms.hydrodynamics
+    mass = sum(uvms.plant.get_body(index).default_mass() - water.fluid_density
+               * water.bodies[uvms.plant.get_body(index).name()].displaced_volume
+               for index in uvms.plant.GetBodyIndices(uvms.model_instance))
+    g = np.array([0.2, 0.3, 9.0])
+    np.testing.assert_allclose(np.sum(links.weight @ g, axis=0)[:3], mass * g, rtol=1e-12)
+
+
+def test_welded_bodies_are_dragged_by_the_velocities_of_their_own_points(links, uvms):
+    """The power that drag takes from a link is that of every point, its velocity from Drake."""
+    plant, rng = uvms.plant, np.random.default_rng(2)
+    context = plant.CreateDefaultContext()
+    plant.SetVelocities(context, rng.normal(size=plant.num_velocities()))
+    frames = [uvms.vehicle.body_frame(),
+              *(joint.child_body().body_frame() for joint in uvms.joints[:-1]), uvms.tip]
+    W = plant.world_frame()
+    V = np.array([np.concatenate([velocity.translational(), velocity.rotational()]) for velocity in
+                  (frame.CalcSpatialVelocity(context, W, frame) for frame in frames)])
+    zero, still = np.zeros((5, 6)), np.zeros((5, 3))
+    power = np.sum(V * links.force(V, zero, still))  # V ×* I V does not have any.
+    expected = 0.0
+    for name, body in uvms.hydrodynamics.bodies.items():
+        B = plant.GetBodyByName(name).body_frame()
+        velocity = B.CalcSpatialVelocity(context, W, B)
+        for drag in body.drag:
+            v = np.concatenate([
+                velocity.Shift(np.asarray(drag.point)).translational(), velocity.rotational()])
+            expected += np.sum((drag.linear + drag.quadratic * np.abs(v)) * v**2)
+    assert power == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_gradients_are_those_of_differences(links, motion, derivative):
+    """N: A changes by δV × V. K: gravity turns against the link."""
+    V, A, g = motion
+    N, K = links.force_gradients(V, g)
+    rng = np.random.default_rng(3)
+    for direction in rng.normal(size=(5, 6)):
+        by_velocity = derivative(lambda s, d=direction: links.force(
+            V + s * d, A + s * cross_motion(np.broadcast_to(d, V.shape), V), g), 1e-5)
+        np.testing.assert_allclose(times(N, direction), by_velocity, rtol=1e-6, atol=1e-6)
+
+        def turned(s, d=direction):
+            return links.force(V, A, g @ _turn(s * d[3:]))  # Rᵀ g
+
+        np.testing.assert_allclose(times(K, direction), derivative(turned), rtol=1e-6, atol=1e-6)
+
+
+def _turn(vector: np.ndarray) -> np.ndarray:
+    """Returns the rotation by the angle ‖vector‖ about it, by the series of exp S."""
+    S = np.array([[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]],
+                  [-vector[1], vector[0], 0.0]])
+    return np.eye(3) + S + S @ S / 2.0 + S @ S @ S / 6.0 + S @ S @ S @ S / 24.0

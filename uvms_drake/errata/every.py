@@ -1,0 +1,31 @@
+"""All errata, with the robot's own numbers where a robot is needed."""
+
+from collections.abc import Callable
+from functools import partial
+
+from uvms_drake.errata import lemma, simulation
+from uvms_drake.errata.erratum import Erratum
+from uvms_drake.errata.paper import robot_constants
+
+
+def all_errata() -> list[Erratum]:
+    """Returns E1, E2, ..., in order; it takes some seconds."""
+    constants, J = robot_constants()
+    sigma = 2.0 * constants.L_c / constants.J_min  # σ̲ = L_𝔠: twice the least.
+    checks: tuple[Callable[[], Erratum], ...] = (
+        lemma.acceleration_input,
+        lemma.law_shapes,
+        partial(lemma.lost_terms, constants, J, sigma),
+        partial(lemma.velocity_tube, J, sigma),
+        lemma.self_motion,
+        simulation.hold_input,
+        simulation.terminal_penalty,
+        simulation.simulation_numbers,
+        simulation.initial_state,
+        simulation.initial_configuration,
+        simulation.first_horizon,
+        partial(lemma.invariant_sets, J),
+        lemma.terminal_shapes,
+        lemma.configuration_set,
+    )
+    return [check() for check in checks]

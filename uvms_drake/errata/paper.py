@@ -1,0 +1,155 @@
+"""The paper's numbers and its robot."""
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from uvms_drake.certificate.certify import declared_set
+from uvms_drake.certificate.conditions import LemmaConstants
+from uvms_drake.certificate.constants import sampled_values
+from uvms_drake.model.contact import BilateralSpring, make_surface_law
+from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.scenario import load_scenario
+
+# (sec:simulation_results), SI units and radians.
+NUM_JOINTS = 4
+CHI_START = np.array([-1.0, 1.3, -1.0, 0.0, -np.pi / 8, np.pi / 12])
+CHI_DES = np.array([0.0, 0.0, 0.0, np.pi / 3, np.pi / 10, 0.0])
+PITCH_LIMIT = np.pi / 2 - 0.1  # |θ| of the vehicle
+J_MIN = 0.5095  # J̲
+L_C = 2.0 * math.sqrt(2.0)  # L_𝔠
+SIGMA = 3.084
+AMPLITUDE = 0.2  # of w = 0.2 sin(t) in six components
+W_BOUND = 0.2  # w̃
+TUBE = 0.3  # radius of Ω
+SPEED = 2.0  # bound of ‖ν₁‖, ‖ν₂‖ and ‖q̇‖
+HORIZON, TIME_STEP = 7, 0.1  # T = 0.7 s
+WEIGHT = 0.5  # Q = P = ½I₆, R = ½I₁₀
+
+# Joint angles for its poses, within the printed ranges; the paper has none.
+Q_START = np.array([0.0, 0.9, 0.278, 0.0])
+"""With it, a level vehicle has the end-effector at χ(0)."""
+Q_START_OTHER = np.array([1.29, 0.04, -1.15, -2.7])
+"""Likewise, a tilted vehicle."""
+Q_DES = np.array([0.0, 1.2, 0.685, np.pi / 3])
+"""With it, a level vehicle has the end-effector at χ_des."""
+
+SAME = 1e-9
+"""Poses that differ by less are the same, up to rounding [m, rad]."""
+SAMPLES = 1000
+"""States at which the constants of the Lemma are sampled."""
+CANDIDATES, SEARCHES, ROUNDS, CHILDREN = 20_000, 20, 60, 30
+"""Of `local_search`."""
+SHRINK = 0.9
+"""By which its steps become shorter, round by round."""
+
+
+@cache
+def robot() -> UvmsModel:
+    """Returns the paper's robot on the paper's spring, K = I₆ and χ_eq = 0."""
+    return UvmsModel.load("girona500_arm5e", make_surface_law(BilateralSpring()))
+
+
+@cache
+def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
+    """Returns what (lemma:tube) assumes, sampled over the set of `girona500_contact`, and a J.
+
+    J (6, 10) is the sample of largest norm. The constants are estimates, on the small side.
+    """
+    scenario = load_scenario("girona500_contact")
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    config, zeta = declared_set(scenario, model).sample(model, SAMPLES, np.random.default_rng(0))
+    names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
+    values = sampled_values(model, config, zeta, names)
+    largest = model.kinematics(config[np.argmax(values["J_max"])]).J_chi
+    return LemmaConstants(float(np.min(values["J_min"])), *(
+        float(np.max(values[name])) for name in names[1:])), largest
+
+
+@cache
+def estimated_J_min() -> float:
+    """Returns J̲ over the printed joint ranges and |θ| ≤ π/2 − 0.1: an estimate, from above."""
+    model = robot()
+
+    def value(x: np.ndarray) -> np.ndarray:  # x = (φ, θ, q); position and yaw do not matter.
+        config = np.zeros((len(x), model.size))
+        config[:, 3:5], config[:, 6:] = x[:, :2], x[:, 2:]
+        return smallest_eigenvalue(config)
+
+    edge = np.array([np.pi, PITCH_LIMIT])
+    return local_search(value, np.concatenate([-edge, model.q_lower]),
+                        np.concatenate([edge, model.q_upper]))[0]
+
+
+@cache
+def best_posture() -> tuple[float, np.ndarray]:
+    """Returns the largest λ_min(J Jᵀ) found at χ_des within joint and pitch limits, and its q."""
+    model = robot()
+
+    def cost(q: np.ndarray) -> np.ndarray:
+        config = configuration(CHI_DES, q)
+        return np.where(np.abs(config[:, 4]) <= PITCH_LIMIT, -smallest_eigenvalue(config), 0.0)
+
+    value, q = local_search(cost, model.q_lower, model.q_upper)
+    return -value, q
+
+
+def configuration(chi: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Returns the 𝔮 (..., 10) with the end-effector at χ (6,) and the joints at q (..., 4)."""
+    return robot().configuration(np.concatenate([np.broadcast_to(chi, (*q.shape[:-1], 6)), q], -1))
+
+
+def is_allowed(config: np.ndarray) -> bool:
+    """Returns whether 𝔮 (10,) is within the printed limits of joints and pitch."""
+    q = config[6:]
+    return bool(np.all((robot().q_lower <= q) & (q <= robot().q_upper))
+                and abs(config[4]) <= PITCH_LIMIT)
+
+
+def smallest_eigenvalue(config: np.ndarray) -> np.ndarray:
+    """Returns λ_min(J Jᵀ) (...) at 𝔮 (..., 10)."""
+    return np.linalg.svd(robot().kinematics(config).J_chi, compute_uv=False)[..., -1] ** 2
+
+
+def pose_error(chi: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Returns the difference of two poses (6,), angles in [−π, π)."""
+    return np.concatenate([chi[:3] - other[:3], wrap_angle(chi[3:6] - other[3:6])])
+
+
+def local_search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
+                 upper: np.ndarray, seed: int = 0) -> tuple[float, np.ndarray]:
+    """Returns the smallest value found in a box, and where: samples, then ever smaller steps.
+
+    Args:
+        function: Maps points (m, d) to values (m,).
+        lower: (d,).
+        upper: (d,).
+        seed: Of samples and steps.
+    """
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(lower, upper, (CANDIDATES, len(lower)))
+    values = function(x)
+    order = np.argsort(values, kind="stable")[:SEARCHES]
+    best, value, width = x[order], values[order], 0.1 * (upper - lower)
+    for _ in range(ROUNDS):
+        steps = rng.normal(size=(SEARCHES, CHILDREN, len(lower)))
+        tried = np.clip(best[:, None] + width * steps, lower, upper)
+        found = function(tried.reshape(-1, len(lower))).reshape(SEARCHES, CHILDREN)
+        row, child = np.arange(SEARCHES), np.argmin(found, axis=1)
+        better = found[row, child] < value
+        best[better], value[better] = tried[row, child][better], found[row, child][better]
+        width = SHRINK * width
+    return float(np.min(value)), best[np.argmin(value)]
+
+
+def number(value: float) -> str:
+    """Returns a number as text, to three decimals."""
+    return f"{round(value, 3) + 0.0:.4g}".replace("-", "−")  # No −0.
+
+
+def numbers(values: np.ndarray) -> str:
+    """Returns a vector as text, to three decimals."""
+    return "(" + ", ".join(map(number, values)) + ")"

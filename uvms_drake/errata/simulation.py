@@ -1,0 +1,342 @@
+"""Errata of the MPC and of (sec:simulation_results): E6 to E11."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.certificate.conditions import kinematic_tubes
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.limits import NominalLimits, tighten
+from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.ocp import MpcConfig
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.errata.erratum import Erratum
+from uvms_drake.errata.paper import (
+    AMPLITUDE,
+    CHI_DES,
+    CHI_START,
+    HORIZON,
+    J_MIN,
+    L_C,
+    PITCH_LIMIT,
+    Q_DES,
+    Q_START,
+    Q_START_OTHER,
+    SAME,
+    SIGMA,
+    SPEED,
+    TIME_STEP,
+    TUBE,
+    W_BOUND,
+    WEIGHT,
+    best_posture,
+    configuration,
+    estimated_J_min,
+    is_allowed,
+    number,
+    numbers,
+    pose_error,
+    robot,
+)
+from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.scenario import load_scenario
+
+SETTLING, HOLDING = 100, 40
+"""Samples for the MPC to come to rest, and to hold the task against a constant w."""
+SMALL = 0.01
+"""ε below which a terminal set counts as small; ‖e(0)‖_P = 1.6."""
+TINY = 1e-4
+"""Weight of all but the end of the horizon, to look for the smallest ε."""
+
+
+# The cost ----------------------------------------------------------------------------------------
+
+
+class Rest(NamedTuple):
+    """Where the nominal MPC comes to rest."""
+
+    tip: float
+    """‖𝔭 − 𝔭_des‖ [m]."""
+    force: float
+    """Norm of the force part of 𝔉 − 𝔉_des [N]."""
+    speed: float
+    """‖ζ̄‖ that is left [m/s, rad/s]."""
+
+
+def spring_ocp() -> DynamicOcp:
+    """Returns the nominal problem of the scenario with the paper's surface law."""
+    scenario = load_scenario("girona500_bilateral")
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    y_des = np.concatenate([model.surface.pose_for(np.asarray(scenario.task.force), None),
+                            scenario.task.posture])
+    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper)
+    return DynamicOcp(model, scenario.mpc, y_des, limits)
+
+
+def rest(ocp: DynamicOcp, u_ref: np.ndarray) -> Rest:
+    """Returns where the nominal MPC comes to rest that starts at the task and weighs ū − u_ref."""
+    ocp.u_ref = u_ref
+    model, solver = ocp.model, SequentialConvexSolver(ocp)
+    start = np.concatenate([model.configuration(ocp.y_des), np.zeros(model.size)])
+    plan = ocp.resting_plan(0.0, start)
+    plan = solver.solve(plan, FIRST_SOLVE_ITERATIONS).plan or plan
+    for _ in range(SETTLING):
+        guess = ocp.continued(plan)
+        plan = solver.solve(guess, 1).plan or guess
+    chi = np.array([model.task_pose(plan.config[0])[:6], ocp.y_des[:6]])
+    force = model.surface.force(chi, np.zeros_like(chi))[:, :3]
+    return Rest(float(np.linalg.norm(chi[0, :3] - chi[1, :3])),
+                float(np.linalg.norm(force[0] - force[1])), float(np.linalg.norm(plan.zeta[0])))
+
+
+def hold_input(fraction: float = 0.0) -> Erratum:
+    """E6: where a stage cost with ‖ū − u_ref‖²_R brings the loop to rest.
+
+    Args:
+        fraction: u_ref as a fraction of ū_eq; the printed one is zero.
+    """
+    ocp = spring_ocp()
+    needed = float(np.linalg.norm(ocp.u_eq))
+    printed, held = (rest(ocp, c * ocp.u_eq) for c in (fraction, 1.0))
+    return Erratum(
+        "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
+        "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
+        f"‖f(𝔮_des, 0)‖ = {needed:.3g} m/s², rad/s² in girona500_bilateral; with ‖ū‖²_R the "
+        f"nominal loop comes to rest {1e3 * printed.tip:.1f} mm and {printed.force:.1f} N off its "
+        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * held.tip:.1f} mm and {held.force:.1f} N",
+        "Even without a disturbance 𝔉 does not go to 𝔉_des; the stage cost here has "
+        "ū_eq = −f(𝔮_des, 0).",
+        wrong=printed.tip > 1e-5 > held.tip)
+
+
+def decrease_gains(J_min: float) -> tuple[float, float] | None:
+    """Returns the interval of c with c ≥ ½ + ½c²/J̲, None if it is empty.
+
+    With ζ = −cJ⁺e, J⁺ the pseudoinverse, V = ½‖e‖² falls at c‖e‖² and the stage cost is
+    ½‖e‖² + ½c²eᵀ(J Jᵀ)⁻¹e. The ends are the roots of c² − 2J̲c + J̲.
+    """
+    discriminant = J_min**2 - J_min
+    if discriminant < 0.0:
+        return None
+    return J_min - math.sqrt(discriminant), J_min + math.sqrt(discriminant)
+
+
+def least_increase(J: np.ndarray) -> float:
+    """Returns max over ‖e‖ = 1 of min over ζ of V̇ + ½‖e‖² + ½‖ζ‖², V = ½‖e‖².
+
+    The best ζ is −Jᵀe, which leaves ½eᵀ(I − J Jᵀ)e: no controller does better.
+    """
+    return 0.5 * (1.0 - float(np.linalg.eigvalsh(J @ J.T)[0]))
+
+
+def terminal_penalty(J_min: float = J_MIN) -> Erratum:
+    """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and what there is at χ_des."""
+    low, high = 1e-6, 2.0
+    while high - low > 1e-12:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if decrease_gains(middle) else (middle, high)
+    best, q = best_posture()
+    left = least_increase(robot().kinematics(configuration(CHI_DES, q)).J_chi)
+    return Erratum(
+        "E7", "P = ½I₆ is no terminal penalty", "sec:simulation_results, eq:terminal_set_F",
+        f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {J_min:.4g}",
+        f"ζ_loc = −cJ⁺e needs c ≥ ½ + ½c²/J̲, so J̲ ≥ {high:.3f}; the best posture at χ_des has "
+        f"λ_min(J Jᵀ) = {best:.3f} (estimated), where there are e for which no ζ whatsoever makes "
+        f"V̇ + ℓ less than {left:.3f}‖e‖²",
+        "The optimal cost need not fall from sample to sample; P has to be computed, and checked.",
+        wrong=decrease_gains(J_min) is None and left > 0.0)
+
+
+# The numbers -------------------------------------------------------------------------------------
+
+
+class TubeNumbers(NamedTuple):
+    """What (sec:simulation_results) says about its tube."""
+
+    amplitude: float = AMPLITUDE
+    """Of each component of w."""
+    w_bound: float = W_BOUND
+    """w̃."""
+    sigma: float = SIGMA
+    """σ."""
+    J_min: float = J_MIN
+    """J̲."""
+    L_c: float = L_C
+    """L_𝔠."""
+    radius: float = TUBE
+    """Of Ω."""
+
+
+def norm_at_tip_pitch(tip_pitch: float) -> float:
+    """Returns ‖J‖ at q = 0, where the end-effector is pitched by −π/2 relative to the vehicle."""
+    config = np.zeros(robot().size)
+    config[4] = np.pi / 2 + tip_pitch
+    return float(np.linalg.norm(robot().kinematics(config).J_chi, 2))
+
+
+def simulation_numbers(p: TubeNumbers | None = None) -> Erratum:
+    """E8: the printed numbers, put into the printed conditions."""
+    p = p or TubeNumbers()
+    w = p.amplitude * float(np.linalg.norm(np.ones(6)))
+    tubes = kinematic_tubes(p.J_min, p.L_c, p.sigma, p.w_bound)
+    found = estimated_J_min()
+    pitches = (-1.4, -1.56)
+    steep = [norm_at_tip_pitch(pitch) for pitch in pitches]
+    corrected = f"{tubes.corrected:.3g}" if tubes.condition.holds else "void"
+    return Erratum(
+        "E8", "The numbers of the simulation do not fit its conditions", "sec:simulation_results",
+        f"‖w‖ ≤ {p.w_bound:g}, σ = {p.sigma:g}, J̲ = {p.J_min:g}, L_𝔠 = {p.L_c:.3f}, and a tube "
+        f"of radius w̃/(σJ̲ + L_𝔠) = {p.radius:g}",
+        f"‖w‖ reaches {w:.2f}; σJ̲ > L_𝔠 needs σ > {p.L_c / p.J_min:.2f}; the printed formula "
+        f"gives {tubes.printed:.4f}; its sign must be −L_𝔠, which makes the tube {corrected}; J̲ "
+        f"is at most {found:.3f} (estimated, the infimum may be lower); there is no J̄: "
+        f"‖J‖ = {steep[0]:.1f} and {steep[1]:.0f} at an end-effector pitch of "
+        f"{number(pitches[0])} and {number(pitches[1])}",
+        "The simulation has no certified tube; the end-effector's pitch has to be limited too.",
+        wrong=(w > p.w_bound * (1.0 + 1e-9) or not tubes.condition.holds or found < p.J_min
+               or abs(tubes.corrected - p.radius) > 0.01 * p.radius))
+
+
+def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
+    """E10: configurations with the printed χ(0), and the end-effector's pitch at 𝔮 = 0."""
+    model = robot()
+    pitch = float(model.kinematics(np.zeros(model.size)).chi[4])
+    config = configuration(CHI_START, np.array([q_a, q_b]))
+    off = max(float(np.max(np.abs(pose_error(chi, CHI_START))))
+              for chi in model.kinematics(config).chi)
+    apart = float(np.max(np.abs(wrap_angle(config[1] - config[0])[3:])))
+    end = configuration(CHI_DES, Q_DES)
+    allowed = all(map(is_allowed, config))
+    reached = "reached" if off < SAME else f"missed by {off:.2g}"
+    return Erratum(
+        "E10", "χ(0) does not fix 𝔮(0)", "sec:simulation_results, table:DH_parameters",
+        "χ(0) = (−1, 1.3, −1, 0, −π/8, π/12), with the end-effector “in ready-to-grasp mode”, is "
+        "the initial state",
+        f"χ(0) is {reached} from η = {numbers(config[0, :6])}, q = {numbers(q_a)} and "
+        f"from η = {numbers(config[1, :6])}, q = {numbers(q_b)}, up to {apart:.2g} rad apart and "
+        f"{'both' if allowed else 'not both'} within the printed limits; χ_des from "
+        f"η = {numbers(end[:6])}, q = {numbers(Q_DES)}; at 𝔮 = 0 the end-effector's pitch is "
+        f"{number(pitch / np.pi)}π, singular",
+        "The simulation cannot be repeated from what is printed; here 𝔮(0) is part of a scenario.",
+        wrong=off < SAME and apart > 0.1 and allowed)
+
+
+# The kinematic MPC -------------------------------------------------------------------------------
+
+
+def kinematic_ocp(stage_weight: float) -> KinematicOcp:
+    """Returns the FHOCP of (sec:simulation_results) with P = ½I₆ and any weight of Q and R."""
+    model = robot()
+    task = np.repeat([1.0, 0.0], [6, model.num_joints])
+    config = MpcConfig(
+        horizon=HORIZON, time_step=TIME_STEP, weight_y=stage_weight * task,
+        weight_zeta=np.full(model.size, stage_weight), terminal_weight=WEIGHT * task,
+        terminal_set=False)
+    limits = NominalLimits(
+        nu1=SPEED, nu2=SPEED, qdot=SPEED, roll=np.inf, pitch=PITCH_LIMIT, tip_pitch=np.inf,
+        q_lower=model.q_lower, q_upper=model.q_upper, u=np.full(model.size, np.inf))
+    return KinematicOcp(model, config, np.concatenate([CHI_DES, Q_DES]), limits)
+
+
+class Holding(NamedTuple):
+    """The kinematic tube MPC at χ_des, under a constant w."""
+
+    jump: float
+    """Largest jump of ȳ at a sample [m, rad]."""
+    deviation: float
+    """‖χ − χ_des‖ at the end [m, rad]."""
+
+
+def hold(measured: bool, sigma: float = SIGMA, w_bound: float = W_BOUND) -> Holding:
+    """Returns how the paper's MPC holds χ_des if it starts at the measured, or the nominal, state.
+
+    Weights, limits, T and h are the printed ones. The feedback is `resolved`, for which
+    𝔢̇_y = −σ𝔢_y + (w, 0) exactly; w̃ acts along the first axis.
+    """
+    ocp = kinematic_ocp(WEIGHT)
+    model, solver = ocp.model, SequentialConvexSolver(ocp)
+    w = w_bound * np.eye(model.size)[0]
+    decay = math.exp(-sigma * TIME_STEP)
+    error, jump = np.zeros(model.size), 0.0
+    plan = ocp.resting_plan(0.0, configuration(CHI_DES, Q_DES))
+    y = ocp.y_des
+    for _ in range(HOLDING):
+        plan = ocp.continued(solver.solve(plan, 1).plan or plan)
+        error = decay * error + (1.0 - decay) / sigma * w
+        y = model.task_pose(plan.config[0]) + error
+        if measured:
+            jump = max(jump, float(np.linalg.norm(error)))
+            plan = plan.redone(model.configuration(y), plan.decision)
+            error = np.zeros(model.size)
+    return Holding(jump, float(np.linalg.norm(pose_error(y[:6], CHI_DES))))
+
+
+def initial_state(measured: bool = True) -> Erratum:
+    """E9: the nominal trajectory jumps, and the tube is left, if a solve starts at the real state.
+
+    Args:
+        measured: Whether it does, as printed.
+    """
+    printed, nominal, radius = hold(measured), hold(False), W_BOUND / SIGMA
+    smallest = math.sqrt(WEIGHT) * (printed.deviation - radius)
+    return Erratum(
+        "E9", "The FHOCP starts at the wrong state", "eq:diff_mpc, eq:theom_ineq_1",
+        "each solve starts at the measured state, ξ̄(t_k) = ξ(t_k)",
+        f"the printed MPC at χ_des with the law `resolved` and w = {W_BOUND:g} along x: the "
+        f"nominal trajectory jumps by {1e3 * printed.jump:.1f} mm at a sample, and χ is "
+        f"{1e3 * printed.deviation:.0f} mm off after {HOLDING * TIME_STEP:g} s, beyond "
+        f"ε/√λ_min(P) plus the radius w̃/σ = {1e3 * radius:.1f} mm for ε < {smallest:.2g}; started "
+        f"at the predicted state it jumps by {1e3 * nominal.jump:.0f} mm, and χ is "
+        f"{1e3 * nominal.deviation:.1f} mm off",
+        "The deviation that the feedback acts on is reset at every sample. Here solves start at "
+        "the predicted nominal state, as the proof has it.",
+        wrong=printed.jump > 1e-9 and printed.deviation > radius >= nominal.deviation)
+
+
+class Reach(NamedTuple):
+    """The first plan from χ(0)."""
+
+    radius: float
+    """‖ē(T)‖_P."""
+    tip_speed: float
+    """Largest ‖d𝔭̄/dt‖ at a knot [m/s]."""
+    violation: float
+    """Of the limits, in their own units."""
+
+
+def reach(q: np.ndarray, stage_weight: float) -> Reach:
+    """Returns the first plan of the paper's FHOCP with the joints at q; `TINY` for the smallest ε.
+
+    A local optimum from a plan that stays: a smaller ε may exist.
+    """
+    ocp = kinematic_ocp(stage_weight)
+    plan = ocp.resting_plan(0.0, configuration(CHI_START, q))
+    plan = SequentialConvexSolver(ocp).solve(plan, FIRST_SOLVE_ITERATIONS).plan or plan
+    end = pose_error(ocp.model.task_pose(plan.config[-1]), CHI_DES)
+    J = ocp.model.kinematics(plan.config[:-1]).J_chi
+    speeds = np.linalg.norm((J @ plan.zeta[..., None])[:, :3, 0], axis=1)
+    return Reach(math.sqrt(WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),
+                 ocp.evaluate(plan).violation)
+
+
+def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
+    """E11: the smallest ε that the first horizon reaches, from two 𝔮(0) with the printed χ(0)."""
+    a, b, printed = reach(q_a, TINY), reach(q_b, TINY), reach(q_a, WEIGHT)
+    distance = float(np.linalg.norm(CHI_START[:3] - CHI_DES[:3]))
+    small = [item.radius < SMALL and item.violation < 1e-6 for item in (a, b)]
+    return Erratum(
+        "E11", "What decides feasibility at t = 0 is not printed",
+        "theorem_main, sec:simulation_results",
+        "the FHOCP is supposed to be feasible at t = 0; T = 0.7 s, and neither ε nor 𝔮(0) is given",
+        f"the smallest ‖ē(T)‖_P found (P = ½I₆, local optima) is {a.radius:.2g} from "
+        f"q(0) = {numbers(q_a)} and {b.radius:.1g} from q(0) = {numbers(q_b)}; the printed weights "
+        f"end at {printed.radius:.2g}. At 2 m/s the {distance:.2f} m to go take "
+        f"{distance / SPEED:.2f} s, but vehicle and arm together move the tip at up to "
+        f"{b.tip_speed:.1f} m/s",
+        "Theorem 1 supposes what cannot be checked. Here the terminal set is softened by an exact "
+        "penalty whose slack is reported.",
+        wrong=small[0] != small[1])

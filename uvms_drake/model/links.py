@@ -1,0 +1,192 @@
+"""The links of a robot: what is welded to one another is one body.
+
+A UVMS has n + 1 links, the vehicle and what each joint moves. The bodies of a link move as one, so
+their inertias, weights and drag add up. The frame of a link is that of the body that its joint
+moves; the last link has the end-effector's frame Σ_E instead.
+
+The velocity V = (v, ω) of a link is that of its frame, and a force on it acts at the origin of its
+frame; both in axes of the frame and in Fossen's order. Everything here is about links one by one;
+how they hang together is the business of `UvmsModel`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, RevoluteJoint, RigidBody
+
+from uvms_drake.model.description import Uvms
+from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, added_mass_about_origin
+from uvms_drake.model.spatial import cross_force, force_matrix, motion_matrix, skew, times
+
+
+@dataclass(frozen=True)
+class Links:
+    """The links of a UVMS with n joints, the vehicle first."""
+
+    X_BV: np.ndarray
+    """(4, 4) pose of the first link's frame in the vehicle's, B: the same frame unless n = 0."""
+    step: np.ndarray
+    """(3, n, 4, 4): pose of a link in the one before, step[0] + sin q step[1] + cos q step[2]."""
+    joint_axis: np.ndarray
+    """(n, 4, 2): a joint's axis and a point on it [m] in the link before, homogeneous."""
+    inertia: np.ndarray
+    """(n+1, 6, 6) I = M_RB + M_A [kg, kg m, kg m²]."""
+    weight: np.ndarray
+    """(n+1, 6, 3) weight less buoyancy, by gravity in axes of the link [kg, kg m]."""
+    drag_points: np.ndarray
+    """(6(n+1), r): velocities of all links to those that drag acts against, r of them."""
+    drag_linear: np.ndarray
+    """(r,) [N s/m, N m s/rad]."""
+    drag_quadratic: np.ndarray
+    """(r,) [N s²/m², N m s²/rad²]."""
+    drag_squares: np.ndarray
+    """(r, 36(n+1)): h hᵀ of every column h of `drag_points`, link by link."""
+    joint_damping: np.ndarray
+    """(n,) [N m s/rad]."""
+    rotor_inertia: np.ndarray
+    """(n,) of the motors, reflected to the joints [kg m²]."""
+
+    def force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Returns f (..., n+1, 6) that moves the links so in still water.
+
+        f = I A + V ×* I V − weight + Σ h (D_lin + D_quad |hᵀV|) hᵀV (Kirchhoff; Fossen 2021, §6.3
+        and §8.1).
+
+        Args:
+            V: Velocities (..., n+1, 6).
+            A: Accelerations (..., n+1, 6), the rates of V in the turning axes.
+            g: Gravity in axes of the links (..., n+1, 3).
+        """
+        v = self._drag_velocities(V)
+        speed = np.where(v.real < 0.0, -v, v)
+        drag = (self.drag_linear + self.drag_quadratic * speed) * v @ self.drag_points.T
+        return (times(self.inertia, A) + cross_force(V, times(self.inertia, V))
+                - times(self.weight, g) + drag.reshape(V.shape))
+
+    def force_gradients(self, V: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns N and K (..., n+1, 6, 6) of ∂f = N δV + K s, real.
+
+        N = ∂f/∂V with A changing by δV × V. K is the weight as gravity turns in a link that is
+        displaced by s, by g × s.
+        """
+        carried = self.inertia @ motion_matrix(V)
+        N = force_matrix(times(self.inertia, V)) - carried - carried.swapaxes(-1, -2)
+        drag = self.drag_linear + 2.0 * self.drag_quadratic * np.abs(self._drag_velocities(V))
+        N += (drag @ self.drag_squares).reshape(N.shape)
+        K = np.zeros_like(N)
+        K[..., 3:] = self.weight @ -skew(g)
+        return N, K
+
+    def _drag_velocities(self, V: np.ndarray) -> np.ndarray:
+        """Returns the velocities that drag acts against, as rows (..., 1, r).
+
+        Products of rows one by one are never so large that the linear algebra library shares them
+        out among threads, which takes long where other work is waiting.
+        """
+        return V.reshape(*V.shape[:-2], 1, -1) @ self.drag_points
+
+
+def read_links(uvms: Uvms) -> Links:
+    """Returns the links of a robot in a finalized plant."""
+    plant = uvms.plant
+    bodies = [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
+    frames = [*(body.body_frame() for body in bodies[:-1]), uvms.tip]
+    inertia, weight, rows, coefficients = [], [], [], []
+    for i, (body, frame) in enumerate(zip(bodies, frames, strict=True)):
+        members = [(member, _velocity_map(_pose(plant, frame, member.body_frame())))
+                   for member in plant.GetBodiesWeldedTo(body)
+                   if member.model_instance() == uvms.model_instance]
+        inertia.append(sum(H.T @ _inertia(uvms, member) @ H for member, H in members))
+        weight.append(sum(H.T @ _weight(uvms, member) @ H[:3, :3] for member, H in members))
+        for member, H in members:
+            for drag in _water(uvms, member).drag:
+                by_link = np.zeros((6, len(bodies), 6))
+                by_link[:, i] = _velocity_map(RigidTransform(np.asarray(drag.point))) @ H
+                rows += list(by_link)
+                coefficients += list(zip(drag.linear, drag.quadratic, strict=True))
+    felt = [k for k, pair in enumerate(coefficients) if any(pair)]
+    linear, quadratic = np.array(coefficients).reshape(-1, 2)[felt].T
+    points = np.array(rows).reshape(-1, len(bodies), 6)[felt]
+    return Links(
+        X_BV=_pose(plant, uvms.vehicle.body_frame(), frames[0]).GetAsMatrix4(),
+        step=_steps(uvms, frames),
+        joint_axis=_joint_axes(uvms, frames),
+        inertia=np.array(inertia),
+        weight=np.array(weight),
+        drag_points=points.reshape(len(felt), 6 * len(bodies)).T,
+        drag_linear=linear,
+        drag_quadratic=quadratic,
+        drag_squares=(points[..., None] * points[..., None, :]).reshape(
+            len(felt), 36 * len(bodies)),
+        joint_damping=np.array([joint.default_damping() for joint in uvms.joints]),
+        rotor_inertia=np.array([_reflected_inertia(uvms, joint) for joint in uvms.joints]),
+    )
+
+
+def _pose(plant: MultibodyPlant, A: Frame, B: Frame) -> RigidTransform:
+    """Returns X_AB of two frames that are fixed to each other."""
+    return plant.CalcRelativeTransform(plant.CreateDefaultContext(), A, B)
+
+
+def _velocity_map(X_AB: RigidTransform) -> np.ndarray:
+    """Returns H (6, 6) with V_B = H V_A, each in axes of its own frame."""
+    R_BA = X_AB.rotation().matrix().T
+    H = np.zeros((6, 6))
+    H[:3, :3] = H[3:, 3:] = R_BA
+    H[:3, 3:] = -R_BA @ skew(X_AB.translation())
+    return H
+
+
+def _steps(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
+    """Returns `Links.step`: X_LF R_FM(q) X_MC, R_FM = I + sin q S(a) + (1 − cos q) S(a)²."""
+    steps = np.zeros((3, len(uvms.joints), 4, 4))
+    for i, joint in enumerate(uvms.joints):
+        S = np.zeros((4, 4))
+        S[:3, :3] = skew(joint.revolute_axis())
+        before = _pose(uvms.plant, frames[i], joint.frame_on_parent()).GetAsMatrix4()
+        after = _pose(uvms.plant, joint.frame_on_child(), frames[i + 1]).GetAsMatrix4()
+        for k, turn in enumerate((np.eye(4) + S @ S, S, -S @ S)):
+            steps[k, i] = before @ turn @ after
+    return steps
+
+
+def _joint_axes(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
+    """Returns `Links.joint_axis`."""
+    columns = np.zeros((len(uvms.joints), 4, 2))
+    for i, joint in enumerate(uvms.joints):
+        columns[i, :3, 0] = joint.revolute_axis()
+        columns[i, 3, 1] = 1.0
+        columns[i] = _pose(uvms.plant, frames[i], joint.frame_on_parent()
+                           ).GetAsMatrix4() @ columns[i]
+    return columns
+
+
+def _water(uvms: Uvms, body: RigidBody) -> BodyHydrodynamics:
+    return uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+
+
+def _inertia(uvms: Uvms, body: RigidBody) -> np.ndarray:
+    """Returns M_RB + M_A (6, 6) of a body about its origin in its axes."""
+    spatial = body.default_spatial_inertia().CopyToFullMatrix6()  # in the order (ω, v)
+    swap = [3, 4, 5, 0, 1, 2]
+    return spatial[np.ix_(swap, swap)] + added_mass_about_origin(_water(uvms, body).added_mass)
+
+
+def _weight(uvms: Uvms, body: RigidBody) -> np.ndarray:
+    """Returns weight and buoyancy of a body by gravity (6, 3), about its origin in its axes."""
+    water = _water(uvms, body)
+    displaced = uvms.hydrodynamics.fluid_density * water.displaced_volume
+    moment = (body.default_mass() * body.default_com()
+              - displaced * np.asarray(water.center_of_buoyancy))
+    return np.vstack([(body.default_mass() - displaced) * np.eye(3), skew(moment)])
+
+
+def _reflected_inertia(uvms: Uvms, joint: RevoluteJoint) -> float:
+    """Returns the motor's inertia at the joint, N² I_rotor [kg m²]; zero without an actuator."""
+    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
+        actuator = uvms.plant.get_joint_actuator(index)
+        if actuator.joint().index() == joint.index():
+            return actuator.default_gear_ratio() ** 2 * actuator.default_rotor_inertia()
+    return 0.0

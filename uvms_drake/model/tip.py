@@ -1,0 +1,43 @@
+"""The end-effector Σ_E: from spatial vectors in its own axes to the paper's χ = (𝔭, 𝔬) and back.
+
+χ̇ = A(𝔬) V_E with A = blkdiag(R_WE, T(𝔬)); the force 𝔉 on the surface, conjugate to χ̇, is Aᵀ𝔉 in
+axes of Σ_E.
+"""
+
+import numpy as np
+
+from uvms_drake.model.contact import SurfaceLaw
+from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix
+from uvms_drake.model.spatial import block_diagonal, skew, times
+
+
+def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:
+    """Returns A (..., 6, 6) at an attitude, given as a matrix and as Euler angles."""
+    return block_diagonal(R_WE, rate_matrix(attitude))
+
+
+def complex_step(chi: np.ndarray, A: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns χ and A after a complex step along a motion s (..., 6) in axes of Σ_E."""
+    step = 1j * COMPLEX_STEP
+    moved = chi + step * times(A, s)
+    R_WE = A[..., :3, :3] @ (np.eye(3) + step * skew(s[..., 3:]))
+    return moved, pose_rate_matrix(R_WE, moved[..., 3:])
+
+
+def tip_force(surface: SurfaceLaw, chi: np.ndarray, A: np.ndarray, V_E: np.ndarray) -> np.ndarray:
+    """Returns Aᵀ𝔉(χ, A V_E) (..., 6), the force on the surface in axes of Σ_E."""
+    force = surface.force(chi, times(A, V_E))
+    return (force[..., None, :] @ A)[..., 0, :]
+
+
+def tip_force_gradients(surface: SurfaceLaw, chi: np.ndarray, A: np.ndarray, V_E: np.ndarray
+                        ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the derivatives (..., 6, 6) of `tip_force` by V_E and along motions, all real.
+
+    A motion s, in axes of Σ_E, moves χ by A s and leaves V_E as it is.
+    """
+    chi, A, V_E = np.repeat(chi[..., None, :], 6, -2), A[..., None, :, :], V_E[..., None, :]
+    rows = (tip_force(surface, chi, A, V_E + 1j * COMPLEX_STEP * np.eye(6)),
+            tip_force(surface, *complex_step(chi, A, np.eye(6)), V_E))
+    by_velocity, by_motion = (row.imag.swapaxes(-1, -2) / COMPLEX_STEP for row in rows)
+    return by_velocity, by_motion

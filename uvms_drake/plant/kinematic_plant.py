@@ -1,0 +1,253 @@
+"""The robot of the paper's own simulation: its velocity is the input, and w carries the tip along.
+
+    χ̇ = J(𝔮) ζ + w
+
+has 6 rows for 6 + n coordinates. What is simulated moves the vehicle so that exactly the
+end-effector is carried by w, and the joints are not: with J_x = [J; 0 I],
+
+    𝔮̇ = Γ(𝔮) [ζ + J_x(𝔮)⁻¹ (w, 0)],    which is    ẏ = J_x(𝔮) ζ + (w, 0)    for y = (χ, q).
+"""
+
+from typing import cast
+
+import numpy as np
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+)
+from pydrake.systems.primitives import PassThrough
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
+
+from uvms_drake.errors import RunFailed, require, vector, within
+from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.description import Uvms, add_uvms
+from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
+from uvms_drake.plant.surface import pose_and_jacobian
+from uvms_drake.plant.uvms_plant import _add_visualizer
+
+PITCH_MARGIN = 0.01
+"""How near to ±π/2 the pitch of vehicle or end-effector may come [rad]; there ‖J‖ is about 100."""
+
+
+def carried_rate(config: np.ndarray, zeta: np.ndarray, w: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Returns 𝔮̇ (6+n,) = Γ(𝔮) [ζ + J_x(𝔮)⁻¹ (w, 0)].
+
+    With the columns J = [J_v, J_q] of vehicle and joints, J_x⁻¹ (w, 0) = (J_v⁻¹ w, 0).
+
+    Args:
+        config: 𝔮 (6+n,).
+        zeta: ζ (6+n,).
+        w: Disturbance of χ̇ (6,).
+        J: J(𝔮) (6, 6+n).
+    """
+    carried = zeta.copy()
+    carried[:6] += np.linalg.solve(J[:, :6], w)
+    return configuration_rate(config, carried)
+
+
+class VelocityDrivenUvms(LeafSystem):
+    """A UVMS that moves at the commanded velocity, its end-effector carried along by w.
+
+    .. pydrake_system::
+
+        name: VelocityDrivenUvms
+        input_ports:
+        - zeta (optional)
+        - disturbance (optional)
+        output_ports:
+        - configuration
+        - state
+        - positions
+
+    - `zeta`: ζ (6+n) [m/s, rad/s], commanded, in the paper's order; unconnected means zero.
+    - `disturbance`: w (6) [m/s, rad/s], added to χ̇; unconnected means zero.
+    - `configuration`: 𝔮 (6+n) [m, rad].
+    - `state`: (𝔮, ζ) (2(6+n)), ζ as it is commanded.
+    - `positions`: q of the MultibodyPlant (nq), for drawing.
+
+    The continuous state is 𝔮, of which the Euler angles are not wrapped; it starts at zero. Only
+    `state` has feedthrough, from `zeta`. Joint limits are for a controller to keep.
+
+    J is computed from the MultibodyPlant, not from the controller's model. This system keeps a
+    Context of the plant as a workspace, overwritten from 𝔮 in every evaluation; the plant itself is
+    not simulated.
+
+    Where the vehicle's or the end-effector's pitch comes within `PITCH_MARGIN` of ±π/2, Euler
+    angles are about to be singular, and the simulation ends with `RunFailed`; likewise where an
+    input is not finite.
+
+    Args:
+        uvms: Handles of the robot in a finalized plant.
+    """
+
+    def __init__(self, uvms: Uvms):
+        super().__init__()
+        self.coordinates = Coordinates(uvms)
+        self._uvms = uvms
+        self._workspace = uvms.plant.CreateDefaultContext()
+        size = self.coordinates.size
+        config = self.DeclareContinuousState(size)
+        self._zeta_port = self.DeclareVectorInputPort("zeta", size)
+        self._disturbance_port = self.DeclareVectorInputPort("disturbance", 6)
+        self.DeclareStateOutputPort("configuration", config)
+        zeta = self.input_port_ticket(self._zeta_port.get_index())
+        self.DeclareVectorOutputPort(
+            "state", 2 * size, self._calc_state, {self.xc_ticket(), zeta})
+        self.DeclareVectorOutputPort(
+            "positions", self.coordinates.num_positions, self._calc_positions, {self.xc_ticket()})
+
+    @staticmethod
+    def AddToBuilder(
+        builder: DiagramBuilder,
+        uvms: Uvms,
+        *,
+        zeta: OutputPort | None = None,
+        disturbance: OutputPort | None = None,
+        name: str = "kinematics",
+    ) -> "VelocityDrivenUvms":
+        """Adds the system to `builder`; `zeta` and `disturbance` give ζ and w, if not None."""
+        system = VelocityDrivenUvms(uvms)
+        builder.AddNamedSystem(name, system)
+        for port, source in (("zeta", zeta), ("disturbance", disturbance)):
+            if source is not None:
+                builder.Connect(source, system.GetInputPort(port))
+        return system
+
+    def tip_motion(self, config: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns χ (6,) and J (6, 6+n) at 𝔮 (6+n,), by the MultibodyPlant."""
+        x = self._plant_state(config)
+        self._uvms.plant.SetPositionsAndVelocities(self._workspace, x)
+        chi, J_v = pose_and_jacobian(self._uvms.plant, self._workspace, self._uvms.tip)
+        T = np.column_stack([self.coordinates.vector_to_drake(x, unit) for unit in np.eye(
+            self.coordinates.size)])  # v = T ζ
+        return chi, J_v @ T
+
+    def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: D102  Drake's name and meaning
+        config = context.get_continuous_state_vector().CopyToVector()
+        zeta = self._value(context, self._zeta_port)
+        w = self._value(context, self._disturbance_port)
+        at = f"at t = {context.get_time():g} s"
+        for name, value in (("commanded velocity", zeta), ("disturbance", w)):
+            if not np.all(np.isfinite(value)):
+                raise RunFailed(f"{at} the {name} is not finite")
+        chi, J = self.tip_motion(config)
+        for owner, pitch in (("vehicle", config[4]), ("end-effector", chi[4])):
+            if abs(pitch) > 0.5 * np.pi - PITCH_MARGIN:
+                raise RunFailed(f"{at} the pitch of the {owner} is {pitch:.4g} rad: Euler angles "
+                                "are singular at ±π/2")
+        derivatives.SetFromVector(carried_rate(config, zeta, w, J))
+
+    def _calc_state(self, context, output):
+        output.SetFromVector(np.concatenate([
+            context.get_continuous_state_vector().CopyToVector(),
+            self._value(context, self._zeta_port)]))
+
+    def _calc_positions(self, context, output):
+        config = context.get_continuous_state_vector().CopyToVector()
+        output.SetFromVector(self._plant_state(config)[: self.coordinates.num_positions])
+
+    def _plant_state(self, config: np.ndarray) -> np.ndarray:
+        """Returns the plant state (q, 0) at 𝔮."""
+        return self.coordinates.to_drake(np.concatenate([config, np.zeros_like(config)]))
+
+    @staticmethod
+    def _value(context: Context, port: InputPort) -> np.ndarray:
+        return port.Eval(context) if port.HasValue(context) else np.zeros(port.size())
+
+
+def make_kinematic_plant(
+    *,
+    model: str,
+    disturbance: DisturbanceConfig | None,
+    seed: int = 0,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """Returns a UVMS that is driven by its velocity, as a Diagram named "uvms".
+
+    ::
+
+        zeta ──────────▶ kinematics ─┬─▶ configuration, state
+                              ▲      └─▶ geometry_pose ─▶ scene_graph ─▶ meshcat
+        disturbance ──────────┴─▶ disturbance
+
+    World is Σ_I (NED); n is the number of the arm's joints.
+
+    .. pydrake_system::
+
+        name: uvms
+        input_ports:
+        - zeta (optional)
+        - disturbance (with disturbance=None)
+        output_ports:
+        - configuration
+        - state
+        - disturbance
+
+    - `zeta` (6+n) [m/s, rad/s]: ζ, the velocity, in the paper's order, the vehicle's part in body
+      axes; unconnected means zero.
+    - `configuration` (6+n): 𝔮 [m, rad]; without feedthrough, so that a controller may read it.
+    - `state` (2(6+n)): 𝔮 and the commanded ζ.
+    - `disturbance` (6) [m/s, rad/s]: w, added to χ̇.
+
+    The subsystems "kinematics", "disturbance" and, with Meshcat, "geometry_pose", "scene_graph" and
+    "meshcat" are found with `GetSubsystemByName`. The default configuration is zero, where the
+    end-effector of an arm may be at the Euler angles' singularity: use `set_configuration`.
+
+    Args:
+        model: Name of a shipped robot or path of a robot's folder.
+        disturbance: w, of bound w̃; the paper's w = 0.2 sin(t) 1₆ has w̃ = 0.2 √6. None exports an
+            input port `disturbance` for the caller's.
+        seed: Of the disturbance.
+        meshcat: Where to draw the robot, if at all.
+    """
+    require(seed >= 0, "seed", seed, "zero or positive")
+    builder = DiagramBuilder()
+    plant = MultibodyPlant(time_step=0.0)  # Only its geometry is used.
+    scene_graph = None
+    if meshcat is not None:
+        scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
+    uvms = add_uvms(plant, model)
+    plant.Finalize()
+
+    if disturbance is None:
+        w = builder.AddNamedSystem("disturbance", PassThrough(6))
+        builder.ExportInput(w.get_input_port(), "disturbance")
+    else:
+        with within("disturbance"):
+            w = BoundedDisturbance.AddToBuilder(builder, 6, disturbance, seed)
+    kinematics = VelocityDrivenUvms.AddToBuilder(builder, uvms, disturbance=w.get_output_port())
+    if meshcat is not None and scene_graph is not None:
+        pose = builder.AddNamedSystem("geometry_pose", MultibodyPositionToGeometryPose(plant))
+        builder.Connect(kinematics.GetOutputPort("positions"), pose.get_input_port())
+        builder.Connect(
+            pose.get_output_port(), scene_graph.get_source_pose_port(plant.get_source_id()))
+        _add_visualizer(builder, scene_graph, meshcat)
+
+    builder.ExportInput(kinematics.GetInputPort("zeta"), "zeta")
+    builder.ExportOutput(kinematics.GetOutputPort("configuration"), "configuration")
+    builder.ExportOutput(kinematics.GetOutputPort("state"), "state")
+    builder.ExportOutput(w.get_output_port(), "disturbance")
+    diagram = builder.Build()
+    diagram.set_name("uvms")
+    return diagram
+
+
+def set_configuration(uvms: Diagram, context: Context, config: np.ndarray) -> None:
+    """Sets the state of a Diagram made by `make_kinematic_plant`.
+
+    Args:
+        uvms: The Diagram.
+        context: Its Context; in a larger Diagram, `uvms.GetMyMutableContextFromRoot(root_context)`.
+        config: 𝔮 (6+n,).
+    """
+    kinematics = cast(VelocityDrivenUvms, uvms.GetSubsystemByName("kinematics"))
+    uvms.GetMutableSubsystemContext(kinematics, context).SetContinuousState(
+        vector("configuration", config, kinematics.coordinates.size))
