@@ -97,9 +97,10 @@ def draw_choice(choice: Choice, records: list[Record]) -> Figure:
     """Draws the signals of both runs of a choice."""
     figure, axes = panels(len(choice.signals), 0.6 + 1.2 * len(choice.signals))
     for axis, signal in zip(axes, choice.signals, strict=True):
-        for record, option, style in zip(records, choice.options, (
-                {"color": BLUE}, {"color": VERMILION, "linestyle": (0, (4, 1.2))}), strict=True):
-            axis.plot(record.time, signal.of(record), label=option_name(option), **style)
+        for record, option, color, linestyle in zip(
+                records, choice.options, (BLUE, VERMILION), ("-", (0, (4, 1.2))), strict=True):
+            axis.plot(record.time, signal.of(record), label=option_name(option), color=color,
+                      linestyle=linestyle)
         axis.set_ylabel(signal.label)
         if signal.logarithmic:
             axis.set_yscale("log")

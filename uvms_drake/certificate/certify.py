@@ -33,7 +33,7 @@ from uvms_drake.certificate.tubes import (
     transpose_tube,
     transpose_velocity_radius,
 )
-from uvms_drake.control.ancillary import Resolved
+from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import (
     TubeRadii,
     check_limits,
@@ -77,10 +77,11 @@ def certify(scenario: Scenario) -> Certificate:
         paper=paper(scenario, constants), **fingerprint(scenario))
     if scenario.kinematic:
         tube, conditions = kinematic_radii(scenario, model, declared, constants)
-    elif isinstance(scenario.ancillary, Resolved):
-        tube, conditions = resolved_radii_of(scenario, model, declared, constants)
+    elif isinstance(scenario.ancillary, Transpose):
+        tube, conditions = _transpose(
+            scenario.ancillary, scenario.disturbance.bound, model, declared, constants)
     else:
-        tube, conditions = _transpose(scenario, model, declared, constants)
+        tube, conditions = resolved_radii_of(scenario, model, declared, constants)
     draft = replace(draft, tube=tube, conditions=(*conditions, *assumptions(scenario)))
     if not draft.certified:
         return draft
@@ -230,21 +231,21 @@ def resolved_radii_of(scenario: Scenario, model: UvmsModel, declared: Constraint
     return tube, (Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega),)
 
 
-def _transpose(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
+def _transpose(law: Transpose, d_bound: float, model: UvmsModel, declared: ConstraintSet,
                constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
     """Returns the tube of the law `transpose`; see `tubes.transpose_tube`.
 
     In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
     """
-    law, d = scenario.ancillary, scenario.disturbance.bound
-    found = transpose_tube(lemma_constants(constants, joints=law.joints), law.k, law.sigma, d)
+    found = transpose_tube(
+        lemma_constants(constants, joints=law.joints), law.k, law.sigma, d_bound)
     z = transpose_velocity_radius(found, law.sigma)
     u = np.full(model.size, law.k * found.r)
     joints = found.e if law.joints or model.num_joints == 0 else np.inf
     roll, pitch = attitude_radii(declared, found.e, joints, model.num_joints)
     tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
                      nu2=z, qdot=z, roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
-    return tube, (*found.conditions, undetermined_joints(scenario, model))
+    return tube, (*found.conditions, undetermined_joints(law, model))
 
 
 def _paper(scenario: Scenario, constants: dict[str, Constant]) -> dict[str, float]:

@@ -34,7 +34,7 @@ from uvms_drake.certificate.climb import DIFFERENCE, climb
 from uvms_drake.certificate.conditions import Condition, kinematic_tubes
 from uvms_drake.certificate.constants import START_RANKS, Constant
 from uvms_drake.certificate.constraint_set import ConstraintSet
-from uvms_drake.control.ancillary import Resolved
+from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
@@ -50,9 +50,10 @@ _BLOCKS = (slice(0, 3), slice(3, 6))
 def kinematic_radii(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
                     constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
     """Returns the tube of a kinematic scenario and what it takes."""
-    if isinstance(scenario.ancillary, Resolved):
+    law = scenario.ancillary
+    if isinstance(law, Resolved):
         return _resolved(scenario, model, declared), ()
-    return _transpose(scenario, model, declared, constants)
+    return _transpose(law, scenario.disturbance.bound, model, declared, constants)
 
 
 def _resolved(scenario: Scenario, model: UvmsModel, declared: ConstraintSet) -> TubeRadii:
@@ -66,26 +67,25 @@ def _resolved(scenario: Scenario, model: UvmsModel, declared: ConstraintSet) -> 
                      nu1=nu1, nu2=nu2, qdot=0.0, roll=roll, pitch=pitch)
 
 
-def _transpose(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
+def _transpose(law: Transpose, w_bound: float, model: UvmsModel, declared: ConstraintSet,
                constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
     """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; joints that χ leaves free void it."""
-    law = scenario.ancillary
     names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
     J_min, J_max, L_c = (constants[name].value for name in names)
     found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma,
-                            scenario.disturbance.bound)
+                            w_bound)
     e = found.corrected
     z = law.sigma * J_max * e
     joints = e if law.joints or model.num_joints == 0 else np.inf
     roll, pitch = attitude_radii(declared, e, joints, model.num_joints)
     tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
                      roll=roll, pitch=pitch)
-    return tube, (found.condition, undetermined_joints(scenario, model))
+    return tube, (found.condition, undetermined_joints(law, model))
 
 
-def undetermined_joints(scenario: Scenario, model: UvmsModel) -> Condition:
+def undetermined_joints(law: Transpose, model: UvmsModel) -> Condition:
     """Returns that no joint is out of the reach of the tube of the law `transpose`."""
-    free = 0 if scenario.ancillary.joints else model.num_joints
+    free = 0 if law.joints else model.num_joints
     return Condition("n, joints that χ does not determine (the tube is in χ alone)",
                      float(free), "<=", 0.0)
 

@@ -7,6 +7,8 @@ With 𝔢_y = y − ȳ of the extended task y = (χ, q), 𝔢 its χ part, and E
   and does not act on the arm's self-motion.
 """
 
+from functools import partial
+
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
@@ -66,18 +68,16 @@ class KinematicFeedback(LeafSystem):
     def __init__(self, model: UvmsModel, config: AncillaryConfig):
         super().__init__()
         require(bool(0.0 < config.sigma < np.inf), "sigma", config.sigma, "positive")
-        self._model = model
-        self._law, self._gains = (
-            (resolved_velocity, (config.sigma,)) if isinstance(config, Resolved)
-            else (transpose_velocity, (config.sigma, config.joints)))
+        self._law = (
+            partial(resolved_velocity, model, sigma=config.sigma) if isinstance(config, Resolved)
+            else partial(transpose_velocity, model, sigma=config.sigma, joints=config.joints))
         self._config_port = self.DeclareVectorInputPort("configuration", model.size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self.DeclareVectorOutputPort("zeta", model.size, self._calc_zeta)
 
     def _calc_zeta(self, context, output):
-        output.SetFromVector(self._law(
-            self._model, self._config_port.Eval(context), self._nominal_port.Eval(context),
-            *self._gains))
+        output.SetFromVector(
+            self._law(self._config_port.Eval(context), self._nominal_port.Eval(context)))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig, *,
