@@ -87,7 +87,29 @@ def test_a_short_run_writes_every_file(smoke):
     output, done = smoke
     assert done.returncode == 0, done.stderr
     assert {path.name for path in output.iterdir()} == DATA | {
-        "replay.html", *figures_of(load_scenario("girona500_contact"))}
+        "replay.html", "report.html", *figures_of(load_scenario("girona500_contact"))}
+
+
+def test_a_finished_run_is_drawn_again_from_its_data(smoke, tmp_path, capsys):
+    folder = tmp_path / "run"
+    shutil.copytree(smoke[0], folder)
+    pictures = {path for path in folder.iterdir() if path.suffix in (".png", ".html")}
+    for path in pictures:
+        path.unlink()
+    assert main(["plot", str(folder), "--replay"]) == 0
+    assert {path for path in folder.iterdir() if path.suffix in (".png", ".html")} == pictures
+    assert (folder / "report.html").read_text() == (smoke[0] / "report.html").read_text()
+    assert "report.html" in capsys.readouterr().out
+
+
+def test_a_folder_that_is_no_run_is_not_drawn(tmp_path, capsys):
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        assert main(["plot", str(folder)]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"uvms-drake: error: DIR = '{folder}': must be a folder that 'run'")
+        assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_prints_the_summary_and_where_the_files_are(smoke):
@@ -307,7 +329,7 @@ def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, ca
     assert main(["certify", "--output", str(tmp_path / "out")]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith("girona500_contact: law resolved, k = 20 1/s")
+    assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
     assert out.splitlines()[-1].startswith("certified: all ")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["certificate.json"]
     certificate = certificate_of(tmp_path / "out")

@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import dh
 import numpy as np
@@ -360,3 +361,23 @@ def test_e11_the_other_configuration_arrives_within_the_printed_limits():
     assert np.linalg.norm(CHI_START[:3] - CHI_DES[:3]) > 2.0 * 0.7
     assert not simulation.first_horizon(Q_START, Q_START).wrong
     assert not simulation.first_horizon(Q_START_OTHER, Q_START_OTHER).wrong
+
+
+# README -------------------------------------------------------------------------------------------
+
+
+def cells_of(row: str) -> list[str]:
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
+
+
+def test_the_table_of_the_readme_is_the_output(errata):
+    """Word for word, and number for number but for what another linear algebra library changes."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    written = [line for line in readme.splitlines() if re.match(r"\| E\d+ \|", line)]
+    computed = errata_markdown(errata).splitlines()[2:]
+    assert len(written) == len(computed) == len(errata)
+    number = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]\d+)?")
+    for here, there in zip(written, computed, strict=True):
+        assert cells_of(number.sub("#", here)) == cells_of(number.sub("#", there))
+        for one, other in zip(number.findall(here), number.findall(there), strict=True):
+            assert float(one) == pytest.approx(float(other), rel=0.1, abs=1e-3), here[:60]

@@ -32,8 +32,9 @@ class Breaks(LeafSystem):
 
 
 def logs_of(record):
-    return {field.name: getattr(record, field.name) for field in fields(record)
+    logs = {field.name: getattr(record, field.name) for field in fields(record)
             if field.name not in ("scenario", "wall_time_s")}
+    return logs | {"accepted_force": record.desired_force}
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ def pressing(force_x, **changes):
     base = synthetic_record()
     short = {name: getattr(base, name)[: len(force_x)] for name in (
         "state", "nominal_state", "chi", "chi_nominal", "u", "tau", "disturbance",
-        "tube_deviation", "tube_bound")}
+        "desired_force", "tube_deviation", "tube_bound")}
     return replace(base, time=np.arange(float(len(force_x))), force=force, **short, **changes)
 
 
@@ -53,7 +53,8 @@ def test_the_fixed_keys_are_there_and_valid_json():
     assert set(summary) >= KEYS
     assert set(summary["versions"]) == {"uvms_drake", "drake", "python"}
     assert set(summary["mpc"]) == {
-        "solves", "failures", "fallbacks", "step_ms", "worst_terminal_slack", "worst_violation"}
+        "solves", "failures", "fallbacks", "step_ms", "refused_targets",
+        "worst_terminal_slack", "worst_violation"}
     assert set(summary["mpc"]["step_ms"]) == {"p50", "p95", "p99", "max"}
     assert set(summary["task_error"]) >= {"initial", "final", "final_norm"}
     assert set(summary["force"]) >= {
@@ -98,8 +99,8 @@ def test_the_last_seconds_are_averaged():
 
 def test_a_force_of_zero_has_no_direction():
     record = synthetic_record()
-    scenario = replace(record.scenario, task=replace(record.scenario.task, force=np.zeros(6)))
-    force = summarise(replace(record, scenario=scenario))["force"]
+    nothing = np.zeros_like(record.desired_force)
+    force = summarise(replace(record, desired_force=nothing))["force"]
     assert force["peak_normal"] is None
     assert force["overshoot"]["percent"] is None
 

@@ -1,4 +1,4 @@
-"""The command line: `uvms-drake run`, `certify`, `bench`, `errata` and `scenarios`.
+"""The command line: `uvms-drake run`, `certify`, `bench`, `campaign`, ...
 
 The exit status is 0 if all went well, 1 if the run could not be carried through or the certificate
 is void, 2 for bad input and 130 after Ctrl-C. An error is one line on stderr.
@@ -42,6 +42,7 @@ MAIN_SCENARIO = "girona500_contact"
 ERRATA_FILE = "errata.md"
 SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
+REPORT_FILE = "report.html"
 
 
 class _UsageError(Exception):
@@ -85,8 +86,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_run(commands)
+    _add_plot(commands)
     _add_certify(commands)
     _add_bench(commands)
+    _add_campaign(commands)
     _add_errata(commands)
     scenarios = commands.add_parser("scenarios", help="list the shipped scenarios",
                                     allow_abbrev=False)
@@ -111,8 +114,17 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
                      help="show the run in a browser, in real time")
     run.add_argument("--uncertified", action="store_true",
                      help="run without a certificate, with the tube that the scenario declares")
-    run.add_argument("--no-figures", action="store_true", help="write no PNG files")
+    run.add_argument("--no-figures", action="store_true",
+                     help=f"write no PNG files and no {REPORT_FILE}")
     run.add_argument("--no-replay", action="store_true", help=f"write no {REPLAY_FILE}")
+
+
+def _add_plot(commands: argparse._SubParsersAction) -> None:
+    plot = commands.add_parser("plot", help=f"draw figures and {REPORT_FILE} of a run again",
+                               allow_abbrev=False)
+    plot.set_defaults(command=plot_run)
+    plot.add_argument("folder", type=Path, metavar="DIR", help="where 'run' has written")
+    plot.add_argument("--replay", action="store_true", help=f"also write {REPLAY_FILE}")
 
 
 def _add_certify(commands: argparse._SubParsersAction) -> None:
@@ -145,6 +157,35 @@ def _add_bench(commands: argparse._SubParsersAction) -> None:
                        help="where to write bench.json (default: out/<scenario>)")
     bench.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
                        dest="overrides", help="any value of the scenario; can be repeated")
+
+
+def _add_campaign(commands: argparse._SubParsersAction) -> None:
+    campaign = commands.add_parser(
+        "campaign", allow_abbrev=False,
+        help="many runs with random starts, desired forces and disturbances within the bounds")
+    campaign.set_defaults(command=run_campaign)
+    campaign.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
+                          help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    campaign.add_argument("--runs", type=int, default=100, metavar="N",
+                          help="how many (default: %(default)s)")
+    campaign.add_argument("--seed", type=int, default=0, metavar="S",
+                          help="run i is drawn from this and from i (default: %(default)s)")
+    where = campaign.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="W",
+                       help="processes of this machine (default: one for each core)")
+    where.add_argument("--scheduler", metavar="ADDRESS",
+                       help="of a running Dask cluster, whose workers have this package installed")
+    campaign.add_argument("--output", type=Path, metavar="DIR",
+                          help="where to write (default: out/<scenario>-campaign); if runs of this "
+                               "campaign are there, it goes on with the others")
+    campaign.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+                          dest="overrides", help="any value of the scenario; can be repeated")
+    campaign.add_argument("--uncertified", action="store_true",
+                          help="run without a certificate, with the tube that the scenario "
+                               "declares")
+    campaign.add_argument("--replay", type=int, metavar="INDEX",
+                          help="run one of the campaign in --output once more, alone, and write "
+                               "data and figures to its folder run-<INDEX>")
 
 
 def _add_errata(commands: argparse._SubParsersAction) -> None:
@@ -199,6 +240,24 @@ def bench_scenario(args: argparse.Namespace) -> int:
     return 0
 
 
+def run_campaign(args: argparse.Namespace) -> int:
+    """Runs a campaign, or one of its runs once more."""
+    from uvms_drake.campaign.command import replayed, run_campaign
+
+    if args.replay is None:
+        return run_campaign(args)
+    if args.output is None:
+        raise InvalidParameter("--output", None, "the folder of the campaign, with --replay")
+    record = replayed(args.output, args.replay)
+    output = args.output / f"run-{args.replay}"
+    with output_folder(output, ()) as folder:
+        text = write_data(record, folder)
+        write_pictures(record, None, folder, figures=True, replay=False)
+        names = sorted(path.name for path in folder.iterdir())
+    print(f"{text}\n\nwritten to {output}: {', '.join(names)}")
+    return 0
+
+
 def list_errata(args: argparse.Namespace) -> int:
     """Prints the errata of the paper, as they are computed, and returns 1 if one is not confirmed.
 
@@ -231,6 +290,18 @@ def list_scenarios(args: argparse.Namespace) -> int:
     return 0
 
 
+def plot_run(args: argparse.Namespace) -> int:
+    """Draws what a finished run left, from its data."""
+    from uvms_drake.report import load_run
+
+    record, certificate = load_run(args.folder)
+    with output_folder(args.folder, ()) as folder:
+        write_pictures(record, certificate, folder, figures=True, replay=args.replay)
+        names = sorted(path.name for path in folder.iterdir())
+    print(f"written to {args.folder}: {', '.join(names)}")
+    return 0
+
+
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
     from uvms_drake.figures import FIGURES
@@ -239,8 +310,9 @@ def run_scenario(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, overrides)
     source = scenario_source(args.scenario, overrides)
     output = args.output if args.output is not None else Path("out") / scenario.name
-    owned = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, REPLAY_FILE, CERTIFICATE_FILE,
-             *FIGURES)
+    owned = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, REPLAY_FILE, REPORT_FILE,
+             CERTIFICATE_FILE, *FIGURES)
+    certificate = None
     with output_folder(output, owned) as folder:
         if not args.uncertified:
             certificate = _certificate(scenario, source, output / CERTIFICATE_FILE)
@@ -249,8 +321,9 @@ def run_scenario(args: argparse.Namespace) -> int:
             print(f"certified: force error finally below {certificate.bounds['force']:.3g} N",
                   file=sys.stderr)
         record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
-        text = write_outputs(record, folder, figures=not args.no_figures,
-                             replay=not args.no_replay)
+        text = write_data(record, folder)
+        write_pictures(record, certificate, folder, figures=not args.no_figures,
+                       replay=not args.no_replay)
         names = sorted(path.name for path in folder.iterdir())
     print(f"{text}\n\nwritten to {output}: {', '.join(names)}")
     return 0
@@ -291,32 +364,39 @@ def _simulate(scenario: Scenario, source: str, show: bool, certified: bool) -> R
     """Returns the record of a run, with progress on stderr."""
     from uvms_drake.simulation import simulate
 
-    meshcat = None
+    meshcat = stop = None
     if show:
         from pydrake.geometry import Meshcat
 
-        from uvms_drake.replay import draw_scene
+        from uvms_drake.visual.controls import stop_button
 
         meshcat = Meshcat()
-        draw_scene(meshcat, scenario)
+        stop = stop_button(meshcat)
         print(f"watch at {meshcat.web_url()}", file=sys.stderr)
     with closing(ProgressLine(scenario.duration, sys.stderr)) as progress, reported_in(source):
         return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
-                        realtime_rate=1.0 if show else None)
+                        stop=stop, realtime_rate=1.0 if show else None)
 
 
-def write_outputs(record: Record, folder: Path, *, figures: bool, replay: bool) -> str:
-    """Writes the files of a run into a folder and returns its summary as text."""
+def write_data(record: Record, folder: Path) -> str:
+    """Writes the data of a run into a folder and returns its summary as text."""
     summary = summarise(record)
     save_record(record, folder)
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+    return format_summary(summary)
+
+
+def write_pictures(record: Record, certificate: Certificate | None, folder: Path, *,
+                   figures: bool, replay: bool) -> None:
+    """Writes what there is to see of a run into a folder; the report comes with the figures."""
     if figures:
         from uvms_drake.figures import make_figures
+        from uvms_drake.report import format_report
 
-        make_figures(record, folder)
+        report = format_report(record, make_figures(record, folder), certificate)
+        (folder / REPORT_FILE).write_text(report, encoding="utf-8")
     if replay:
         from uvms_drake.replay import write_replay
 
         write_replay(record, folder / REPLAY_FILE)
-    return format_summary(summary)

@@ -89,21 +89,21 @@ def draw_force(record: Record) -> Figure:
     """Draws 𝔉 and the penetration, and once more the force from first contact to settling."""
     torque = bool(np.any(record.force[:, 3:]))
     figure, axes = panels(4 if torque else 3, 5.4 if torque else 4.2, sharex=False)
-    desired = np.asarray(record.scenario.task.force, dtype=float)
-    _draw_wrench(axes[0], record, desired, slice(0, 3), "$F_{}$")
-    _draw_wrench(axes[-1], record, desired, slice(0, 3), "$F_{}$")
+    _draw_wrench(axes[0], record, slice(0, 3), "$F_{}$")
+    _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
     axes[0].set_ylabel("force [N]")
     axes[-1].set_ylabel("force [N]")
     if torque:
-        _draw_wrench(axes[1], record, desired, slice(3, 6), "$M_{}$")
+        _draw_wrench(axes[1], record, slice(3, 6), "$M_{}$")
         axes[1].set_ylabel("torque [N m]")
         axes[1].legend(ncols=4, loc="best")
     axes[-2].plot(record.time, 1e3 * record.penetration)
     axes[-2].set_ylabel("penetration [mm]")
     axes[-2].set_xlabel("time [s]")
-    magnitude, tolerance = np.linalg.norm(desired[:3]), record.scenario.task.force_tolerance
-    axes[0].axhspan(magnitude - tolerance, magnitude + tolerance, color=BLUE, alpha=0.12,
-                    linewidth=0, label=f"$\\pm${tolerance:g} N")
+    magnitude = np.linalg.norm(record.desired_force[:, :3], axis=1)
+    tolerance = record.scenario.task.force_tolerance
+    axes[0].fill_between(record.time, magnitude - tolerance, magnitude + tolerance, color=BLUE,
+                         alpha=0.12, linewidth=0, label=f"$\\pm${tolerance:g} N")
     axes[-1].set_xlim(*_impact_window(record))
     axes[-1].set_title("from the first contact to settling")
     for axis in axes[:-1]:
@@ -114,11 +114,11 @@ def draw_force(record: Record) -> Figure:
     return figure
 
 
-def _draw_wrench(axis: Axes, record: Record, desired: np.ndarray, part: slice, name: str) -> None:
+def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
     for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True):
         axis.plot(record.time, force, color=color, label=name.format(letter))
-    for goal in np.unique(desired[part]):
-        axis.axhline(goal, **{**LIMIT, "label": "desired"})
+    for goal in np.unique(record.desired_force[:, part], axis=1).T:
+        axis.plot(record.time, goal, **{**LIMIT, "label": "desired"})
 
 
 def draw_velocities(record: Record) -> Figure:
@@ -260,7 +260,7 @@ def _impact_window(record: Record) -> tuple[float, float]:
     force = np.linalg.norm(record.force, axis=1)
     touching = np.flatnonzero(force > 0.01 * max(float(np.max(force)), 1e-12))
     start = float(record.time[touching[0]]) if len(touching) else float(record.time[0])
-    error = np.linalg.norm(record.force - record.scenario.task.force, axis=1)
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
     settled = settling_index(error, record.scenario.task.force_tolerance)
     stop = start + 2.0 if settled is None else max(float(record.time[settled]), start) + 0.5
     return max(start - 0.2, float(record.time[0])), min(stop, float(record.time[-1]))

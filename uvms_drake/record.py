@@ -33,7 +33,7 @@ class Record:
     chi_nominal: np.ndarray
     """χ̄ (T, 6) [m, rad]."""
     chi_des: np.ndarray
-    """χ_des (6,) [m, rad]."""
+    """χ_des (6,) of the last 𝔉_des [m, rad]."""
     nominal_input: np.ndarray
     """ū (T, 6+n) [m/s², rad/s²]; ζ̄ [m/s, rad/s] if the motion is kinematic."""
     u: np.ndarray
@@ -43,6 +43,8 @@ class Record:
     force: np.ndarray
     """𝔉, exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
     surface's law gives for the pose."""
+    desired_force: np.ndarray
+    """𝔉_des that the nominal MPC plans for (T, 6) [N, N m]."""
     penetration: np.ndarray
     """Of the end-effector into the surface (T,) [m]."""
     disturbance: np.ndarray
@@ -63,6 +65,8 @@ class Record:
     """Largest violation of a limit by the plan, in the limit's own unit (K,)."""
     mpc_iterations: np.ndarray
     """Convex programs solved (K,)."""
+    mpc_refused: np.ndarray
+    """1 where another desired force was asked for and is refused (K,)."""
     step_seconds: np.ndarray
     """Wall time of each MPC step (K,) [s]."""
     wall_time_s: float

@@ -20,12 +20,14 @@ from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.errors import InvalidParameter, ScenarioError, require
 from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
+from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
 )
 from uvms_drake.schema import load_typed, parse_yaml, read_yaml
+from uvms_drake.visual.config import VisualConfig, check_visual
 
 MOTIONS = ("dynamic", "kinematic")
 
@@ -79,8 +81,8 @@ class Scenario:
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
     surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
-    disturbance: SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance = field(
-        default_factory=SinusoidalDisturbance)
+    disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
+                  | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
     task: Task = field(default_factory=Task)
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
@@ -91,6 +93,7 @@ class Scenario:
         integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
     log_period: float = 0.02
     """Between two samples of every logged signal [s]."""
+    visual: VisualConfig = field(default_factory=VisualConfig)
 
     @property
     def kinematic(self) -> bool:
@@ -190,6 +193,7 @@ def check_scenario(scenario: Scenario) -> None:
             f"at most the duration, {scenario.duration:g} s")
     _require_positive("task.force_tolerance", scenario.task.force_tolerance)
     _check_simulator(scenario.simulator)
+    check_visual(scenario.visual)
 
 
 def _check_simulator(config: SimulatorConfig) -> None:

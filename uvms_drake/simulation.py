@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -28,6 +28,7 @@ def simulate(
     meshcat: Meshcat | None = None,
     realtime_rate: float | None = None,
     progress: Callable[[float], None] | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Record:
     """Returns the record of a run from t = 0 to the scenario's duration.
 
@@ -35,24 +36,27 @@ def simulate(
         scenario: Everything the run depends on.
         certified: Whether tube and terminal set of the scenario are those of a certificate that
             holds; it is only passed on.
-        meshcat: Where to draw the robot during the run, if at all.
+        meshcat: Where an `Illustration` draws the run, if at all; it does not change the result.
         realtime_rate: Takes the place of the scenario's `simulator.target_realtime_rate`.
         progress: Called with the simulated time [s] now and then; it does not change the result.
+        stop: Asked now and then whether the run is to end, as one of a shorter duration.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
         RunFailed: The run started, but could not be carried through.
     """
-    station = make_station(scenario, meshcat)
+    station = make_station(scenario, meshcat, certified=certified)
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
     if realtime_rate is not None:
         simulator.set_target_realtime_rate(realtime_rate)
     context = simulator.get_mutable_context()
     initialize(station, context, scenario)
-    if progress is not None:
-        simulator.set_monitor(_monitor(progress))
+    if progress is not None or stop is not None:
+        simulator.set_monitor(_monitor(progress, stop, scenario.log_period))
     wall_time = _run(simulator, scenario.duration)
+    if context.get_time() < scenario.duration:
+        scenario = replace(scenario, duration=context.get_time())
     return make_record(scenario, read_logs(station, context), wall_time, certified)
 
 
@@ -71,8 +75,9 @@ def _run(simulator: Simulator, duration: float) -> float:
     return time.perf_counter() - started
 
 
-def _monitor(progress: Callable[[float], None]) -> Callable[[Context], EventStatus]:
-    """Returns a monitor of a Simulator that calls `progress`.
+def _monitor(progress: Callable[[float], None] | None, stop: Callable[[], bool] | None,
+             shortest: float) -> Callable[[Context], EventStatus]:
+    """Returns a monitor of a Simulator that calls `progress`, and `stop` from `shortest` [s] on.
 
     A monitor watches, while AdvanceTo in slices would end an integration step at each of them.
     """
@@ -82,8 +87,11 @@ def _monitor(progress: Callable[[float], None]) -> Callable[[Context], EventStat
         nonlocal due
         now = context.get_time()
         if now >= due:
-            progress(now)
             due = now + PROGRESS_PERIOD
+            if progress is not None:
+                progress(now)
+            if stop is not None and now >= shortest and stop():
+                return EventStatus.ReachedTermination(None, "stopped")
         return EventStatus.DidNothing()
 
     return watch
@@ -106,12 +114,14 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
     chi = model.task_pose(logs["state"][:, :size])[:, :6]
     if scenario.kinematic:  # There are no forces; the surface's law gives one for the pose.
         still = np.zeros_like(chi)
-        logs |= {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
-                 "tau": np.empty((len(chi), 0))}
+        logs = logs | {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
+                 "tau": np.empty((len(chi), 0)),
+                 "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1))}
     derived = {
+        "desired_force": logs["accepted_force"],
         "chi": chi,
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
-        "chi_des": surface.pose_for(scenario.task.force, scenario.task.pose),
+        "chi_des": surface.pose_for(logs["accepted_force"][-1], scenario.task.pose),
         "joint_lower": joint_lower,
         "joint_upper": joint_upper,
         "certified": np.array(certified),

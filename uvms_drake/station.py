@@ -1,31 +1,38 @@
 """The closed loop of a scenario: plant, controller and logs in one Diagram."""
 
+from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
 
+from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
 from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
-from uvms_drake.control.nominal_mpc import REPORT_FIELDS
+from uvms_drake.control.nominal_mpc import REPORT_FIELDS, Targets
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.errors import require, vector, within
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, TaskAdversary
+from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.kinematic_plant import make_kinematic_plant, set_configuration
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.scenario import Scenario
+from uvms_drake.visual.controls import DisturbanceSlider, ForceSlider
+from uvms_drake.visual.illustration import Illustration
 
 LOGGED = {
     "dynamic": ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penetration",
-                "disturbance", "tube_deviation", "tube_bound"),
+                "accepted_force", "disturbance", "tube_deviation", "tube_bound"),
     "kinematic": ("state", "nominal_state", "nominal_input", "u", "disturbance", "tube_deviation",
                   "tube_bound"),
 }
@@ -38,7 +45,8 @@ MONITOR_FLOOR = 1e-4
 """[m, rad, m/s, rad/s]; the integrator leaves 7e-5 of a deviation that is exactly zero."""
 
 
-def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
+def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
+                 certified: bool = False) -> Diagram:
     """Returns the closed loop as a Diagram named "station".
 
     ::
@@ -48,16 +56,19 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
                ┌───▶└──────┘         └──────────┘  │ tau
                └───────────────────────────────────┘
 
-    A `TubeMonitor` watches both. With kinematic motion there is no current, the controller reads
-    `configuration`, and its velocity ζ = u goes to the plant. The output ports are those of
-    `LOGGED`, `plan`, `report`, `solve_seconds` and `tube_report`; see `make_uvms_plant`,
-    `make_tube_mpc` and `TubeMonitor`, and their kinematic counterparts. Each of the logged ports
-    has a VectorLogSink named `log.<port>`; `report` and `solve_seconds` have one of the sampling
-    period.
+    A `TubeMonitor` watches both. The input port `desired_force` (6) changes the task while it runs,
+    see `NominalMpc`; unconnected, it stays the scenario's. With kinematic motion there is none, and
+    no current; the controller reads `configuration`, and its velocity ζ = u goes to the plant.
+
+    The output ports are those of `LOGGED`, `plan`, `report`, `solve_seconds` and `tube_report`; see
+    `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and their kinematic counterparts. Each of
+    the logged ports has a VectorLogSink named `log.<port>`; `report` and `solve_seconds` have one
+    of the sampling period.
 
     Args:
         scenario: Everything the run depends on.
-        meshcat: Where to draw the robot, if at all.
+        meshcat: Where an `Illustration` draws, if at all.
+        certified: Whether the tube is that of a certificate that holds; it is only shown.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
@@ -65,6 +76,13 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
     builder = DiagramBuilder()
     connect = _connect_kinematic if scenario.kinematic else _connect_dynamic
     uvms, controller, monitor = connect(builder, scenario, meshcat)
+    if meshcat is not None:
+        shown = ("state", "nominal_state", "u", "nominal_input", "plan", "force")
+        ports = {name: system.GetOutputPort(name) for name in (*shown, "accepted_force")
+                 for system in (uvms, controller) if system.HasOutputPort(name)}
+        if "accepted_force" in ports:
+            ports["desired_force"] = ports.pop("accepted_force")
+        Illustration.AddToBuilder(builder, meshcat, scenario, certified=certified, **ports)
     logged = LOGGED[scenario.motion]
     for name in (*logged, "plan", "report", "solve_seconds", "tube_report"):
         if name.startswith("tube_"):
@@ -80,16 +98,23 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
     return station
 
 
-def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario,
-                     meshcat: Meshcat | None) -> tuple[Diagram, Diagram, TubeMonitor]:
+def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None
+                     ) -> tuple[Diagram, Diagram, TubeMonitor]:
     """Adds plant, controller and monitor of dynamic motion, connected."""
     ocp = make_dynamic_ocp(scenario)
     start_state(scenario, ocp)
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
-        model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,
-        seed=scenario.seed, meshcat=meshcat))
+        model=scenario.model, surface=scenario.surface,
+        disturbance=_disturbance_inside(scenario, meshcat), seed=scenario.seed))
     with within("ancillary"):
-        controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(ocp, scenario.ancillary))
+        controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
+            ocp, scenario.ancillary, Targets(
+                np.asarray(scenario.task.force, dtype=float), partial(retargeted_ocp, scenario))))
+    if meshcat is None:
+        builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
+    else:
+        slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+        builder.Connect(slider.get_output_port(), controller.GetInputPort("desired_force"))
     current = builder.AddNamedSystem(
         "current", ConstantVectorSource(vector("current", scenario.current, 3)))
     builder.Connect(current.get_output_port(), uvms.GetInputPort("current"))
@@ -101,19 +126,45 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario,
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
         slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
+    if uvms.HasInputPort("disturbance"):
+        with within("disturbance"):
+            if isinstance(scenario.disturbance, AdversarialDisturbance):
+                source: LeafSystem = Adversary.AddToBuilder(
+                    builder, ocp.model, scenario.disturbance, state=uvms.GetOutputPort("state"),
+                    monitor=monitor)
+            else:
+                source = BoundedDisturbance.AddToBuilder(
+                    builder, ocp.model.size, scenario.disturbance, scenario.seed)
+        _connect_disturbance(builder, source, uvms, meshcat)
     return uvms, controller, monitor
 
 
-def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario,
-                       meshcat: Meshcat | None) -> tuple[Diagram, Diagram, KinematicTubeMonitor]:
+def _disturbance_inside(scenario: Scenario, meshcat: Meshcat | None) -> DisturbanceConfig | None:
+    """Returns the plant's own disturbance; none if it sees the robot or a slider scales it."""
+    if meshcat is not None or isinstance(scenario.disturbance, AdversarialDisturbance):
+        return None
+    return scenario.disturbance
+
+
+def _connect_disturbance(builder: DiagramBuilder, source: LeafSystem, uvms: Diagram,
+                         meshcat: Meshcat | None) -> None:
+    port = source.get_output_port()
+    if meshcat is not None:
+        port = DisturbanceSlider.AddToBuilder(
+            builder, meshcat, disturbance=port).get_output_port()
+    builder.Connect(port, uvms.GetInputPort("disturbance"))
+
+
+def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None
+                       ) -> tuple[Diagram, Diagram, KinematicTubeMonitor]:
     """Adds plant, controller and monitor of kinematic motion, connected."""
     require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
             "zero where there is no water (motion: kinematic)")
     ocp = make_kinematic_ocp(scenario)
     start_state(scenario, ocp)
     uvms = builder.AddNamedSystem("uvms", make_kinematic_plant(
-        model=scenario.model, disturbance=scenario.disturbance, seed=scenario.seed,
-        meshcat=meshcat))
+        model=scenario.model, disturbance=_disturbance_inside(scenario, meshcat),
+        seed=scenario.seed))
     with within("ancillary"):
         controller = builder.AddNamedSystem(
             "tube_mpc", make_kinematic_tube_mpc(ocp, scenario.ancillary))
@@ -125,7 +176,25 @@ def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario,
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
         slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
+    if uvms.HasInputPort("disturbance"):
+        with within("disturbance"):
+            if isinstance(scenario.disturbance, AdversarialDisturbance):
+                source: LeafSystem = _task_adversary(builder, scenario.disturbance, monitor)
+            else:
+                source = BoundedDisturbance.AddToBuilder(
+                    builder, 6, scenario.disturbance, scenario.seed)
+        _connect_disturbance(builder, source, uvms, meshcat)
     return uvms, controller, monitor
+
+
+def _task_adversary(builder: DiagramBuilder, config: AdversarialDisturbance,
+                    monitor: KinematicTubeMonitor) -> TaskAdversary:
+    """Adds the one adversary of kinematic motion, w along 𝔢."""
+    require(config.kind == "along_task_error", "kind", config.kind,
+            "along_task_error, if the motion is kinematic")
+    direction = None if np.size(config.direction) == 0 else config.direction
+    return TaskAdversary.AddToBuilder(
+        builder, config.bound, direction, e=monitor.GetOutputPort("e"))
 
 
 def set_wise_radii(scenario: Scenario) -> dict[str, float]:
@@ -164,6 +233,25 @@ def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
     require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
             f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
     return ocp
+
+
+def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
+    """Returns the problem of another desired force (6,), with a terminal set of its own.
+
+    The tube stays the scenario's: it holds for forces of up to `certificate.force_range` times the
+    scenario's own.
+
+    Raises:
+        InvalidParameter: The force is larger, or cannot be held within the limits.
+    """
+    settings = scenario.certificate
+    largest = settings.force_range * float(np.linalg.norm(np.asarray(scenario.task.force)[:3]))
+    with within("task"):
+        require(bool(np.linalg.norm(force[:3]) <= largest), "force", force,
+                f"at most {largest:.4g} N, what the tube holds for")
+    other = replace(scenario, task=replace(scenario.task, force=force))
+    radius, _ = largest_radius(make_dynamic_ocp(other), settings.terminal_samples, settings.seed)
+    return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)))
 
 
 def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
@@ -226,7 +314,7 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     """Returns the logs so far: `time` (T,), each logged port (T, size), and the MPC's samples.
 
     The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
-    `mpc_iterations` (K,), see `REPORT_FIELDS`, and `step_seconds` (K,), wall time.
+    `mpc_iterations`, `mpc_refused` (K,), see `REPORT_FIELDS`, and `step_seconds` (K,), wall time.
     """
     def log(name: str):
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)

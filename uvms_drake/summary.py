@@ -55,6 +55,7 @@ def summarise_mpc(record: Record) -> dict[str, object]:
         "failures": np.count_nonzero(record.mpc_status),
         "fallbacks": np.count_nonzero(record.mpc_status == 1),
         "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
+        "refused_targets": np.count_nonzero(record.mpc_refused),
         "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
         "worst_violation": np.max(record.mpc_violation) if len(step_ms) else None,
     }
@@ -68,8 +69,8 @@ def summarise_task_error(record: Record) -> dict[str, object]:
 
 def summarise_force(record: Record) -> dict[str, object]:
     """Returns how well 𝔉 came to and stayed at 𝔉_des [N, N m]."""
-    desired = np.asarray(record.scenario.task.force, dtype=float)
-    error = np.linalg.norm(record.force - desired, axis=1)
+    desired = record.desired_force[-1]
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
     index = settling_index(error, record.scenario.task.force_tolerance)
     magnitude = float(np.linalg.norm(desired[:3]))
     direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)

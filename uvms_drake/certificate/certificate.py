@@ -26,7 +26,8 @@ from uvms_drake.model.description import model_dir
 from uvms_drake.scenario import Scenario, dump_scenario
 
 CERTIFICATE_FILE = "certificate.json"
-IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube")
+IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",
+              "visual")
 """Keys of a scenario that a certificate does not depend on. `tube` is for runs without one; of
 `disturbance` the bound counts, of the terminal set's declared radius whether there is one, of
 `task` all but what counts as settled."""

@@ -7,11 +7,12 @@ from uvms_drake.control.ancillary import AncillaryConfig, AncillaryFeedback
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.nominal_mpc import NominalMpc, Targets
 from uvms_drake.control.scp import SequentialConvexSolver
 
 
-def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig) -> Diagram:
+def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
+                  targets: Targets | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
@@ -27,6 +28,7 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig) -> Diagram:
         name: tube_mpc
         input_ports:
         - state
+        - desired_force (optional, with targets)
         output_ports:
         - tau
         - u
@@ -35,6 +37,7 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig) -> Diagram:
         - plan
         - report
         - solve_seconds
+        - accepted_force (with targets)
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
@@ -44,11 +47,13 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig) -> Diagram:
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
         ancillary: The feedback law and its gains.
+        targets: Makes the problem of another desired force; None if it stays as it is.
     """
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
-    mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
+    mpc = NominalMpc.AddToBuilder(
+        builder, SequentialConvexSolver(ocp), state=measured, targets=targets)
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, ancillary, nominal=mpc, state=measured)
 
@@ -57,6 +62,9 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig) -> Diagram:
     builder.ExportOutput(feedback.GetOutputPort("u"), "u")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
+    if targets is not None:
+        builder.ExportInput(mpc.GetInputPort("desired_force"), "desired_force")
+        builder.ExportOutput(mpc.GetOutputPort("accepted_force"), "accepted_force")
     diagram = builder.Build()
     diagram.set_name("tube_mpc")
     return diagram

@@ -29,7 +29,7 @@ Rows = Literal["all", "position", "orientation", "joints"]
 
 
 @dataclass
-class AdversaryConfig:
+class AdversarialDisturbance:
     """A disturbance of the full size d̃, or of size d̃|sin| for `sinusoid`.
 
     - `along_r`: along 𝔯, which keeps ‖𝔯‖ at the solution of Ṙ = −kR + d̃.
@@ -44,8 +44,8 @@ class AdversaryConfig:
 
     bound: float = 0.0
     """d̃ [m/s², rad/s²]."""
-    kind: Kind = "along_r"
-    rows: Rows = "all"
+    kind: str = "along_r"
+    rows: str = "all"
     """Block of rows of J_x that is aimed at."""
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """The fixed direction (6+n), of any length; empty means the same in all components."""
@@ -55,6 +55,9 @@ class AdversaryConfig:
     """Of `sinusoid`, `bang_bang` and `per_channel` [s]."""
     phase: float = 0.0
     """Of the sine at t = 0 [rad]."""
+
+
+AdversaryConfig = AdversarialDisturbance
 
 
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:

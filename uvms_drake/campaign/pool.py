@@ -1,0 +1,125 @@
+"""Where the runs of a campaign are computed: any `concurrent.futures.Executor`."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
+
+from uvms_drake.campaign.run import run_one
+from uvms_drake.campaign.setup import Campaign
+from uvms_drake.errors import InvalidParameter, RunFailed
+
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""So that a worker takes one core; BLAS reads it when it is loaded."""
+RESTARTS = 3
+"""How often in a row the workers may die without a single run coming back."""
+CONNECT_SECONDS = 10
+
+Pool = Callable[[], AbstractContextManager[Executor]]
+"""Opens the workers; more than once, if they die."""
+
+
+def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
+            ) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yields (index, what `run_one` returns) for each index once, in the order they come back.
+
+    A run raises nothing, so that an error is the workers'. Then those that have not come back are
+    run again by new workers.
+
+    Raises:
+        RunFailed: The workers die again and again.
+    """
+    waiting, fruitless = set(indices), 0
+    while waiting:
+        before, reason = len(waiting), ""
+        with pool() as executor:
+            futures: dict[Future, int] = {}
+            try:
+                for index in sorted(waiting):
+                    futures[executor.submit(run_one, campaign, index)] = index
+            except BrokenProcessPool as error:  # One has died already; the others are looked at.
+                reason = str(error)
+            for future in as_completed(futures):
+                try:
+                    result = future.result()
+                except Exception as error:
+                    reason = str(error) or type(error).__name__
+                    continue
+                waiting.discard(futures[future])
+                yield futures[future], result
+        fruitless = fruitless + 1 if len(waiting) == before else 0
+        if fruitless > RESTARTS:
+            raise RunFailed(f"the workers die before any run comes back: {reason}")
+
+
+def local_pool(workers: int) -> Pool:
+    """Returns a pool of processes of this machine, each with a fresh interpreter."""
+    @contextmanager
+    def pool() -> Iterator[Executor]:
+        with _environment(dict.fromkeys(ONE_THREAD, "1")):
+            executor = ProcessPoolExecutor(
+                workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+            try:
+                yield executor
+            finally:
+                executor.shutdown(cancel_futures=True)
+
+    return pool
+
+
+def cluster_pool(address: str) -> Pool:
+    """Returns the workers of a running Dask cluster, which have this package installed.
+
+    Raises:
+        InvalidParameter: Dask is not installed, or nobody answers at the address.
+    """
+    try:
+        from distributed import Client  # type: ignore[import-not-found]
+    except ImportError:
+        raise InvalidParameter("--scheduler", address, "left out without the package "
+                               "'distributed' (pip install 'uvms_drake[cluster]')") from None
+
+    @contextmanager
+    def pool() -> Iterator[Executor]:
+        try:
+            client = Client(address, timeout=CONNECT_SECONDS)
+        except (OSError, ValueError, TypeError) as error:
+            raise InvalidParameter("--scheduler", address, "the address of a Dask scheduler that "
+                                   f"answers ({type(error).__name__})") from None
+        with client, client.get_executor(pure=False) as executor:
+            yield executor
+
+    return pool
+
+
+@contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Sets environment variables inside the block, for processes that are started there."""
+    old = {key: os.environ.get(key) for key in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for key, value in old.items():
+            if value is None:
+                os.environ.pop(key, None)
+            else:
+                os.environ[key] = value
+
+
+def _start_worker() -> None:
+    """Leaves Ctrl-C to the parent, and lets the worker end when the parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)

@@ -1,0 +1,129 @@
+"""What a campaign is: a certified scenario, a seed, and the desired forces that it may draw.
+
+Everything that a run depends on is in here, as text and numbers: it goes to a worker as it is, and
+two campaigns are the same if their `identity` is.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_data
+
+from uvms_drake.certificate.cache import cached
+from uvms_drake.certificate.certificate import Certificate, fingerprint
+from uvms_drake.certificate.terminal_set import largest_radius
+from uvms_drake.errors import InvalidParameter
+from uvms_drake.scenario import Scenario, dump_scenario
+from uvms_drake.schema import load_typed
+from uvms_drake.station import make_ocp
+
+FORCES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2)
+"""Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of
+its own; the tube is the same, since it holds for forces of up to `certificate.force_range`."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A desired force that can be held within the limits that the tube leaves."""
+
+    factor: float
+    """𝔉_des over the scenario's own."""
+    radius: float
+    """ε of its terminal set, checked as that of a certificate."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What all runs have in common; run number `index` is a function of this and of `index`."""
+
+    scenario: str
+    """YAML of the scenario, with the tube and the terminal set of the certificate in it."""
+    certified: bool
+    """Whether the tube is that of a certificate that holds; it is declared otherwise."""
+    seed: int
+    targets: tuple[Target, ...]
+    files: dict[str, str]
+    """SHA-256 of the robot's files, by name."""
+    versions: dict[str, str]
+
+    @property
+    def base(self) -> Scenario:
+        """Returns the scenario that is varied; it must not be changed."""
+        return _parsed(self.scenario)
+
+    @property
+    def identity(self) -> str:
+        """Returns a SHA-256 of everything."""
+        text = json.dumps(asdict(self), sort_keys=True, ensure_ascii=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @staticmethod
+    def from_data(data: dict[str, Any]) -> "Campaign":
+        """Returns the campaign of which `dataclasses.asdict` made `data`."""
+        return Campaign(**{**data, "targets": tuple(Target(**item) for item in data["targets"])})
+
+
+@lru_cache(maxsize=2)
+def _parsed(text: str) -> Scenario:
+    return load_typed(Scenario, yaml_load_data(text))
+
+
+def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None) -> Campaign:
+    """Returns the campaign of a scenario.
+
+    Args:
+        scenario: As it is loaded.
+        seed: Of what is drawn, zero or positive.
+        certificate: One that holds for the scenario; None if its declared tube is taken.
+    """
+    applied = scenario if certificate is None else certificate.applied_to(scenario)
+    prints = fingerprint(scenario)
+    return Campaign(
+        scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
+        targets=targets_of(applied, certified=certificate is not None),
+        files=prints["files"], versions=prints["versions"])
+
+
+def targets_of(scenario: Scenario, certified: bool) -> tuple[Target, ...]:
+    """Returns the desired forces that can be held, each with its terminal set.
+
+    Without a certificate, or if there is no force, it is the scenario's own alone.
+
+    Args:
+        scenario: With the certificate's tube in it.
+        certified: Whether it is one's.
+    """
+    own = Target(1.0, scenario.mpc.terminal_radius)
+    if not certified or not scenario.mpc.terminal_set or not np.any(scenario.task.force):
+        return (own,)
+    settings = scenario.certificate
+
+    def compute() -> list[dict[str, float]]:
+        found = []
+        for factor in FORCES:
+            if factor == 1.0:
+                found.append(asdict(own))
+                continue
+            try:
+                ocp = make_ocp(with_target(scenario, Target(factor, own.radius)))
+            except InvalidParameter:  # It cannot be held within the limits.
+                continue
+            radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
+            if check.holds and radius > 0.0 and factor < settings.force_range:
+                found.append({"factor": factor, "radius": float(radius)})
+        return found
+
+    key = {"targets": dump_scenario(scenario), "forces": FORCES,
+           "files": fingerprint(scenario)["files"]}
+    return tuple(Target(**item) for item in cached(key, compute))
+
+
+def with_target(scenario: Scenario, target: Target) -> Scenario:
+    """Returns the scenario with another desired force, and the terminal set of that."""
+    force = target.factor * np.asarray(scenario.task.force, dtype=float)
+    return replace(scenario, task=replace(scenario.task, force=force),
+                   mpc=replace(scenario.mpc, terminal_radius=target.radius))

@@ -1,0 +1,108 @@
+"""The folder of a campaign: what it is, and a line for every run that is done, as they come.
+
+A line is written whole and to the disk before the next one. A last line that was cut off, because
+the program was killed while it wrote, is dropped, and its run is done again.
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from uvms_drake.campaign.setup import Campaign
+from uvms_drake.errors import InvalidParameter
+
+SETUP_FILE = "setup.json"
+RUNS_FILE = "runs.jsonl"
+
+
+class RunLog:
+    """The runs that are done, on disk and in memory.
+
+    Attributes:
+        runs: What `run_one` returned, by index.
+    """
+
+    def __init__(self, file: BinaryIO):
+        self._file = file
+        self.runs: dict[int, dict[str, Any]] = {}
+        content = file.read()
+        whole = content.rfind(b"\n") + 1
+        for line in content[:whole].splitlines():
+            run = _parsed(line)
+            if run is not None:
+                self.runs.setdefault(run["result"]["index"], run)
+        file.truncate(whole)
+        file.seek(whole)
+
+    def append(self, run: dict[str, Any]) -> None:
+        """Adds a run; when this returns it is on the disk."""
+        text = json.dumps(run, ensure_ascii=False, allow_nan=False)
+        self._file.write(text.encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self.runs[run["result"]["index"]] = run
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """Returns the run of a line, or None if it is damaged."""
+    try:
+        run = json.loads(line)
+        return run if isinstance(run["result"]["index"], int) and "wall" in run else None
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+@contextmanager
+def run_log(folder: Path, campaign: Campaign) -> Iterator[RunLog]:
+    """Gives the log of a campaign in a folder, new or as it was left; it is closed at the end.
+
+    Raises:
+        InvalidParameter: The folder cannot be written to, is another campaign's, or is in use.
+    """
+    path = folder / SETUP_FILE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            same = read_setup(folder).identity == campaign.identity
+            _require(same, folder, "a folder without another campaign in it")
+        else:
+            _require(not (folder / RUNS_FILE).exists(), folder,
+                     f"a folder without a {RUNS_FILE} of unknown origin")
+            text = json.dumps(asdict(campaign), indent=1, ensure_ascii=False)
+            draft = path.with_suffix(".part")
+            draft.write_text(text + "\n", encoding="utf-8")
+            os.replace(draft, path)
+        (folder / RUNS_FILE).touch()
+        file = (folder / RUNS_FILE).open("r+b")
+    except OSError as error:
+        raise InvalidParameter("--output", str(folder),
+                               f"a folder that can be written to ({error.strerror})") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            _require(False, folder, "a folder that no other process is working in")
+        yield RunLog(file)
+
+
+def read_setup(folder: Path) -> Campaign:
+    """Returns the campaign of a folder.
+
+    Raises:
+        InvalidParameter: There is none.
+    """
+    try:
+        return Campaign.from_data(json.loads((folder / SETUP_FILE).read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise InvalidParameter(
+            "--output", str(folder), f"a campaign's folder, with its {SETUP_FILE}") from None
+
+
+def _require(condition: bool, folder: Path, allowed: str) -> None:
+    if not condition:
+        raise InvalidParameter("--output", str(folder), allowed)

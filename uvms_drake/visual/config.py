@@ -1,0 +1,24 @@
+"""How a run is shown."""
+
+from dataclasses import dataclass
+
+from uvms_drake.errors import require, within
+
+
+@dataclass
+class VisualConfig:
+    """How a run is shown; the run itself does not depend on it."""
+
+    rate: float = 25.0
+    """Pictures in a second of simulated time, live and in the replay [1/s]."""
+    magnification: float | None = None
+    """How many times the deviation from the plan is enlarged, in the ghost of the nominal robot and
+    in the inset with the tube; left out, so many that the tube's radius is about 10 cm."""
+
+
+def check_visual(config: VisualConfig) -> None:
+    """Raises `InvalidParameter` for the first value outside its range."""
+    with within("visual"):
+        require(1.0 <= config.rate <= 100.0, "rate", config.rate, "1 to 100 pictures in a second")
+        require(config.magnification is None or config.magnification >= 1.0, "magnification",
+                config.magnification, "at least 1, or left out")

@@ -1,0 +1,111 @@
+"""What a person can do in Meshcat while a run goes on."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+
+from uvms_drake.errors import vector
+
+STOP = "Stop the run"
+FORCE = "desired force [N]"
+SLIDER_STEP = 0.5  # N
+DISTURBANCE = "disturbance [%]"
+
+
+def stop_button(meshcat: Meshcat) -> Callable[[], bool]:
+    """Adds a button, and returns what says whether it has been pressed."""
+    meshcat.AddButton(STOP, "Escape")
+    return lambda: meshcat.GetButtonClicks(STOP) > 0
+
+
+class ForceSlider(LeafSystem):
+    """Gives the desired force: the task's, or with Meshcat as much along it as a slider says.
+
+    .. pydrake_system::
+
+        name: ForceSlider
+        output_ports:
+        - force
+
+    - `force` (6) [N, N m]: 𝔉_des.
+
+    It has no state. The slider belongs to the person who moves it, so a run with Meshcat can only
+    be repeated as long as nobody does; at first the slider says exactly what the task does.
+
+    Args:
+        force: 𝔉_des of the task (6,) [N, N m].
+        meshcat: Where the slider is; None for none.
+        largest: End of the slider [N]; twice the task's force if it is left out.
+    """
+
+    def __init__(self, force: np.ndarray, meshcat: Meshcat | None = None,
+                 largest: float | None = None):
+        super().__init__()
+        self._force = vector("force", force, 6)
+        magnitude = float(np.linalg.norm(self._force[:3]))
+        # A slider rounds to its steps; what it shows for the task's own force means exactly that.
+        self._first, self._magnitude = magnitude, magnitude
+        self._meshcat = meshcat if magnitude > 0.0 else None
+        if self._meshcat is not None:
+            self._first = self._meshcat.AddSlider(
+                FORCE, 0.0, largest or 2.0 * magnitude, SLIDER_STEP, magnitude)
+        # A slider moves when it likes: its value must not be cached.
+        self.DeclareVectorOutputPort("force", 6, self._calc_force, {self.time_ticket()})
+
+    def _calc_force(self, context, output):
+        newton = self._first
+        if self._meshcat is not None:
+            newton = self._meshcat.GetSliderValue(FORCE)
+        factor = 1.0 if newton == self._first else newton / self._magnitude
+        output.SetFromVector(factor * self._force)
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, force: np.ndarray, meshcat: Meshcat | None = None,
+                     largest: float | None = None, name: str = "force_slider") -> "ForceSlider":
+        """Adds the system to `builder`."""
+        system = ForceSlider(force, meshcat, largest)
+        builder.AddNamedSystem(name, system)
+        return system
+
+
+class DisturbanceSlider(LeafSystem):
+    """Lets through as much of a disturbance as a slider says, 0 to 100 %: never above its bound.
+
+    .. pydrake_system::
+
+        name: DisturbanceSlider
+        input_ports:
+        - disturbance
+        output_ports:
+        - scaled
+
+    - `disturbance`, `scaled` (size): d or w, and the part of it that is let through.
+
+    It has no state. At 100 %, where the slider starts, nothing is changed.
+
+    Args:
+        size: Of the disturbance.
+        meshcat: Where the slider is.
+    """
+
+    def __init__(self, size: int, meshcat: Meshcat):
+        super().__init__()
+        self._meshcat = meshcat
+        meshcat.AddSlider(DISTURBANCE, 0.0, 100.0, 5.0, 100.0)
+        self._port = self.DeclareVectorInputPort("disturbance", size)
+        self.DeclareVectorOutputPort("scaled", size, self._calc_scaled)
+
+    def _calc_scaled(self, context, output):
+        part = self._meshcat.GetSliderValue(DISTURBANCE) / 100.0
+        output.SetFromVector(part * self._port.Eval(context))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, *, disturbance: OutputPort,
+                     name: str = "disturbance_slider") -> "DisturbanceSlider":
+        """Adds the system and connects its input; its output goes to a plant's `disturbance`."""
+        system = DisturbanceSlider(disturbance.size(), meshcat)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(disturbance, system.get_input_port())
+        return system

@@ -1,0 +1,98 @@
+"""Draws a run while it happens."""
+
+from typing import cast
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem, OutputPort
+
+from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.scenario import Scenario
+from uvms_drake.visual.scene import Moment, Scene
+
+
+class Illustration(LeafSystem):
+    """Shows in Meshcat what goes into its ports; see `Scene`.
+
+    .. pydrake_system::
+
+        name: Illustration
+        input_ports:
+        - state
+        - nominal_state
+        - u
+        - nominal_input
+        - plan
+        - force (optional)
+        - desired_force (optional)
+
+    - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
+    - `plan`: the current `Plan` (abstract).
+    - `force` (6) [N, N m]: 𝔉; unconnected means what the surface's law gives for the pose at rest.
+    - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
+
+    It has no state. A picture is drawn at the end of the first step of the simulation in each
+    period of the rate: an event of its own period would end an integration step, and so change the
+    run that is watched.
+
+    Args:
+        meshcat: Where to draw.
+        scenario: Of the run; its `visual` says how to draw.
+        certified: Whether its tube is that of a certificate that holds.
+    """
+
+    def __init__(self, meshcat: Meshcat, scenario: Scenario, certified: bool = False):
+        super().__init__()
+        self._scene = Scene(meshcat, scenario, certified)
+        self._model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+        self._task_force = np.asarray(scenario.task.force, dtype=float)
+        self._rate = scenario.visual.rate
+        self._last_time = np.inf
+        size = self._model.size
+        for name, width in (("state", 2 * size), ("nominal_state", 2 * size), ("u", size),
+                            ("nominal_input", size), ("force", 6), ("desired_force", 6)):
+            self.DeclareVectorInputPort(name, width)
+        self.DeclareAbstractInputPort("plan", Value(object()))
+        self.DeclarePerStepPublishEvent(self._draw_if_due)
+        self.DeclareForcedPublishEvent(self._draw)
+
+    def _draw_if_due(self, context):
+        now, last = context.get_time(), self._last_time
+        if now < last or _frame(now, self._rate) > _frame(last, self._rate):
+            return self._draw(context)
+        return EventStatus.DidNothing()
+
+    def _draw(self, context):
+        def value(name: str) -> np.ndarray:
+            return cast(np.ndarray, self.GetInputPort(name).Eval(context))
+
+        def given(name: str) -> bool:
+            return self.GetInputPort(name).HasValue(context)
+
+        self._last_time = context.get_time()
+        plan = self.GetInputPort("plan").Eval(context)
+        self._scene.show(Moment(
+            state=value("state"), nominal_state=value("nominal_state"), u=value("u"),
+            nominal_input=value("nominal_input"),
+            desired_force=value("desired_force") if given("desired_force") else self._task_force,
+            path=self._model.task_pose(plan.config)[:, :3],
+            force=value("force") if given("force") else None), self._last_time)
+        return EventStatus.Succeeded()
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, scenario: Scenario, *,
+                     certified: bool = False, name: str = "illustration",
+                     **ports: OutputPort) -> "Illustration":
+        """Adds the system; `ports` are connected to the input ports of their names."""
+        system = Illustration(meshcat, scenario, certified)
+        builder.AddNamedSystem(name, system)
+        for port, source in ports.items():
+            builder.Connect(source, system.GetInputPort(port))
+        return system
+
+
+def _frame(time: float, rate: float) -> float:
+    """Returns the number of the picture that `time` [s] belongs to."""
+    return np.floor(time * rate + 1e-9)

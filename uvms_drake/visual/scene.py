@@ -1,0 +1,201 @@
+"""The picture of a run, live and recorded by the same code."""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from pydrake.geometry import Meshcat, Rgba, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+
+from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.limits import resolved_radii
+from uvms_drake.model.contact import PlaneLaw, SpringLaw, make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.scenario import Scenario
+from uvms_drake.visual.drawn_robot import DrawnRobot
+from uvms_drake.visual.limit_use import ACTIVE, LimitUse
+from uvms_drake.visual.props import (
+    GLASS,
+    PLAN,
+    REAL,
+    Arrow,
+    Bars,
+    Number,
+    Polyline,
+    Trail,
+    Tube,
+    Wall,
+    round_magnification,
+)
+from uvms_drake.visual.stage import NED, Stage, frame_at
+from uvms_drake.visual.textured import label
+
+WATER = {"top_color": [0.36, 0.60, 0.72], "bottom_color": [0.04, 0.16, 0.26]}
+GHOST = Rgba(1.0, 1.0, 1.0, 0.3)
+SPRING = Rgba(0.3, 0.3, 0.3)
+INSET_RADIUS = 0.1  # m, of the tube in the inset
+ARROW = 0.3
+"""Length of the largest force expected, as a part of the scene's size."""
+ZOOM = 2.3
+"""Far away and enlarged, for parallels that look like it."""
+BESIDE = 0.12
+"""From the end of the arrow to the number, likewise."""
+UP = np.array([1.0, -1.0, -1.0])
+"""Takes Σ_I to Meshcat's axes, whose z points up, and back."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is to be seen at an instant, in the order of the paper."""
+
+    state: np.ndarray
+    """(𝔮, ζ) (2(6+n),)."""
+    nominal_state: np.ndarray
+    """(𝔮̄, ζ̄) (2(6+n),)."""
+    u: np.ndarray
+    """𝔲 (6+n,)."""
+    nominal_input: np.ndarray
+    """ū (6+n,)."""
+    desired_force: np.ndarray
+    """𝔉_des (6,) [N, N m]."""
+    path: np.ndarray
+    """Points of the nominal end-effector's way from here on (N+1, 3) [m]."""
+    force: np.ndarray | None = None
+    """𝔉 (6,) [N, N m]; None: what the surface's law gives for the pose at rest."""
+
+
+class Scene:
+    """Draws moments of a scenario's run in Meshcat.
+
+    The robot; the nominal one as a ghost, its deviation enlarged; the force, real in colour and
+    desired in white; the end-effector's trail and planned path; the tube at the tip, to scale and
+    in an inset; the wall with its dent, or the paper's spring; and a bar for each limit.
+
+    Args:
+        meshcat: Where to draw.
+        scenario: Of the run; its `visual` says how to draw.
+        certified: Whether its tube is that of a certificate that holds.
+    """
+
+    camera: np.ndarray
+    """Where the camera is (3,) [m], in Meshcat's axes."""
+    target: np.ndarray
+    """What it looks at (3,) [m], in Meshcat's axes."""
+
+    def __init__(self, meshcat: Meshcat, scenario: Scenario, certified: bool):
+        self._law = make_surface_law(scenario.surface)
+        self._model = UvmsModel.load(scenario.model, self._law)
+        self._stage = stage = Stage(meshcat)
+        desired = np.asarray(scenario.task.force, dtype=float)
+        self._goal = self._law.pose_for(desired, scenario.task.pose)[:3]
+        start = np.concatenate([scenario.start.eta, scenario.start.q])
+        chi = self._model.task_pose(start)[:6]
+        self._middle = 0.5 * (start[:3] + self._goal) * UP
+        self._unit = max(float(np.linalg.norm(self._goal - start[:3])) / 1.4,
+                         float(np.linalg.norm(chi[:3] - start[:3])))
+        largest = max(float(np.linalg.norm(force[:3]))
+                      for force in (desired, self._law.force(chi, np.zeros(6))))
+        self._newton = ARROW * self._unit / (largest or 1.0)
+        radius = float(resolved_radii(scenario.tube).position or 0.0)
+        self._enlarged = (scenario.visual.magnification
+                          or round_magnification(radius, INSET_RADIUS))
+
+        self._robot = DrawnRobot(stage, "uvms", scenario.model)
+        self._ghost = DrawnRobot(stage, "nominal", scenario.model, GHOST)
+        self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * self._unit)
+        self._path = Polyline(stage, f"{NED}/path", scenario.mpc.horizon + 1, PLAN,
+                              0.003 * self._unit, radius)
+        self._force = Arrow(stage, f"{NED}/force", 0.016 * self._unit, REAL)
+        self._desired = Arrow(stage, f"{NED}/desired_force", 0.024 * self._unit, GLASS)
+        self._surface, self._rest = self._draw_surface()
+        self._use = LimitUse(scenario, self._model)
+        self._draw_hud(certified, radius, largest)
+        self._time = np.inf
+
+    def _draw_surface(self) -> tuple[Wall | Polyline, np.ndarray]:
+        """Returns what is drawn for the surface, and where it is touched at rest (3,)."""
+        if isinstance(self._law, SpringLaw):
+            rest = self._law.chi_eq[:3]
+            self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
+            return Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01), rest
+        plane = cast(PlaneLaw, self._law)
+        rest = self._goal + plane.depth(self._goal) * plane.normal
+        return Wall(self._stage, f"{NED}/wall", rest, plane.normal), rest
+
+    def _draw_hud(self, certified: bool, radius: float, newton: float) -> None:
+        """Places the camera and draws what faces it: bars, numbers, inset and legend."""
+        stage, meshcat = self._stage, self._stage.meshcat
+        for part, color in WATER.items():
+            meshcat.SetProperty("/Background/<object>", part, color)
+        for path in ("/Grid", "/Axes"):
+            meshcat.SetProperty(path, "visible", False)
+        middle, unit = self._middle, self._unit
+
+        def place(x: float, y: float, z: float) -> np.ndarray:
+            return middle + unit * np.array([x, y, z])
+
+        self.camera, self.target = place(-0.98, -2.7, 0.74), place(-0.14, 0.0, 0.04)
+        meshcat.SetCameraPose(self.camera, self.target)
+        meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
+        facing = _facing(self.target - self.camera)
+        self._bars = Bars(stage, "hud/limits", self._use.names)
+        X_limits = RigidTransform(facing, place(-0.2, 0.0, 0.68)).GetAsMatrix4()
+        meshcat.SetTransform("hud/limits", X_limits @ np.diag([unit, unit, unit, 1.0]))
+        self._number = Number(stage, "hud/force", max(round(2.0 * newton), 40), "{} N",
+                              0.1 * unit, facing)
+        name = "certified tube" if certified else "declared tube"
+        self._tube = Tube(stage, f"{NED}/tube", "hud/inset", radius, self._enlarged,
+                          f"{name}\nenlarged {self._enlarged:g}×", 0.055 * unit, facing)
+        meshcat.SetTransform("hud/inset", RigidTransform(place(0.88, 0.0, 0.56)))
+        stage.make("hud/legend", label(
+            "red: real force and path     white: desired force, planned path, nominal robot "
+            f"(deviation {self._enlarged:g}×)\nbars: part of each limit in use, red where active",
+            0.055 * unit), None, RigidTransform(facing, place(-0.14, 0.0, -0.81)))
+
+    def show(self, moment: Moment, time: float) -> None:
+        """Draws a moment at `time` [s]; in a recording, too."""
+        config, nominal = (state[: self._model.size] for state in
+                           (moment.state, moment.nominal_state))
+        chi = self._model.task_pose(config)[:6]
+        tip, nominal_tip = chi[:3], self._model.task_pose(nominal)[:3]
+        self._stage.begin(time)
+        if time < self._time:
+            self._trail.clear()
+        self._time = time
+        self._robot.show(config)
+        self._ghost.show(config + self._enlarged * _difference(nominal, config))
+        self._trail.show(tip)
+        self._path.show(moment.path)
+        self._tube.show(tip, nominal_tip)
+        self._show_surface(chi)
+        force = self._law.force(chi, np.zeros(6)) if moment.force is None else moment.force
+        self._show_force(tip, force[:3], moment.desired_force[:3])
+        used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
+        self._bars.show(used, used >= ACTIVE)
+
+    def _show_surface(self, chi: np.ndarray) -> None:
+        if isinstance(self._surface, Wall):
+            self._surface.show(float(self._law.penetration(chi)))
+        else:
+            self._surface.show(np.array([self._rest, chi[:3]]))
+
+    def _show_force(self, tip: np.ndarray, force: np.ndarray, desired: np.ndarray) -> None:
+        self._force.show(tip, self._newton * force)
+        self._desired.show(tip, self._newton * desired)
+        longest = max(force, desired, key=np.linalg.norm)
+        length = float(np.linalg.norm(longest)) or 1.0
+        beyond = tip + (self._newton + BESIDE * self._unit / length) * longest
+        self._number.show(beyond * UP, float(np.linalg.norm(force)))
+
+
+def _facing(direction: np.ndarray) -> RotationMatrix:
+    """Returns the attitude of what is upright in its xz-plane and seen along `direction` (3,)."""
+    y = direction / np.linalg.norm(direction)
+    x = np.cross(y, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    return RotationMatrix(np.column_stack([x, y, np.cross(x, y)]))
+
+
+def _difference(config: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Returns 𝔮 − 𝔮' (6+n,), angles of the vehicle by the shorter way round."""
+    return np.concatenate([task_error(config[:6], other[:6]), config[6:] - other[6:]])

@@ -1,0 +1,96 @@
+"""Meshcat as a stage: objects are made once and moved, so that a recording shows what was live.
+
+Colour and visibility do not survive in a recording (RobotLocomotion/drake #20879); position,
+attitude and scale do. So what changes its length is scaled, and what is to vanish is scaled away.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.geometry import Meshcat, Rgba, Shape
+from pydrake.math import RigidTransform, RollPitchYaw
+
+NED = "ned"
+"""Path below which z points down; what is drawn in Σ_I goes there."""
+VANISHED = 1e-5
+"""Scale of what is not to be seen; zero has no inverse, which shading needs."""
+
+
+class Stage:
+    """Moves and stretches objects by path, at the time of `begin`.
+
+    A recording interpolates between what it was given. Here a value that stays is given once, and
+    once more before it changes: that keeps a replay small and lets nothing drift in between.
+    Transform and scale of the same path overwrite each other: use one of them for each path.
+    """
+
+    def __init__(self, meshcat: Meshcat):
+        self.meshcat = meshcat
+        self._before = self._now = -np.inf
+        self._given: dict[str, tuple[float, np.ndarray]] = {}
+        meshcat.SetTransform(NED, RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), np.zeros(3)))
+
+    def make(self, path: str, shape: Shape, color: Rgba | None = None,
+             pose: RigidTransform | None = None) -> None:
+        """Puts an object at `path`, at a fixed pose in the frame above it."""
+        if color is None:
+            self.meshcat.SetObject(path, shape)
+        else:
+            self.meshcat.SetObject(path, shape, color)
+        if pose is not None:
+            self.meshcat.SetTransform(path, pose)
+
+    def begin(self, time: float) -> None:
+        """Begins the picture at `time` [s]."""
+        if time < self._now:  # Somebody starts anew.
+            self._given.clear()
+            self._now = -np.inf
+        self._before, self._now = self._now, time
+
+    def move(self, path: str, pose: RigidTransform) -> None:
+        """Sets the pose of `path` in the frame above it."""
+        for time, value in self._changes(path, pose.GetAsMatrix34()):
+            self.meshcat.SetTransform(path, RigidTransform(value), time_in_recording=time)
+
+    def stretch(self, path: str, x: float, y: float, z: float) -> None:
+        """Scales `path` along its axes."""
+        scale = np.maximum(np.array([x, y, z]), VANISHED)
+        for time, value in self._changes(path, scale):
+            self.meshcat.SetProperty(path, "scale", value.tolist(), time_in_recording=time)
+
+    def show(self, path: str, shown: bool) -> None:
+        """Lets `path` be seen or not."""
+        size = 1.0 if shown else VANISHED
+        self.stretch(path, size, size, size)
+
+    def _changes(self, path: str, value: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """Returns what has to be given for `value` to hold now: (time, value)."""
+        given = self._given.get(path)
+        if given is None:
+            self._given[path] = self._now, value
+            return [(self._now, value)]
+        time, old = given
+        if np.array_equal(old, value):
+            return []
+        self._given[path] = self._now, value
+        held = [(self._before, old)] if time < self._before else []
+        return [*held, (self._now, value)]
+
+
+def frame_at(origin: Sequence[float] | np.ndarray, axis: np.ndarray | None = None
+             ) -> RigidTransform:
+    """Returns a frame at `origin` with its z-axis along `axis`, turned by the shortest way."""
+    if axis is None:
+        return RigidTransform(np.asarray(origin, dtype=float))
+    z = axis / np.linalg.norm(axis)
+    if z[2] < -1.0 + 1e-9:
+        R = np.diag([1.0, -1.0, -1.0])
+    else:
+        x, y = z[0], z[1]
+        k = 1.0 / (1.0 + z[2])
+        R = np.array([[1.0 - k * x * x, -k * x * y, x],
+                      [-k * x * y, 1.0 - k * y * y, y],
+                      [-x, -y, z[2]]])
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R, origin
+    return RigidTransform(X)
