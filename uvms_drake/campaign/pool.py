@@ -84,16 +84,19 @@ def cluster_pool(address: str) -> Pool:
         raise InvalidParameter("--scheduler", address, "left out without the package "
                                "'distributed' (pip install 'uvms_drake[cluster]')") from None
 
-    @contextmanager
-    def pool() -> Iterator[Executor]:
+    def connected() -> Any:
         try:
-            client = Client(address, timeout=CONNECT_SECONDS)
+            return Client(address, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError) as error:
             raise InvalidParameter("--scheduler", address, "the address of a Dask scheduler that "
                                    f"answers ({type(error).__name__})") from None
-        with client, client.get_executor(pure=False) as executor:
+
+    @contextmanager
+    def pool() -> Iterator[Executor]:
+        with connected() as client, client.get_executor(pure=False) as executor:
             yield executor
 
+    connected().close()
     return pool
 
 
