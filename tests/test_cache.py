@@ -50,7 +50,7 @@ def test_the_order_of_a_keys_entries_makes_no_difference():
 def test_another_source_of_the_package_computes_again(monkeypatch):
     compute = Counter()
     cached({}, compute)
-    monkeypatch.setattr("uvms_drake.certificate.cache._source_digest", lambda: "another")
+    monkeypatch.setattr("uvms_drake.certificate.cache.source_digest", lambda: "another")
     cached({}, compute)
     assert compute.calls == 2
 

@@ -315,6 +315,20 @@ def test_a_cluster_gives_the_same_bytes(reference, tmp_path):
     assert result_bytes(tmp_path) == result_bytes(reference)
 
 
+def test_a_killed_worker_of_a_cluster_is_replaced(reference, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
+                                  dashboard_address=None) as cluster:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "uvms_drake", *SHORT, "--runs", str(RUNS), "--scheduler",
+             cluster.scheduler_address, "--output", str(tmp_path)], stdout=subprocess.DEVNULL)
+        wait_for(lambda: (tmp_path / RUNS_FILE).is_file())
+        os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+        assert process.wait(90) == 0
+    assert result_bytes(tmp_path) == result_bytes(reference)
+    assert sorted(indices_in(tmp_path)) == list(range(RUNS))
+
+
 def test_without_a_cluster_it_is_one_line(capsys, tmp_path, monkeypatch):
     output = tmp_path / "result"
     if "distributed" in sys.modules:

@@ -10,9 +10,9 @@ from uvms_drake.certificate.certify import (
     assumptions,
     certified_once,
     certify,
-    ultimate_bounds,
 )
 from uvms_drake.certificate.front import format_front, front
+from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.certificate.terminal_set import check_terminal
 from uvms_drake.model.uvms_model import UvmsModel

@@ -12,7 +12,9 @@ import pytest
 from pydrake.common.yaml import yaml_dump, yaml_load_data
 
 from uvms_drake.cli import main
+from uvms_drake.errors import RunFailed
 from uvms_drake.scenario import dump_scenario, load_scenario, shipped_scenarios
+from uvms_drake.simulation import require_finite
 
 CASES = 500
 CHUNKS = 10
@@ -119,6 +121,22 @@ def deadline():
     yield lambda: signal.alarm(SECONDS)
     signal.alarm(0)
     signal.signal(signal.SIGALRM, old)
+
+
+@pytest.mark.parametrize("value", ["1e308", "-1e200", "1e60"])
+def test_a_number_whose_square_is_too_large_is_refused(tmp_path, capsys, value):
+    assert main(["run", "girona500_bilateral", "--uncertified", "--output", str(tmp_path / "out"),
+                 "--set", f"surface.equilibrium.2={value}"]) == 2
+    assert "must be a number between ±1e+50" in capsys.readouterr().err
+
+
+def test_a_signal_that_is_not_finite_ends_in_one_line():
+    signal = np.zeros((4, 2))
+    logs = {"time": 0.1 * np.arange(4.0), "state": signal, "tau": signal.copy()}
+    require_finite(logs)
+    logs["tau"][2, 1] = np.nan
+    with pytest.raises(RunFailed, match=r"^tau is not finite from t = 0\.200 s on$"):
+        require_finite(logs)
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))

@@ -7,9 +7,9 @@ from uvms_drake.certificate.certify import (
     declared_set,
     resolved_radii_of,
     room_of,
-    ultimate_bounds,
 )
 from uvms_drake.certificate.gains import propose_gains
+from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.errors import InvalidParameter, RunFailed
 from uvms_drake.scenario import load_scenario
 

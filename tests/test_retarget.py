@@ -75,7 +75,7 @@ def test_a_problem_of_another_force_has_its_own_equilibrium_and_terminal_set(sce
 
 
 def test_a_force_that_the_tube_does_not_hold_for_is_an_error(scenario):
-    with pytest.raises(InvalidParameter, match=r"task\.force.*32 N"):
-        retargeted_ocp(scenario, np.array([33.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(InvalidParameter, match=r"task\.force.*at most 32"):
+        retargeted_ocp(scenario, np.array([34.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     with pytest.raises(InvalidParameter, match=r"task\.force"):
         retargeted_ocp(scenario, np.full(6, np.nan))

@@ -19,6 +19,9 @@ from uvms_drake.errors import InvalidParameter, ScenarioError
 
 T = typing.TypeVar("T")
 
+LARGEST = 1e50
+"""Of all numbers in a file, so that what is computed from them, such as a square, is finite too."""
+
 
 def read_yaml(path: Path) -> object:
     """Returns the raw data of a YAML file; a tag becomes the entry `_tag` of its mapping."""
@@ -142,6 +145,8 @@ def _number(value: object, key: str) -> float:
     number = _to_float(value)
     if number is None:
         raise InvalidParameter(key, value, "a finite number")
+    if abs(number) > LARGEST:
+        raise InvalidParameter(key, value, f"a number between ±{LARGEST:g}")
     return number
 
 

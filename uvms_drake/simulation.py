@@ -57,7 +57,18 @@ def simulate(
     wall_time = _run(simulator, scenario.duration)
     if context.get_time() < scenario.duration:
         scenario = replace(scenario, duration=context.get_time())
-    return make_record(scenario, read_logs(station, context), wall_time, certified)
+    logs = read_logs(station, context)
+    require_finite(logs)
+    return make_record(scenario, logs, wall_time, certified)
+
+
+def require_finite(logs: dict[str, np.ndarray]) -> None:
+    """Raises `RunFailed` for the first logged signal that is not a number at some time."""
+    for name in ("state", "nominal_state", "u", "tau", "force"):
+        finite = np.all(np.isfinite(logs.get(name, np.zeros((1, 1)))), axis=1)
+        if not np.all(finite):
+            raise RunFailed(f"{name} is not finite from t = "
+                            f"{logs['time'][np.argmin(finite)]:.3f} s on")
 
 
 def _run(simulator: Simulator, duration: float) -> float:

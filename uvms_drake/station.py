@@ -9,6 +9,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
 
+from uvms_drake.certificate.reach import largest_force, pressed_force, ultimate_bounds
 from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.dynamic_ocp import DynamicOcp
@@ -17,6 +18,7 @@ from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
 from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
 from uvms_drake.control.nominal_mpc import REPORT_FIELDS, Targets
 from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.plan import Plan
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.errors import require, vector, within
@@ -42,7 +44,8 @@ MONITOR_SLACK = 0.01
 """Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over
 a step of 0.02 s through contact is 0.7 %."""
 MONITOR_FLOOR = 1e-4
-"""[m, rad, m/s, rad/s]; the integrator leaves 7e-5 of a deviation that is exactly zero."""
+"""[m, rad, m/s, rad/s]; the integrator leaves 7e-5 of a deviation that is exactly zero. At most a
+tenth of the tube's smallest radius, see `monitor_floor`."""
 
 
 def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
@@ -109,7 +112,8 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
     with within("ancillary"):
         controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
             ocp, scenario.ancillary, Targets(
-                np.asarray(scenario.task.force, dtype=float), partial(retargeted_ocp, scenario))))
+                np.asarray(scenario.task.force, dtype=float), partial(retargeted_ocp, scenario),
+                partial(within_declared_set, scenario, ocp.model))))
     if meshcat is None:
         builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
     else:
@@ -125,7 +129,7 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
         set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
-        slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
+        slack=MONITOR_SLACK, floor=monitor_floor(scenario))
     if uvms.HasInputPort("disturbance"):
         with within("disturbance"):
             if isinstance(scenario.disturbance, AdversarialDisturbance):
@@ -175,7 +179,7 @@ def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Mes
         set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
-        slack=MONITOR_SLACK, floor=MONITOR_FLOOR)
+        slack=MONITOR_SLACK, floor=monitor_floor(scenario))
     if uvms.HasInputPort("disturbance"):
         with within("disturbance"):
             if isinstance(scenario.disturbance, AdversarialDisturbance):
@@ -195,6 +199,12 @@ def _task_adversary(builder: DiagramBuilder, config: AdversarialDisturbance,
     direction = None if np.size(config.direction) == 0 else config.direction
     return TaskAdversary.AddToBuilder(
         builder, config.bound, direction, e=monitor.GetOutputPort("e"))
+
+
+def monitor_floor(scenario: Scenario) -> float:
+    """Returns the deviation below which a `TubeMonitor` looks at nothing."""
+    radii = [radius for radius in set_wise_radii(scenario).values() if 0.0 < radius < np.inf]
+    return min([MONITOR_FLOOR, *(0.1 * radius for radius in radii)])
 
 
 def set_wise_radii(scenario: Scenario) -> dict[str, float]:
@@ -238,20 +248,30 @@ def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
 def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
-    The tube stays the scenario's: it holds for forces of up to `certificate.force_range` times the
-    scenario's own.
+    The tube stays the scenario's: it holds for the forces of the declared set.
 
     Raises:
         InvalidParameter: The force is larger, or cannot be held within the limits.
     """
     settings = scenario.certificate
-    largest = settings.force_range * float(np.linalg.norm(np.asarray(scenario.task.force)[:3]))
+    other = replace(scenario, task=replace(scenario.task, force=force))
     with within("task"):
+        vector("force", force, 6)
+        ocp = make_dynamic_ocp(other)
+        largest = largest_force(scenario, ocp.model)
+        largest -= ultimate_bounds(scenario.tube, other, ocp.model)["force"]
         require(bool(np.linalg.norm(force[:3]) <= largest), "force", force,
                 f"at most {largest:.4g} N, what the tube holds for")
-    other = replace(scenario, task=replace(scenario.task, force=force))
-    radius, _ = largest_radius(make_dynamic_ocp(other), settings.terminal_samples, settings.seed)
+    radius, _ = largest_radius(ocp, settings.terminal_samples, settings.seed)
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)))
+
+
+def within_declared_set(scenario: Scenario, model: UvmsModel, force: np.ndarray, plan: Plan
+                        ) -> bool:
+    """Returns whether the robot, in its tube about a plan, presses no harder than declared."""
+    other = replace(scenario, task=replace(scenario.task, force=force))
+    pressed = pressed_force(model, plan) + ultimate_bounds(scenario.tube, other, model)["force"]
+    return pressed <= largest_force(scenario, model)
 
 
 def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:

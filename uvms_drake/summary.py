@@ -249,7 +249,8 @@ def _format_robustness(summary: dict) -> list[str]:
         f"{_number(tube['worst_ratio']['set'], '.3f')} set-wise, "
         f"{_number(tube['worst_ratio']['trajectory'], '.3f')} along the run",
         f"{'':<14}exits: {tube['exits']} set-wise{since}, "
-        f"{tube['exits_along_the_run']} along the run",
+        + ("no bound along the run" if tube["worst_ratio"]["trajectory"] is None
+           else f"{tube['exits_along_the_run']} along the run"),
         f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
     ]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.campaign.setup import Campaign
 from uvms_drake.campaign.vary import kind_of, vary
-from uvms_drake.certificate.certify import largest_force
+from uvms_drake.certificate.reach import largest_force
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.record import Record

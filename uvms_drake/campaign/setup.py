@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
-from uvms_drake.certificate.cache import cached
+from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
-from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.scenario import Scenario, dump_scenario
 from uvms_drake.schema import load_typed
-from uvms_drake.station import make_ocp
+from uvms_drake.station import retargeted_ocp
 
 FORCES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of
@@ -49,6 +48,8 @@ class Campaign:
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
     versions: dict[str, str]
+    source: str
+    """SHA-256 of this package's Python files."""
 
     @property
     def base(self) -> Scenario:
@@ -85,22 +86,22 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
         targets=targets_of(applied, certified=certificate is not None),
-        files=prints["files"], versions=prints["versions"])
+        files=prints["files"], versions=prints["versions"], source=source_digest())
 
 
 def targets_of(scenario: Scenario, certified: bool) -> tuple[Target, ...]:
     """Returns the desired forces that can be held, each with its terminal set.
 
-    Without a certificate, or if there is no force, it is the scenario's own alone.
+    Without a certificate, or if no force acts, it is the scenario's own alone.
 
     Args:
         scenario: With the certificate's tube in it.
         certified: Whether it is one's.
     """
     own = Target(1.0, scenario.mpc.terminal_radius)
-    if not certified or not scenario.mpc.terminal_set or not np.any(scenario.task.force):
+    force = np.asarray(scenario.task.force, dtype=float)
+    if not certified or scenario.kinematic or not scenario.mpc.terminal_set or not np.any(force):
         return (own,)
-    settings = scenario.certificate
 
     def compute() -> list[dict[str, float]]:
         found = []
@@ -109,12 +110,10 @@ def targets_of(scenario: Scenario, certified: bool) -> tuple[Target, ...]:
                 found.append(asdict(own))
                 continue
             try:
-                ocp = make_ocp(with_target(scenario, Target(factor, own.radius)))
-            except InvalidParameter:  # It cannot be held within the limits.
+                radius = retargeted_ocp(scenario, factor * force).terminal.radius
+            except InvalidParameter:  # It cannot be held within the limits or the declared set.
                 continue
-            radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
-            if check.holds and radius > 0.0 and factor < settings.force_range:
-                found.append({"factor": factor, "radius": float(radius)})
+            found.append({"factor": factor, "radius": float(radius)})
         return found
 
     key = {"targets": dump_scenario(scenario), "forces": FORCES,

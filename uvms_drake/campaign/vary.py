@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.campaign.setup import Campaign, with_target
-from uvms_drake.certificate.certify import REACHED, largest_force
-from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter, RunFailed
@@ -23,7 +22,7 @@ from uvms_drake.plant.disturbance import (
     SinusoidalDisturbance,
 )
 from uvms_drake.scenario import Scenario, Start
-from uvms_drake.station import make_ocp, start_state
+from uvms_drake.station import make_ocp, start_state, within_declared_set
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """How far the vehicle starts from the scenario's start, at most [m, rad]."""
@@ -60,7 +59,7 @@ def vary(campaign: Campaign, index: int) -> Scenario:
             if attempt == 0:
                 make_ocp(base)  # A scenario that cannot be used at all says so.
             continue
-        if has_first_plan(ocp, start, largest_force(base, ocp.model)):
+        if has_first_plan(ocp, start, base, scenario.task.force):
             return scenario
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
 
@@ -79,12 +78,12 @@ def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
 def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Disturbance:
     """Returns a disturbance of the full bound: an adversary of any kind, or a random one.
 
-    Where no forces act there is no adversary, but a constant, a sinusoid or a random one.
+    Where no forces act the only adversary is `along_task_error`.
     """
     bound = scenario.disturbance.bound
     period = float(np.exp(rng.uniform(*np.log(PERIODS))))
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    kinds = ("constant", "sinusoid") if scenario.kinematic else KINDS
+    kinds = ("along_task_error", "constant", "sinusoid") if scenario.kinematic else KINDS
     kind = str(rng.choice([*kinds, "random"]))
     direction = rng.normal(size=6 if scenario.kinematic else size)
     if kind == "random":
@@ -110,11 +109,11 @@ def kind_of(scenario: Scenario) -> str:
             return "random"
 
 
-def has_first_plan(ocp: Ocp, start: np.ndarray, largest: float) -> bool:
+def has_first_plan(ocp: Ocp, start: np.ndarray, base: Scenario, force: np.ndarray) -> bool:
     """Returns whether what the certificate asks of the first plan holds from here.
 
-    Within the limits, into the terminal set, and pressing no harder than `largest` [N], if forces
-    act at all.
+    Within the limits, into the terminal set and, if forces act at all, pressing no harder than the
+    declared set of `base` reaches.
     """
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
@@ -123,6 +122,4 @@ def has_first_plan(ocp: Ocp, start: np.ndarray, largest: float) -> bool:
         return False
     if value.violation > FEASIBLE or value.terminal_slack > REACHED:
         return False
-    chi = ocp.model.task_pose(solution.plan.config)[:, :6]
-    pressed = np.linalg.norm(ocp.model.surface.force(chi, np.zeros_like(chi))[:, :3], axis=1)
-    return ocp.state_size == ocp.model.size or bool(np.max(pressed) <= largest)
+    return base.kinematic or within_declared_set(base, ocp.model, force, solution.plan)

@@ -27,7 +27,7 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
         key: All that the result depends on, as what JSON can hold; this package's source is added.
         compute: Returns what JSON can hold.
     """
-    text = json.dumps([_source_digest(), key], sort_keys=True)
+    text = json.dumps([source_digest(), key], sort_keys=True)
     path = cache_dir() / f"{hashlib.sha256(text.encode()).hexdigest()}.json"
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -41,7 +41,7 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
 
 
 @functools.cache
-def _source_digest() -> str:
+def source_digest() -> str:
     """Returns the SHA-256 of this package's Python files: another program, another result."""
     folder = Path(uvms_drake.__file__).parent
     digest = hashlib.sha256()

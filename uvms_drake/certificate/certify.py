@@ -24,6 +24,7 @@ from uvms_drake.certificate.kinematic import (
     paper_radii,
     undetermined_joints,
 )
+from uvms_drake.certificate.reach import largest_force, pressed_force, ultimate_bounds
 from uvms_drake.certificate.settings import check_settings
 from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.certificate.tube_image import tube_image
@@ -38,23 +39,20 @@ from uvms_drake.control.limits import (
     TubeRadii,
     check_limits,
     joint_limits,
-    resolved_radii,
     tightened_parts,
 )
-from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter, require, vector, within
-from uvms_drake.model.contact import PlaneLaw, SpringLaw, make_surface_law
+from uvms_drake.model.contact import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
 from uvms_drake.station import make_ocp, start_state
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
 """Constants that decide the tube of `resolved`, by block of rows."""
-REACHED = 1e-6
-"""Distance to the terminal set, in ‖ξ‖_P, that counts as none."""
-AT_START = 1.1
-"""How many times the force at the start the declared set reaches."""
 OUTSIDE = 0.01
 """How far off a plane the declared set reaches [m]; nothing changes any more further away."""
 
@@ -146,29 +144,17 @@ def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits, task = scenario.limits, scenario.task
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
-    largest = scenario.certificate.force_range * np.asarray(task.force, dtype=float)
-    depth = 0.0
+    largest, depth = largest_force(scenario, model), 0.0
     if isinstance(model.surface, PlaneLaw):
         with within("task"):
-            pose = model.surface.pose_for(largest, np.zeros(6) if task.pose is None else task.pose)
+            force = np.concatenate([-largest * model.surface.normal, np.zeros(3)])
+            pose = model.surface.pose_for(force, np.zeros(6) if task.pose is None else task.pose)
             depth = float(model.surface.depth(pose[:3]))
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
         depth_min=-OUTSIDE, depth_max=max(depth, OUTSIDE),
-        force_max=largest_force(scenario, model))
-
-
-def largest_force(scenario: Scenario, model: UvmsModel) -> float:
-    """Returns the largest norm of a force on the surface in the declared set [N].
-
-    It is `force_range` times the desired one, or what the surface asks for at the start, and at
-    least 1 N.
-    """
-    desired = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
-    start = model.task_pose(np.concatenate([scenario.start.eta, scenario.start.q]))[:6]
-    at_start = float(np.linalg.norm(model.surface.force(start, np.zeros(6))[:3]))
-    return max(scenario.certificate.force_range * desired, AT_START * at_start, 1.0)
+        force_max=largest)
 
 
 def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
@@ -277,7 +263,13 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
     worst = min(check.margins.values())
-    draft = replace(draft, terminal=terminal, bounds=ultimate_bounds(tube, scenario, ocp.model))
+    speed = None
+    if isinstance(scenario.ancillary, Transpose) and not scenario.kinematic:
+        lemma = lemma_constants({constant.name: constant for constant in draft.constants},
+                                joints=scenario.ancillary.joints)
+        speed = lemma.L_c * tube.e + lemma.J_max * tube.z  # of 𝔢̇ = 𝔟 + J𝔷
+    draft = replace(draft, terminal=terminal,
+                    bounds=ultimate_bounds(tube, scenario, ocp.model, speed))
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])
@@ -287,8 +279,9 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
 def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> list[Condition]:
     """Returns the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    And that, where forces move the robot, the plan does not press harder than the declared set
-    reaches, which no limit of the MPC sees to.
+    And that, where forces move the robot, neither the plan nor the robot in its tube presses harder
+    than the declared set reaches, which no limit of the MPC sees to. The plan's limits are those at
+    its knots; what `between_knots` finds is reported with the bounds.
     """
     ocp = make_ocp(draft.applied_to(scenario))
     solution = SequentialConvexSolver(ocp).solve(
@@ -296,40 +289,27 @@ def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> li
     if solution.plan is None or solution.evaluation is None:
         return [Condition("first plan found", 0.0, ">=", 1.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
+    draft.bounds["between knots"] = between_knots(ocp, solution.plan)
     reached = [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
                Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
     if scenario.kinematic:
         return reached
-    chi = ocp.model.task_pose(solution.plan.config)[:, :6]
-    pressed = np.linalg.norm(ocp.model.surface.force(chi, np.zeros_like(chi))[:, :3], axis=1)
-    return [*reached, Condition("first plan, force on the surface", float(np.max(pressed)), "<=",
+    pressed = pressed_force(ocp.model, solution.plan) + draft.bounds["force"]
+    return [*reached, Condition("first plan, force on the surface with the tube's", pressed, "<=",
                                 largest_force(scenario, ocp.model))]
 
 
-def ultimate_bounds(tube: TubeRadii, scenario: Scenario, model: UvmsModel) -> dict[str, float]:
-    """Returns what is left once the nominal state has come to the task.
+def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
+    """Returns by how much a plan exceeds a limit on an angle between its knots [rad].
 
-    `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
-    ‖force part of 𝔉 − 𝔉_des‖: a plane's over the depth ± `position` and the speed
-    ‖𝔭̇‖ ≤ 2σ `position` that goes with it (‖𝔢̇_p‖ ≤ σE + gR = 2σE, see `tubes.resolved_tube`; of the
-    kinematics σE + w̃ = 2σE); a spring's from the norms of the blocks of K.
+    Roll, pitch, tip pitch and joints, which can bulge out there by h²/8 times their second
+    derivative, against what the tube leaves of their limits.
     """
-    surface, sigma = model.surface, scenario.ancillary.sigma
-    tube = resolved_radii(tube)
-    assert tube.position is not None and tube.orientation is not None  # now they are filled in
-    out = {"position": tube.position, "orientation": tube.orientation}
-    desired = np.asarray(scenario.task.force, dtype=float)
-    if isinstance(surface, PlaneLaw):
-        shifts = tube.position * np.array([-1.0, 1.0])
-        rates = 2.0 * sigma * tube.position * np.array([-1.0, 1.0])
-        chi = np.tile(surface.pose_for(desired, scenario.task.pose), (4, 1))
-        chi_dot = np.zeros((4, 6))
-        chi[:, :3] += np.repeat(shifts, 2)[:, None] * surface.normal
-        chi_dot[:, :3] = np.tile(rates, 2)[:, None] * surface.normal
-        error = surface.force(chi, chi_dot)[:, :3] - desired[:3]
-        out["force"] = float(np.max(np.linalg.norm(error, axis=1)))
-    if isinstance(surface, SpringLaw):
-        K = surface.K
-        out["force"] = float(np.linalg.norm(K[:3, :3], 2) * tube.position
-                             + np.linalg.norm(K[:3, 3:], 2) * tube.orientation)
-    return out
+    inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
+    times = plan.start_time + np.add.outer(np.arange(len(plan.decision)) * plan.time_step, inside)
+    config = np.array([plan.at(float(time))[0] for time in times.ravel()])
+    limits, tip = ocp.limits, ocp.model.task_pose(config)[:, 4]
+    excess = [np.abs(config[:, 3]) - limits.roll, np.abs(config[:, 4]) - limits.pitch,
+              np.abs(tip) - limits.tip_pitch, (config[:, 6:] - limits.q_upper).ravel(),
+              (limits.q_lower - config[:, 6:]).ravel()]
+    return max(0.0, float(np.max(np.concatenate(excess))))

@@ -13,8 +13,8 @@ from uvms_drake.certificate.certify import (
     declared_set,
     resolved_radii_of,
     room_of,
-    ultimate_bounds,
 )
+from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.control.ancillary import Resolved
 from uvms_drake.errors import require
 from uvms_drake.model.contact import make_surface_law

@@ -15,8 +15,8 @@ from uvms_drake.certificate.certify import (
     declared_set,
     resolved_radii_of,
     room_of,
-    ultimate_bounds,
 )
+from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.certificate.tube_image import input_gain
 from uvms_drake.control.ancillary import Resolved
 from uvms_drake.control.limits import TubeRadii

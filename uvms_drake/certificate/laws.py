@@ -58,14 +58,15 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> 
     d = scenario.disturbance.bound
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     constants = constants_of(scenario, model, declared_set(scenario, model))
-    lemma = lemma_constants(constants)
     rows = []
     for law in laws:
+        joints = isinstance(law, Transpose) and law.joints
+        lemma = lemma_constants(constants, joints=joints)
         if isinstance(law, Resolved):
             certified = resolved_tube(law.k, law.sigma, d, constants["Jx_max"].value).e
         else:
             certified = transpose_tube(lemma, law.k, law.sigma, d).e
-            certified = certified if model.num_joints == 0 else math.inf
+            certified = certified if model.num_joints == 0 or joints else math.inf
         margin = law.sigma * lemma.J_min - lemma.L_c
         rows.append(LawRow(
             law, certified, max(worst_deviation(scenario, law, attack) for attack in ATTACKS),

@@ -103,5 +103,9 @@ def _terminal_rows(certificate: Certificate) -> list[str]:
 
 def _bound_rows(certificate: Certificate) -> list[str]:
     units = {"position": "m", "orientation": "rad", "force": "N"}
-    return [f"ultimate bound of the {name:<12}{value:>11.4g} {units[name]}"
-            for name, value in certificate.bounds.items()]
+    rows = [f"ultimate bound of the {name:<12}{certificate.bounds[name]:>11.4g} {unit}"
+            for name, unit in units.items() if name in certificate.bounds]
+    if "between knots" in certificate.bounds:
+        rows.append(f"between its knots the first plan exceeds a limit on an angle by "
+                    f"{certificate.bounds['between knots']:.2g} rad")
+    return rows

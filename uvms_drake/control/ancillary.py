@@ -23,6 +23,7 @@ goes to thrusters and joints is τ = M(𝔮) u, with the full inertia including 
 `resolved` that is the inverse dynamics at ζ̇_ref − k𝔯, and neither f nor M is needed.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from functools import lru_cache
@@ -32,7 +33,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, ValueProducer
 
-from uvms_drake.errors import require
+from uvms_drake.errors import RunFailed, require
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
@@ -197,7 +198,7 @@ class AncillaryFeedback(LeafSystem):
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
 
-    It has no state.
+    It has no state. A measured state that is not finite ends the run: `RunFailed`.
 
     Args:
         model: The controller's model of the robot and of the surface.
@@ -229,8 +230,11 @@ class AncillaryFeedback(LeafSystem):
         self.DeclareVectorOutputPort("tau", model.size, self._calc_tau, given)
 
     def _calc_command(self, context, command):
+        state = self._state_port.Eval(context)
+        if not math.isfinite(sum(state)):
+            raise RunFailed(f"the measured state is not finite at t = {context.get_time():.3f} s")
         command.set_value(self._law(
-            self._model, self._state_port.Eval(context), self._nominal_state_port.Eval(context),
+            self._model, state, self._nominal_state_port.Eval(context),
             self._forward_port.Eval(context), *astuple(self._config)))
 
     def _calc_u(self, context, output):

@@ -7,7 +7,8 @@ The decision variable is ζ̄̇ instead of ū: the rollout is then kinematic, ne
 whatever the surface's stiffness; f only enters through ū in cost and limits.
 
 Speeds, attitude and joints are limited at the knots. In between, speeds are convex combinations
-and stay within their limits; a joint can bulge out by h² |q̈|/8.
+and stay within their limits; an angle (joints, roll, pitch, tip pitch) can bulge out by h²/8 times
+its second derivative, and ū between its ends by as little.
 """
 
 from dataclasses import dataclass

@@ -51,7 +51,8 @@ def transpose_rate(sigma: float, J: np.ndarray, J_nominal: np.ndarray, zeta: np.
 
     With ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, 𝔢̇ = J(𝔮)ζ − J(𝔮̄)ζ̄ + w = −σJ(𝔮̄)J(𝔮̄)ᵀ𝔢 + (J(𝔮) − J(𝔮̄))ζ + w. The middle
     term is taken as it comes: no constant bounds it by ‖𝔢‖, since the arm's self-motion, on which
-    the law does not act, is in it. Nothing is said about the joints.
+    the law does not act, is in it. Nothing is said about the joints; with J_x and 𝔢_y in place of J
+    and 𝔢, it is.
 
     Args:
         sigma: σ [1/s].
@@ -176,7 +177,8 @@ class KinematicTubeMonitor(TubeMonitor):
         else:
             q, zeta = np.split(self._state_port.Eval(context), 2)
             q_nominal = self._nominal_port.Eval(context)[: self._model.size]
-            J, J_nominal = self._model.task_jacobian(np.array([q, q_nominal]))[:, :6]
+            rows = slice(None) if self._law.joints else slice(0, 6)
+            J, J_nominal = self._model.task_jacobian(np.array([q, q_nominal]))[:, rows]
             decay, drive = transpose_rate(sigma, J, J_nominal, zeta, w_bound)
         derivatives.SetFromVector(drive - decay * E)
 
@@ -190,7 +192,8 @@ class KinematicTubeMonitor(TubeMonitor):
             config = self._state_port.Eval(context)[: self._model.size]
             smallest = np.linalg.svd(self._model.task_jacobian(config), compute_uv=False)[-1]
             return np.array([*E, self._law.sigma / smallest * E[0] + now.z_offset, 0.0])
-        return np.array([*np.repeat(E, 3), np.inf, now.z_gain * E[0], 0.0])
+        joints = E[0] if self._law.joints else np.inf
+        return np.array([*np.repeat(E, 3), joints, now.z_gain * E[0], 0.0])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel,  # type: ignore[override]

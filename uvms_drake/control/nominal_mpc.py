@@ -35,6 +35,10 @@ set, largest violation of a limit (in its own unit), convex programs solved, 1 i
 force was asked for and is refused."""
 
 
+SOLVERS_KEPT = 16
+"""Problems of other desired forces that are remembered, the latest ones."""
+
+
 class Targets(NamedTuple):
     """How the nominal MPC comes by the problem of another desired force."""
 
@@ -42,6 +46,8 @@ class Targets(NamedTuple):
     """𝔉_des at the start (6,) [N, N m]."""
     ocp: Callable[[np.ndarray], Ocp]
     """Returns the problem of another 𝔉_des; raises `InvalidParameter` if there is none."""
+    accepts: Callable[[np.ndarray, Plan], bool]
+    """Returns whether the first plan to another 𝔉_des stays where the tube holds."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +77,15 @@ class NominalMpc(LeafSystem):
     The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, the last plan continued by the terminal controller takes its place; that is
-    counted in `report`. Without a first plan there is nothing to fall back to: `RunFailed`.
+    counted in `report`. If a sampling instant is missed, the last plan goes on. Without a first
+    plan there is nothing to fall back to: `RunFailed`.
 
     With `targets` the desired force can be changed while it runs. A new one gets a problem of its
     own, with its own equilibrium, penalty and terminal set. If that has a feasible plan from the
-    nominal state, into its terminal set, it is taken; else the old one, whose continued plan is
-    always feasible, is kept, the refusal reported, and the new one tried again at the next sample.
-    So recursive feasibility is never lost.
+    nominal state, into its terminal set, it is taken; else the old one is kept, the refusal
+    reported, and the new one tried again at the next sample. So what made the continued plan
+    feasible before makes it so after: a checked terminal set that the last plan reached (slack
+    zero), and plans that start at the nominal state.
 
     .. pydrake_system::
 
@@ -118,7 +126,7 @@ class NominalMpc(LeafSystem):
         self._ocp = solver.ocp
         size = self._ocp.model.size
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
-        self._solvers = {force.tobytes(): solver}  # of every force: what `targets` gives for it
+        self._solvers: dict[bytes, SequentialConvexSolver | None] = {force.tobytes(): solver}
         self._initial = MpcMemory(force=force, asked=force)
         self._memory = self.DeclareAbstractState(Value(self._initial))
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
@@ -162,9 +170,12 @@ class NominalMpc(LeafSystem):
         if abs(now / h - round(now / h)) > 1e-6:
             raise RunFailed(f"the nominal MPC starts at t = {now:g} s: must be a multiple of its "
                             f"sampling period, {h:g} s")
-        guess = self._ocp.resting_plan(now, self._state_port.Eval(context))
+        measured = self._state_port.Eval(context)
+        if not np.all(np.isfinite(measured)):
+            raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
+        guess = self._ocp.resting_plan(now, measured)
         solution = self._solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        if solution.plan is None or solution.evaluation.violation > FEASIBLE:
+        if solution.plan is None or not solution.evaluation.violation <= FEASIBLE:
             raise RunFailed("the nominal MPC has no solution at the start: the limits cannot be "
                             "kept from there, or the tube leaves too little of them")
         return self._remember(state, self._initial, now, solution, solution.plan, started)
@@ -187,14 +198,19 @@ class NominalMpc(LeafSystem):
         if context.get_time() < plan.start_time + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
         memory = self._recall(context)
-        solver = self._solver_of(memory.force)
+        solver = self._current(memory)
         ocp = solver.ocp
         guess = ocp.continued(plan)
+        while guess.start_time < context.get_time() - 0.5 * plan.time_step:
+            guess = ocp.continued(guess)  # Sampling instants were missed.
         if ocp.starts_at_measured:
             guess = guess.redone(self._state_port.Eval(context), guess.decision)
         memory, solution = self._retargeted(context, memory, guess)
         if solution is None:
             solution = solver.solve(guess, ocp.iterations)
+            if solution.evaluation is not None and solution.evaluation.violation > FEASIBLE \
+                    and ocp.evaluate(guess).violation <= FEASIBLE:
+                solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
         return self._remember(state, memory, context.get_time(), solution,
                               solution.plan or guess, started)
 
@@ -207,30 +223,42 @@ class NominalMpc(LeafSystem):
         memory = replace(memory, asked=asked.copy())
         if np.array_equal(asked, memory.force):
             return memory, None
-        try:
-            solver = self._solver_of(asked)
-        except InvalidParameter:
+        solver = self._solver_of(asked)
+        if solver is None:
             return memory, None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        value = solution.evaluation
-        if value is None or value.violation > FEASIBLE or value.terminal_slack > REACHED:
+        plan, value = solution.plan, solution.evaluation
+        if plan is None or value is None or not (value.violation <= FEASIBLE and value.terminal_slack <= REACHED
+                                 and self._targets.accepts(asked, plan)):
             return memory, None
         return replace(memory, force=memory.asked), solution
 
-    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver:
-        """Returns the solver of the problem of a desired force (6,), made when it is first needed.
+    def _current(self, memory: MpcMemory) -> SequentialConvexSolver:
+        """Returns the solver of the problem whose plan it is."""
+        solver = self._solver_of(memory.force)
+        assert solver is not None  # It made the plan.
+        return solver
 
-        It is no state: a function of the force alone.
+    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver | None:
+        """Returns the solver of the problem of a desired force (6,), or None if there is none.
+
+        A few are kept; they are no state, but a function of the force alone.
         """
         key = force.tobytes()
         if key not in self._solvers:
             assert self._targets is not None
-            self._solvers[key] = SequentialConvexSolver(self._targets.ocp(force))
+            try:
+                solver = SequentialConvexSolver(self._targets.ocp(force))
+            except (InvalidParameter, np.linalg.LinAlgError):
+                solver = None
+            if len(self._solvers) >= SOLVERS_KEPT:
+                self._solvers.pop(next(iter(self._solvers)))
+            self._solvers[key] = solver
         return self._solvers[key]
 
     def _remember(self, state, old: MpcMemory, now: float, solution: Solution, plan: Plan,
                   started: float):
-        value = solution.evaluation or self._solver_of(old.force).ocp.evaluate(plan)
+        value = solution.evaluation or self._current(old).ocp.evaluate(plan)
         report = np.array([now, float(solution.plan is None), value.cost, value.terminal_slack,
                            value.violation, solution.iterations,
                            float(not np.array_equal(old.asked, old.force))])

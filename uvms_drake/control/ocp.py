@@ -112,7 +112,11 @@ class Evaluation:
 
 
 TERMINAL_PENALTY = 100.0
-"""ρ: cost of leaving the terminal set by one unit of ‖ξ‖_P; far above the multipliers seen."""
+"""ρ: cost of leaving the terminal set by one unit of ‖ξ‖_P; far above the multipliers seen.
+
+This and the next two are made for weights of the order of 1 to 1000: an exact penalty has to be
+above the multipliers, which grow with the weights.
+"""
 VIOLATION_PENALTY = 1e3
 """Cost of one unit of violation; above every multiplier of a limit."""
 EXCESS_PENALTY = 1e5

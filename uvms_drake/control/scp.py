@@ -49,7 +49,9 @@ class SequentialConvexSolver(Generic[P]):
         for iteration in range(1, iterations + 1):
             change = solve_staged(self.ocp.staged_program(plan))
             if change is None:
-                return Solution(None, None, iteration, converged=False)
+                if iteration == 1:
+                    return Solution(None, None, iteration, converged=False)
+                return Solution(plan, evaluation, iteration, converged=False)
             step = self._line_search(plan, evaluation, change.w)
             if step is None:
                 return Solution(plan, evaluation, iteration, converged=True)

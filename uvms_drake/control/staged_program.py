@@ -121,8 +121,13 @@ class Regulator(NamedTuple):
 
 
 def solve_staged(program: StagedProgram) -> StagedSolution | None:
-    """Returns the solution, or None if there is none."""
-    regulator = riccati(program)
+    """Returns the solution, or None if there is none: infeasible, ill-conditioned or not finite."""
+    if not _is_finite(program):
+        return None
+    try:
+        regulator = riccati(program)
+    except np.linalg.LinAlgError:
+        return None
     z = _rollout(program, regulator)
     active = _Limits.broken(program, z, 0.0)
     if not active.any():
@@ -142,6 +147,14 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
             return StagedSolution(
                 z_best[:-1, program.B.shape[1]:], slack, excess, cone_programs)
         active |= broken
+
+
+def _is_finite(program: StagedProgram) -> bool:
+    """Returns whether no number is NaN, and none infinite that is no bound."""
+    numbers = [program.A, program.B, program.H, program.g, program.H_end, program.g_end,
+               program.linear.C, program.linear.value, program.terminal.T, program.terminal.value,
+               *(limit.value for limit in program.norms)]
+    return all(bool(np.all(np.isfinite(each))) for each in numbers)
 
 
 def riccati(program: StagedProgram) -> Regulator:

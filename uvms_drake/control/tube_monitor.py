@@ -71,7 +71,8 @@ def deviation(model: UvmsModel, config: AncillaryConfig, state: np.ndarray,
               nominal_state: np.ndarray) -> Deviation:
     """Returns the errors in which the law `config` has its tube.
 
-    For `resolved`, 𝔯 = ζ − J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; for `transpose`, 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢.
+    For `resolved`, 𝔯 = ζ − J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; for `transpose`, 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢, or with
+    `joints` 𝔷 + σJ_x(𝔮̄)ᵀ𝔢_y.
 
     Args:
         model: The controller's model.
@@ -90,9 +91,11 @@ def deviation(model: UvmsModel, config: AncillaryConfig, state: np.ndarray,
         gains, mu = _gains_and_growth(J, 0.5 * (turning + turning.T))
         z_gain, z_offset = config.sigma, _norm2(offset)
     else:
-        r, task = z + config.sigma * J_nominal[:6].T @ e_y[:6], e_y[:6]
+        rows = slice(None) if config.joints else slice(0, 6)
+        J_fed, task = J_nominal[rows], e_y[rows]
+        r = z + config.sigma * J_fed.T @ task
         gains, mu, z_offset = np.zeros(0), 0.0, 0.0
-        z_gain = config.sigma * float(np.linalg.norm(J_nominal[:6], 2))
+        z_gain = config.sigma * float(np.linalg.norm(J_fed, 2))
     norms = np.array([_norm2(x) for x in (task, e_y[:3], e_y[3:6], e_y[6:], z, r)])
     return Deviation(norms, e_y, r, gains, mu, z_gain, z_offset)
 
