@@ -174,6 +174,7 @@ def test_only_the_square_waves_have_state_and_only_the_aimed_kinds_read_ports(mo
     read = {adversary.get_input_port(i).get_name() for i in range(3)
             if adversary.HasDirectFeedthrough(i, 0)}
     assert read == {"along_r": {"r"}, "along_task_error": {"state", "e_y"},
+                    "ahead": {"state", "e_y", "r"},
                     "leading": {"state"}}.get(kind, set())
 
 

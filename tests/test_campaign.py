@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.campaign.command import CampaignProgress, replayed
+from uvms_drake.campaign.induced import induced_disturbance
 from uvms_drake.campaign.pool import ONE_THREAD, local_pool, run_all
 from uvms_drake.campaign.report import (
     all_well,
@@ -31,6 +32,8 @@ from uvms_drake.campaign.vary import POSE_REACH, vary
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.cli import main
 from uvms_drake.errors import InvalidParameter, RunFailed
+from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.scenario import dump_scenario, load_scenario
 from uvms_drake.simulation import simulate
@@ -262,11 +265,41 @@ def test_a_folder_in_use_is_refused(campaign, tmp_path, capsys):
         assert "no other process" in refusal(capsys, "--output", str(tmp_path))
 
 
+def test_what_an_error_of_the_model_induces_is_what_the_plant_does():
+    """Held against the acceleration of the simulated robot itself."""
+    scenario = load_scenario("girona500_contact", [
+        "duration=1.0", CLOSE[1], "model_error.added_mass=1.2", "model_error.drag=0.8",
+        "model_error.buoyancy_lever=1.1", "model_error.mass=1.02", "simulator.max_step_size=0.002",
+        "log_period=0.002"])
+    record = simulate(scenario)
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    kinematics = model.kinematics(record.config)
+    bias = model.inverse_dynamics(kinematics, record.zeta, np.zeros_like(record.zeta))
+    believed = np.linalg.solve(model.mass_matrix(kinematics), (record.tau - bias)[..., None])
+    expected = believed[..., 0] + record.disturbance + induced_disturbance(record)
+    true = np.gradient(record.zeta, record.time, axis=0)
+    smooth = slice(1, 90)  # A plan ends at 0.2 s.
+    np.testing.assert_allclose(true[smooth], expected[smooth], atol=2e-3)
+    assert np.max(np.linalg.norm(induced_disturbance(record), axis=1)) > 0.02
+
+
+def test_runs_with_errors_of_the_model_keep_the_tube_where_d_covers_them(campaign):
+    off = replace(campaign, model_error=0.1)
+    results = [run_one(off, index)["result"] for index in range(6)]
+    summary = summarise_campaign(off, results)
+    assert all_well(summary), summary["counts"]
+    assert summary["counts"]["outside"] < 4
+    assert 0.002 < summary["distributions"]["induced"]["max"] < 0.1
+    assert "errors of the model of up to 10 %" in format_campaign(summary, {"seconds": None}, "DIR")
+
+
 @pytest.mark.parametrize(("args", "words"), [
     (["--runs", "0"], "--runs = 0: must be at least 1"),
     (["--runs", "many"], "invalid int value"),
     (["--seed", "-1"], "--seed = -1"),
     (["--workers", "0"], "--workers = 0"),
+    (["--model-error", "2"], "--model-error = 2.0"),
+    (["--set", "model_error.drag=-1"], "model_error.drag"),
     (["--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], "not allowed with"),
     (["--set", "disturbance.bound=-1"], "disturbance.bound"),
     (["--set", "task.force=[900, 0, 0, 0, 0, 0]"], "limits.u"),

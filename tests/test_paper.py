@@ -115,8 +115,10 @@ def test_the_papers_own_law_corrected_is_certified_and_keeps_its_tube():
     assert certificate.certified, certificate.failed
     assert (certificate.law, certificate.k) == ("transpose", 10000.0)
     record = simulate(certificate.applied_to(scenario), certified=True)
-    tube = summarise(record)["tube"]
+    summary = summarise(record)
+    tube = summary["tube"]
     assert tube["exits"] == 0
+    assert min(row["margin"] for row in summary["constraints"].values()) > 0.0
     assert 0.0 < tube["worst_e"] < tube["bound_e"] < 1e-4
     one_less = replace(scenario, ancillary=replace(scenario.ancillary, k=7000.0))
     assert not certified_once(one_less).certified

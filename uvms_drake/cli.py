@@ -183,6 +183,9 @@ def _add_campaign(commands: argparse._SubParsersAction) -> None:
     campaign.add_argument("--uncertified", action="store_true",
                           help="run without a certificate, with the tube that the scenario "
                                "declares")
+    campaign.add_argument("--model-error", type=float, default=0.0, metavar="E",
+                          help="also draw added mass, drag and righting lever of the simulated "
+                               "robot, up to this relative error (default: none)")
     campaign.add_argument("--replay", type=int, metavar="INDEX",
                           help="run one of the campaign in --output once more, alone, and write "
                                "data and figures to its folder run-<INDEX>")

@@ -18,8 +18,9 @@ from uvms_drake.certificate.settings import CertificateSettings
 from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
-from uvms_drake.errors import InvalidParameter, ScenarioError, require
+from uvms_drake.errors import InvalidParameter, ScenarioError, require, within
 from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
+from uvms_drake.model.model_error import ModelError, check_model_error
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -80,6 +81,8 @@ class Scenario:
     start: Start = field(default_factory=Start)
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
+    model_error: ModelError = field(default_factory=ModelError)
+    """How the simulated robot differs from the one that the controller knows."""
     surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
     disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
                   | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
@@ -192,6 +195,8 @@ def check_scenario(scenario: Scenario) -> None:
     require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
             f"at most the duration, {scenario.duration:g} s")
     _require_positive("task.force_tolerance", scenario.task.force_tolerance)
+    with within("model_error"):
+        check_model_error(scenario.model_error)
     _check_simulator(scenario.simulator)
     check_visual(scenario.visual)
 

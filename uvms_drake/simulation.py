@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, EventStatus
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from uvms_drake.control.limits import joint_limits
 from uvms_drake.errors import RunFailed
@@ -53,7 +53,7 @@ def simulate(
     context = simulator.get_mutable_context()
     initialize(station, context, scenario)
     if progress is not None or stop is not None:
-        simulator.set_monitor(_monitor(progress, stop, scenario.log_period))
+        simulator.set_monitor(_monitor(station, progress, stop, scenario.log_period))
     wall_time = _run(simulator, scenario.duration)
     if context.get_time() < scenario.duration:
         scenario = replace(scenario, duration=context.get_time())
@@ -86,8 +86,8 @@ def _run(simulator: Simulator, duration: float) -> float:
     return time.perf_counter() - started
 
 
-def _monitor(progress: Callable[[float], None] | None, stop: Callable[[], bool] | None,
-             shortest: float) -> Callable[[Context], EventStatus]:
+def _monitor(station: Diagram, progress: Callable[[float], None] | None,
+             stop: Callable[[], bool] | None, shortest: float) -> Callable[[Context], EventStatus]:
     """Returns a monitor of a Simulator that calls `progress`, and `stop` from `shortest` [s] on.
 
     A monitor watches, while AdvanceTo in slices would end an integration step at each of them.
@@ -102,7 +102,7 @@ def _monitor(progress: Callable[[float], None] | None, stop: Callable[[], bool] 
             if progress is not None:
                 progress(now)
             if stop is not None and now >= shortest and stop():
-                return EventStatus.ReachedTermination(None, "stopped")
+                return EventStatus.ReachedTermination(station, "stopped")
         return EventStatus.DidNothing()
 
     return watch

@@ -108,7 +108,8 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
     start_state(scenario, ocp)
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
         model=scenario.model, surface=scenario.surface,
-        disturbance=_disturbance_inside(scenario, meshcat), seed=scenario.seed))
+        disturbance=_disturbance_inside(scenario, meshcat), seed=scenario.seed,
+        error=scenario.model_error if scenario.model_error.size > 0.0 else None))
     with within("ancillary"):
         controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
             ocp, scenario.ancillary, Targets(
@@ -132,13 +133,14 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
         slack=MONITOR_SLACK, floor=monitor_floor(scenario))
     if uvms.HasInputPort("disturbance"):
         with within("disturbance"):
-            if isinstance(scenario.disturbance, AdversarialDisturbance):
+            disturbance = applied_disturbance(scenario)
+            if isinstance(disturbance, AdversarialDisturbance):
                 source: LeafSystem = Adversary.AddToBuilder(
-                    builder, ocp.model, scenario.disturbance, state=uvms.GetOutputPort("state"),
+                    builder, ocp.model, disturbance, state=uvms.GetOutputPort("state"),
                     monitor=monitor)
             else:
                 source = BoundedDisturbance.AddToBuilder(
-                    builder, ocp.model.size, scenario.disturbance, scenario.seed)
+                    builder, ocp.model.size, disturbance, scenario.seed)
         _connect_disturbance(builder, source, uvms, meshcat)
     return uvms, controller, monitor
 
@@ -147,7 +149,15 @@ def _disturbance_inside(scenario: Scenario, meshcat: Meshcat | None) -> Disturba
     """Returns the plant's own disturbance; none if it sees the robot or a slider scales it."""
     if meshcat is not None or isinstance(scenario.disturbance, AdversarialDisturbance):
         return None
-    return scenario.disturbance
+    disturbance = applied_disturbance(scenario)
+    assert not isinstance(disturbance, AdversarialDisturbance)
+    return disturbance
+
+
+def applied_disturbance(scenario: Scenario) -> DisturbanceConfig | AdversarialDisturbance:
+    """Returns the disturbance with what `model_error.share` leaves of its bound."""
+    disturbance = scenario.disturbance
+    return replace(disturbance, bound=(1.0 - scenario.model_error.share) * disturbance.bound)
 
 
 def _connect_disturbance(builder: DiagramBuilder, source: LeafSystem, uvms: Diagram,

@@ -41,6 +41,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     require(args.runs >= 1, "--runs", args.runs, "at least 1")
     require(args.seed >= 0, "--seed", args.seed, "zero or positive")
     require(args.workers is None or args.workers >= 1, "--workers", args.workers, "at least 1")
+    require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, args.overrides)
     output = args.output if args.output is not None else Path("out") / f"{scenario.name}-campaign"
@@ -49,7 +50,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     with reported_in(source):
         check_inputs(scenario)
         certificate = None if args.uncertified else _certificate(scenario, source)
-        campaign = make_campaign(scenario, args.seed, certificate)
+        campaign = make_campaign(scenario, args.seed, certificate, args.model_error)
         vary(campaign, 0)
     with run_log(output, campaign) as log:
         try:

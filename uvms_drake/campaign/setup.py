@@ -44,6 +44,8 @@ class Campaign:
     certified: bool
     """Whether the tube is that of a certificate that holds; it is declared otherwise."""
     seed: int
+    model_error: float
+    """Largest relative error of what is drawn of `ModelError`; zero for none."""
     targets: tuple[Target, ...]
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
@@ -73,18 +75,21 @@ def _parsed(text: str) -> Scenario:
     return load_typed(Scenario, yaml_load_data(text))
 
 
-def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None) -> Campaign:
+def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None,
+                  model_error: float = 0.0) -> Campaign:
     """Returns the campaign of a scenario.
 
     Args:
         scenario: As it is loaded.
         seed: Of what is drawn, zero or positive.
         certificate: One that holds for the scenario; None if its declared tube is taken.
+        model_error: As of `Campaign`.
     """
     applied = scenario if certificate is None else certificate.applied_to(scenario)
     prints = fingerprint(scenario)
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
+        model_error=model_error,
         targets=targets_of(applied, certified=certificate is not None),
         files=prints["files"], versions=prints["versions"], source=source_digest())
 

@@ -92,6 +92,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     mpc = scenario.mpc
     given_up: list[tuple[str, float]] = [
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
+        ("model_error, which the controller does not know", scenario.model_error.size),
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
@@ -280,8 +281,8 @@ def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> li
     """Returns the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
     And that, where forces move the robot, neither the plan nor the robot in its tube presses harder
-    than the declared set reaches, which no limit of the MPC sees to. The plan's limits are those at
-    its knots; what `between_knots` finds is reported with the bounds.
+    than the declared set reaches; and that no angle leaves its limits between the knots. No limit
+    of the MPC sees to either.
     """
     ocp = make_ocp(draft.applied_to(scenario))
     solution = SequentialConvexSolver(ocp).solve(
@@ -289,8 +290,9 @@ def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> li
     if solution.plan is None or solution.evaluation is None:
         return [Condition("first plan found", 0.0, ">=", 1.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
-    draft.bounds["between knots"] = between_knots(ocp, solution.plan)
     reached = [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
+               Condition("first plan, violation by an angle between its knots",
+                         between_knots(ocp, solution.plan), "<=", FEASIBLE),
                Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
     if scenario.kinematic:
         return reached

@@ -21,7 +21,8 @@ HELP = {
     "current":
         "still water, or --uncertified: a current is a model error that d̃ does not count",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
-    "first plan, violation": "a start further inside the limits",
+    "first plan, violation by an angle": "a shorter mpc.time_step or wider limits on angles",
+    "first plan, violation of": "a start further inside the limits",
     "first plan, force": "a larger certificate.force_range",
     "first plan, distance": "a longer horizon or a closer start",
 }
@@ -103,9 +104,5 @@ def _terminal_rows(certificate: Certificate) -> list[str]:
 
 def _bound_rows(certificate: Certificate) -> list[str]:
     units = {"position": "m", "orientation": "rad", "force": "N"}
-    rows = [f"ultimate bound of the {name:<12}{certificate.bounds[name]:>11.4g} {unit}"
-            for name, unit in units.items() if name in certificate.bounds]
-    if "between knots" in certificate.bounds:
-        rows.append(f"between its knots the first plan exceeds a limit on an angle by "
-                    f"{certificate.bounds['between knots']:.2g} rad")
-    return rows
+    return [f"ultimate bound of the {name:<12}{value:>11.4g} {units[name]}"
+            for name, value in certificate.bounds.items()]

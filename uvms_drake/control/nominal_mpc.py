@@ -228,8 +228,10 @@ class NominalMpc(LeafSystem):
             return memory, None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
         plan, value = solution.plan, solution.evaluation
-        if plan is None or value is None or not (value.violation <= FEASIBLE and value.terminal_slack <= REACHED
-                                 and self._targets.accepts(asked, plan)):
+        if plan is None or value is None:
+            return memory, None
+        if not (value.violation <= FEASIBLE and value.terminal_slack <= REACHED
+                and self._targets.accepts(asked, plan)):
             return memory, None
         return replace(memory, force=memory.asked), solution
 

@@ -29,6 +29,7 @@ from uvms_drake.model.euler import (
     rotation_matrix,
 )
 from uvms_drake.model.links import read_links
+from uvms_drake.model.model_error import ModelError
 from uvms_drake.model.spatial import (
     block_diagonal,
     cross,
@@ -88,10 +89,10 @@ class UvmsModel:
         self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
 
     @staticmethod
-    def load(model: str, surface: SurfaceLaw) -> "UvmsModel":
+    def load(model: str, surface: SurfaceLaw, error: ModelError | None = None) -> "UvmsModel":
         """Returns the model of a shipped robot or a robot's folder, read by a plant of its own."""
         plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
-        uvms = add_uvms(plant, model)
+        uvms = add_uvms(plant, model, error)
         plant.Finalize()
         return UvmsModel(uvms, surface)
 

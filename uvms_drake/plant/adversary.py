@@ -18,13 +18,18 @@ from uvms_drake.plant.disturbance import unit_vector
 AIM_FROM = 1e-6
 """‖𝔯‖, ‖J_bᵀ𝔢_b‖ or ‖𝔢‖ at which what is aimed goes halfway between fixed direction and aim."""
 
-KINDS = ("along_r", "along_task_error", "leading", "constant", "sinusoid", "bang_bang",
+AHEAD = 0.2
+"""How far `ahead` looks [s]."""
+AHEAD_ITERATIONS = 12
+
+KINDS = ("along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
          "per_channel")
 ROWS = {"all": slice(None), "position": slice(0, 3), "orientation": slice(3, 6),
         "joints": slice(6, None)}
 
 Kind = Literal[
-    "along_r", "along_task_error", "leading", "constant", "sinusoid", "bang_bang", "per_channel"]
+    "along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
+    "per_channel"]
 Rows = Literal["all", "position", "orientation", "joints"]
 
 
@@ -35,6 +40,7 @@ class AdversarialDisturbance:
     - `along_r`: along 𝔯, which keeps ‖𝔯‖ at the solution of Ṙ = −kR + d̃.
     - `along_task_error`: along J_b(𝔮)ᵀ𝔢_b, b the block of `rows`.
     - `leading`: along the right-singular vector of J_b(𝔮) with the largest singular value.
+    - `ahead`: what makes ‖𝔢_b‖ largest `AHEAD` from now, as far as no feedback acts until then.
     - `constant`, `sinusoid`, `bang_bang`: a fixed direction times 1, a sine, its sign.
     - `per_channel`: a single component, its sign as of `bang_bang`.
 
@@ -76,9 +82,9 @@ class Adversary(LeafSystem):
 
         name: Adversary
         input_ports:
-        - state (for along_task_error, leading)
-        - e_y (for along_task_error)
-        - r (for along_r)
+        - state (for along_task_error, leading, ahead)
+        - e_y (for along_task_error, ahead)
+        - r (for along_r, ahead)
         output_ports:
         - disturbance
 
@@ -117,7 +123,8 @@ class Adversary(LeafSystem):
             self._state_port, self._e_y_port, self._r_port))
         prerequisites = {
             "along_r": {r}, "along_task_error": {state, e_y}, "leading": {state},
-            "constant": {self.nothing_ticket()}, "sinusoid": {self.time_ticket()}}
+            "ahead": {state, e_y, r}, "constant": {self.nothing_ticket()},
+            "sinusoid": {self.time_ticket()}}
         self.DeclareVectorOutputPort(
             "disturbance", size, self._calc_disturbance,
             prerequisites.get(config.kind, {self.xd_ticket()}))
@@ -145,6 +152,8 @@ class Adversary(LeafSystem):
                 leading = np.linalg.svd(self._jacobian(context))[2][0]
                 sign = -1.0 if leading @ self._direction < 0.0 else 1.0
                 e = unit_vector(sign * leading, self._model.size)
+            case "ahead":
+                e = self._ahead(context)
             case "constant":
                 e = self._direction
             case "sinusoid":
@@ -153,6 +162,20 @@ class Adversary(LeafSystem):
             case _:
                 e = self._direction * context.get_discrete_state_vector().value()[0]
         output.SetFromVector(self._config.bound * e)
+
+    def _ahead(self, context) -> np.ndarray:
+        """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃e‖, T = `AHEAD`.
+
+        By the generalised power method, each step of which makes it larger: it is convex in e.
+        """
+        J = self._jacobian(context)
+        drift = self._e_y_port.Eval(context)[ROWS[self._config.rows]]
+        drift = drift + AHEAD * (J @ self._r_port.Eval(context))
+        reach = 0.5 * AHEAD**2 * self._config.bound * J
+        e = toward(J.T @ drift, self._direction)
+        for _ in range(AHEAD_ITERATIONS):
+            e = toward(J.T @ (drift + reach @ e), self._direction)
+        return e
 
     def _jacobian(self, context) -> np.ndarray:
         """Returns the rows of J_x that are aimed at."""

@@ -13,6 +13,7 @@ from uvms_drake.errors import require, vector, within
 from uvms_drake.model.contact import SurfaceConfig
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description import add_uvms
+from uvms_drake.model.model_error import ModelError
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
@@ -28,6 +29,7 @@ def make_uvms_plant(
     surface: SurfaceConfig,
     disturbance: DisturbanceConfig | None,
     seed: int = 0,
+    error: ModelError | None = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Returns a UVMS under water in front of a compliant surface, as a Diagram named "uvms".
@@ -77,12 +79,13 @@ def make_uvms_plant(
         surface: What the tip presses on.
         disturbance: What is added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Of the disturbance.
+        error: By what the robot's parameters are multiplied, if at all.
         meshcat: Where to draw the robot, if at all.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    uvms = add_uvms(plant, model)
+    uvms = add_uvms(plant, model, error)
     plant.Finalize()
     coordinates = Coordinates(uvms)
 
