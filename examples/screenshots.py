@@ -2,8 +2,8 @@
 
     uvms-drake run && python examples/screenshots.py out/girona500_contact
 
-It needs a Chromium on the path. The pictures go to examples/images; `--output` names another
-folder, `--times` other instants.
+It needs a Chromium on the path. The pictures go to the run's folder; `--output` names another one,
+`--times` other instants.
 """
 
 import argparse
@@ -25,16 +25,17 @@ def main() -> None:
     """Makes the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, metavar="DIR", help="where 'run' has written")
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "images")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="default: the run's folder")
     parser.add_argument("--times", type=float, nargs=3, default=[0.6, 2.4, 15.0], metavar="S")
     arguments = parser.parse_args()
     record = load_record(arguments.folder)
-    arguments.output.mkdir(parents=True, exist_ok=True)
+    output = arguments.output or arguments.folder
+    output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         html = Path(folder) / "still.html"
         for name, time in zip(NAMES, arguments.times, strict=True):
             write_still(record, time, html)
-            png = arguments.output / f"{name}.png"
+            png = output / f"{name}.png"
             take_screenshot(html, png, SIZE)
             with Image.open(png) as image:
                 image.convert("RGB").crop((0, CONTROLS, *SIZE)).save(png, optimize=True)

@@ -1,6 +1,9 @@
 """What several test files share: the robot, its model, its MPC problem and differences."""
 
+import os
 from collections.abc import Callable
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # As the command line does.
 
 import numpy as np
 import pytest

@@ -213,9 +213,9 @@ def test_exits_are_those_of_the_monitor():
     assert "exceeded 4 times" in text
 
 
-def test_the_worst_ratio_is_that_of_position_orientation_joints_and_velocity():
+def test_the_worst_ratio_is_that_of_task_position_orientation_joints_and_velocity():
     ratio = summarise(reporting(
-        worst_set_orientation=0.8, worst_trajectory_z=0.9, worst_set_r=5.0, worst_set_task=5.0,
+        worst_set_orientation=0.7, worst_trajectory_z=0.9, worst_set_r=5.0, worst_set_task=0.8,
         worst_trajectory_r=5.0))["tube"]["worst_ratio"]
     assert ratio == {"set": 0.8, "trajectory": 0.9}
 

@@ -137,7 +137,8 @@ def _verdict(certificate: Certificate | None) -> str:
         return ('<p class="verdict no">Run without a certificate: the tube is declared, and '
                 "nothing is guaranteed.</p>")
     bounds = certificate.bounds
-    finally_ = (f" The force error is finally below {bounds['force']:.3g} N."
+    finally_ = (f" Once the plan is at the task, the force is off by less than "
+                f"{bounds['force']:.3g} N."
                 if "force" in bounds else "")
     return (f'<p class="verdict{"" if certificate.certified else " no"}">'
             f"{html.escape(verdict(certificate)[:1].upper() + verdict(certificate)[1:])}."

@@ -149,8 +149,8 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """Returns the bounds, the worst deviations and how often they were left.
 
     `e` is what the law feeds back: y − ȳ, or χ − χ̄ alone; see `tube_monitor.FIELDS`. `exits` counts
-    the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among position,
-    orientation, joints and velocity, set-wise and along the run; see `TubeMonitor`.
+    the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the whole task,
+    position, orientation, joints and velocity, set-wise and along the run; see `TubeMonitor`.
     """
     tube = record.scenario.tube
     report = dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
@@ -169,7 +169,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
 
 def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float | None]:
     """Returns the largest ratio of deviation and bound; None if there is no bound along the run."""
-    parts = ("position", "orientation", "joints", "z")
+    parts = ("task", "position", "orientation", "joints", "z")
     along = [part for part in parts if np.any(np.isfinite(record.bound_of(part)))]
     return {"set": max(report[f"worst_set_{part}"] for part in parts),
             "trajectory": max((report[f"worst_trajectory_{part}"] for part in along),
