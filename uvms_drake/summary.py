@@ -149,8 +149,9 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """Returns the bounds, the worst deviations and how often they were left.
 
     `e` is what the law feeds back: y − ȳ, or χ − χ̄ alone; see `tube_monitor.FIELDS`. `exits` counts
-    the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the whole task,
-    position, orientation, joints and velocity, set-wise and along the run; see `TubeMonitor`.
+    the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
+    whole task, position, orientation, joints and velocity, set-wise and along the run; see
+    `TubeMonitor`.
     """
     tube = record.scenario.tube
     report = dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
