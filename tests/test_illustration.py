@@ -12,7 +12,7 @@ from uvms_drake.replay import moment_of
 from uvms_drake.scenario import load_scenario
 from uvms_drake.simulation import simulate
 from uvms_drake.visual.config import VisualConfig
-from uvms_drake.visual.controls import STOP, stop_button
+from uvms_drake.visual.controls import DISTURBANCE, FORCE, STOP, stop_button
 from uvms_drake.visual.scene import Scene
 
 
@@ -70,3 +70,22 @@ def test_the_ghost_is_off_by_the_magnified_deviation(meshcat):
                    for name in ("uvms", "nominal"))
     expected = 20.0 * (record.nominal_config[100, :3] - record.config[100, :3])
     np.testing.assert_allclose(ghost - real, expected, atol=1e-9)
+
+
+def test_the_sliders_change_desired_force_and_disturbance_while_it_runs(meshcat):
+    """From 2.5 s on 25 N are wanted and no disturbance; both are as in the scenario before."""
+    scenario = load_scenario("girona500_contact", ["duration=4"])
+
+    def move(now: float) -> None:
+        if now >= 2.5:
+            meshcat.SetSliderValue(FORCE, 25.0)
+            meshcat.SetSliderValue(DISTURBANCE, 0.0)
+
+    record = simulate(scenario, meshcat=meshcat, progress=move)
+    before, end = record.time < 2.45, record.time > 2.9
+    assert np.all(record.desired_force[before, 0] == 20.0)
+    assert np.all(record.desired_force[end, 0] == 25.0)
+    assert np.max(np.linalg.norm(record.disturbance[before], axis=1)) > 0.05
+    assert not np.any(record.disturbance[end])
+    assert not np.any(record.mpc_refused)
+    assert record.force[-1, 0] == pytest.approx(25.0, abs=1.0)
