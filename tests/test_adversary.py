@@ -16,8 +16,8 @@ from uvms_drake.plant.adversary import (
     AIM_FROM,
     KINDS,
     ROWS,
+    AdversarialDisturbance,
     Adversary,
-    AdversaryConfig,
     TaskAdversary,
 )
 
@@ -46,7 +46,7 @@ def leading_direction(model, state, rows):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rows", ["all", "position"])
 def test_the_bound_holds_exactly_and_all_but_the_sinusoid_take_it(model, states, kind, rows):
-    adversary = Adversary(model, AdversaryConfig(BOUND, kind, rows, phase=1.0))
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, kind, rows, phase=1.0))
     rng, context = np.random.default_rng(0), adversary.CreateDefaultContext()
     norms = []
     for state in np.vstack(list(states.values())):
@@ -63,7 +63,7 @@ def test_the_bound_holds_exactly_and_all_but_the_sinusoid_take_it(model, states,
 
 
 def test_along_r_is_along_r_and_along_the_fixed_direction_where_r_is_zero(model):
-    adversary = Adversary(model, AdversaryConfig(BOUND, "along_r", direction=DIRECTION))
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, "along_r", direction=DIRECTION))
     context, r = adversary.CreateDefaultContext(), np.linspace(-0.01, 0.02, 10)
     fixed_inputs(adversary, context, None, r=r)  # it needs nothing else
     np.testing.assert_allclose(
@@ -77,7 +77,7 @@ def test_along_r_is_along_r_and_along_the_fixed_direction_where_r_is_zero(model)
 @pytest.mark.parametrize("rows", ROWS)
 def test_along_the_task_error_it_drives_the_error_of_the_rows_outward(model, states, rows):
     """No d of this size makes 𝔢_bᵀ J_b d larger."""
-    adversary = Adversary(model, AdversaryConfig(BOUND, "along_task_error", rows))
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, "along_task_error", rows))
     context, rng = adversary.CreateDefaultContext(), np.random.default_rng(1)
     for state in states["deep"]:
         e_y = 0.01 * rng.normal(size=10)
@@ -89,7 +89,8 @@ def test_along_the_task_error_it_drives_the_error_of_the_rows_outward(model, sta
 
 @pytest.mark.parametrize("rows", ROWS)
 def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, rows):
-    adversary = Adversary(model, AdversaryConfig(BOUND, "leading", rows, direction=DIRECTION))
+    adversary = Adversary(
+        model, AdversarialDisturbance(BOUND, "leading", rows, direction=DIRECTION))
     context = adversary.CreateDefaultContext()
     for state in states["free"]:
         fixed_inputs(adversary, context, state)
@@ -107,7 +108,7 @@ def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, 
 def test_the_fixed_direction_is_kept_with_the_waveform_of_the_kind(model):
     for kind, expected in (("constant", lambda t: 1.0),
                            ("sinusoid", lambda t: np.sin(2.0 * np.pi * t / 0.8 + 0.5))):
-        adversary = Adversary(model, AdversaryConfig(
+        adversary = Adversary(model, AdversarialDisturbance(
             BOUND, kind, direction=DIRECTION, period=0.8, phase=0.5))
         context = adversary.CreateDefaultContext()
         for t in np.linspace(0.0, 2.0, 9):
@@ -119,7 +120,7 @@ def test_the_fixed_direction_is_kept_with_the_waveform_of_the_kind(model):
 @pytest.mark.parametrize("kind", SQUARE)
 @pytest.mark.parametrize("phase", [0.0, 0.7, 3.5, -1.0])
 def test_a_square_wave_is_the_sign_of_the_sine(model, kind, phase):
-    config = AdversaryConfig(
+    config = AdversarialDisturbance(
         BOUND, kind, direction=DIRECTION, channel=4, period=0.8, phase=phase)
     adversary = Adversary(model, config)
     simulator = Simulator(adversary)
@@ -136,7 +137,7 @@ def test_a_square_wave_is_the_sign_of_the_sine(model, kind, phase):
 def test_a_step_of_the_integration_ends_where_the_sign_changes(model, kind):
     """The integral of d is exact with steps that are longer than the intervals between."""
     builder = DiagramBuilder()
-    adversary = Adversary.AddToBuilder(builder, model, AdversaryConfig(
+    adversary = Adversary.AddToBuilder(builder, model, AdversarialDisturbance(
         BOUND, kind, direction=DIRECTION, channel=2, period=0.37, phase=0.9))
     integrator = builder.AddSystem(Integrator(10))
     builder.Connect(adversary.get_output_port(), integrator.get_input_port())
@@ -153,7 +154,7 @@ def test_a_step_of_the_integration_ends_where_the_sign_changes(model, kind):
 
 
 def test_a_square_wave_may_start_at_any_time_and_a_cloned_context_goes_on(model):
-    adversary = Adversary(model, AdversaryConfig(BOUND, "bang_bang", period=0.8))
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, "bang_bang", period=0.8))
     simulator = Simulator(adversary)
     simulator.get_mutable_context().SetTime(0.5)  # the second half of the period
     simulator.Initialize()
@@ -169,7 +170,7 @@ def test_a_square_wave_may_start_at_any_time_and_a_cloned_context_goes_on(model)
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_only_the_square_waves_have_state_and_only_the_aimed_kinds_read_ports(model, kind):
-    adversary = Adversary(model, AdversaryConfig(BOUND, kind))
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, kind))
     assert adversary.CreateDefaultContext().num_total_states() == (1 if kind in SQUARE else 0)
     read = {adversary.get_input_port(i).get_name() for i in range(3)
             if adversary.HasDirectFeedthrough(i, 0)}
@@ -182,7 +183,7 @@ def test_it_works_in_a_users_diagram(model, states):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(states["free"][0]))
     adversary = Adversary.AddToBuilder(
-        builder, model, AdversaryConfig(BOUND, "leading"), state=source.get_output_port(),
+        builder, model, AdversarialDisturbance(BOUND, "leading"), state=source.get_output_port(),
         name="worst")
     assert adversary.get_name() == "worst"
     logger = LogVectorOutput(adversary.get_output_port(), builder, 0.5)
@@ -194,13 +195,15 @@ def test_it_works_in_a_users_diagram(model, states):
 
 
 @pytest.mark.parametrize(("config", "message"), [
-    (AdversaryConfig(-0.1), r"^bound = -0\.1: must be zero or positive$"),
-    (AdversaryConfig(0.1, "sideways"), r"^kind = 'sideways': must be one of along_r, .*channel$"),
-    (AdversaryConfig(0.1, rows="head"), r"^rows = 'head': must be one of all, .*joints$"),
-    (AdversaryConfig(0.1, channel=10), r"^channel = 10: must be 0 to 9$"),
-    (AdversaryConfig(0.1, period=0.0), r"^period = 0\.0: must be positive$"),
-    (AdversaryConfig(0.1, phase=np.inf), r"^phase = inf: must be finite$"),
-    (AdversaryConfig(0.1, direction=np.ones(3)), r"^direction = .*: must be 10 finite numbers$")])
+    (AdversarialDisturbance(-0.1), r"^bound = -0\.1: must be zero or positive$"),
+    (AdversarialDisturbance(0.1, "sideways"),
+     r"^kind = 'sideways': must be one of along_r, .*channel$"),
+    (AdversarialDisturbance(0.1, rows="head"), r"^rows = 'head': must be one of all, .*joints$"),
+    (AdversarialDisturbance(0.1, channel=10), r"^channel = 10: must be 0 to 9$"),
+    (AdversarialDisturbance(0.1, period=0.0), r"^period = 0\.0: must be positive$"),
+    (AdversarialDisturbance(0.1, phase=np.inf), r"^phase = inf: must be finite$"),
+    (AdversarialDisturbance(0.1, direction=np.ones(3)),
+     r"^direction = .*: must be 10 finite numbers$")])
 def test_bad_parameters_are_named(model, config, message):
     with pytest.raises(InvalidParameter, match=message):
         Adversary(model, config)

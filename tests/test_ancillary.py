@@ -11,9 +11,9 @@ from uvms_drake.control.ancillary import (
     Resolved,
     Transpose,
     motion,
-    resolved_input,
+    resolved_command,
     task_error,
-    transpose_input,
+    transpose_command,
 )
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.errors import InvalidParameter
@@ -23,6 +23,14 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
 K, SIGMA = 13.0, 4.0  # 1/s
+
+
+def resolved_input(*arguments) -> np.ndarray:
+    return resolved_command(*arguments).u()
+
+
+def transpose_input(*arguments, joints: bool = False) -> np.ndarray:
+    return transpose_command(*arguments, joints=joints).u()
 
 
 def pairs(model, states, where: str):

@@ -9,9 +9,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from uvms_drake.control.nominal_mpc import FEASIBLE, REPORT_FIELDS, NominalMpc
+from uvms_drake.control.nominal_mpc import (
+    FEASIBLE,
+    REPORT_FIELDS,
+    SOLVERS_KEPT,
+    NominalMpc,
+    Targets,
+)
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
-from uvms_drake.errors import RunFailed
+from uvms_drake.errors import InvalidParameter, RunFailed
 from uvms_drake.model.uvms_model import configuration_rate
 
 H = 0.2  # s
@@ -282,3 +288,23 @@ def test_the_reports_of_two_contexts_do_not_mix(short_ocp, start):
     assert np.all(np.isnan(setup.read("report", fresh)))
     assert np.all(np.isfinite(setup.read("report")))
     assert setup.read("solve_seconds")[0] > 0.0
+
+
+def test_the_problem_of_the_start_outlives_all_others(short_ocp):
+    """However many forces were asked for, it is not made anew; the others are, when needed."""
+    made = []
+
+    def problem(force: np.ndarray):
+        made.append(force[0])
+        if force[0] > 100.0:
+            raise InvalidParameter("force", force, "smaller")
+        return short_ocp
+
+    start, solver = np.full(6, 20.0), SequentialConvexSolver(short_ocp)
+    mpc = NominalMpc(solver, Targets(start, problem, lambda force, plan: True))
+    for force in [*range(SOLVERS_KEPT + 5), 101, 101]:
+        found = mpc._solver_of(np.full(6, float(force)))
+        assert (found is None) == (force == 101)
+    assert mpc._solver_of(start) is solver
+    assert 20.0 not in made
+    assert made.count(101.0) == 1, "a refusal is remembered"

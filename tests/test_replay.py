@@ -55,5 +55,8 @@ def test_the_papers_surface_and_motion_can_be_shown(name, tmp_path):
 def test_a_run_without_a_tube_can_be_shown(tmp_path):
     record = synthetic_record(0.2)
     tube = TubeRadii(u=np.zeros(10))
+    write_replay(record, tmp_path / "with.html")
     write_replay(replace(record, scenario=replace(record.scenario, tube=tube)),
-                 tmp_path / "replay.html")
+                 tmp_path / "without.html")
+    sizes = [(tmp_path / f"{name}.html").stat().st_size for name in ("with", "without")]
+    assert 0 < sizes[1] < sizes[0], "the tube and its inset are not drawn"

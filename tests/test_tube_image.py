@@ -5,7 +5,7 @@ import pytest
 
 from uvms_drake.certificate.constraint_set import ConstraintSet
 from uvms_drake.certificate.tube_image import input_gain, rest, tube_image
-from uvms_drake.control.ancillary import resolved_input
+from uvms_drake.control.ancillary import resolved_command
 
 K, SIGMA, D = 20.0, 5.0, 0.1
 U_LIMITS = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])
@@ -53,8 +53,8 @@ def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
         J = model.task_jacobian(q)
         z = np.linalg.solve(J, J_bar @ z_bar - SIGMA * e) + r
         acceleration = u_bar + model.drift(q_bar, z_bar)
-        u = resolved_input(model, np.concatenate([q, z]), np.concatenate([q_bar, z_bar]),
-                           acceleration, K, SIGMA)
+        u = resolved_command(model, np.concatenate([q, z]), np.concatenate([q_bar, z_bar]),
+                             acceleration, K, SIGMA).u()
         p = np.linalg.solve(J, e)
         M = model.mass_matrix(model.kinematics(q))
         tau_bar = model.mass_matrix(model.kinematics(q_bar)) @ u_bar

@@ -20,7 +20,7 @@ from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS, TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.uvms_model import configuration_rate_matrix
-from uvms_drake.plant.adversary import Adversary, AdversaryConfig
+from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.scenario import load_scenario
 
@@ -53,7 +53,7 @@ class Cascade(LeafSystem):
             [-LAW.k * r + self._d_port.Eval(context), -LAW.sigma * e + J @ r]))
 
 
-def closed_loop(ocp, attack: AdversaryConfig, start, duration: float, *, law=LAW, radii=None,
+def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, law=LAW, radii=None,
                 step: float = 0.02, scheme: str = "runge_kutta3") -> SimpleNamespace:
     """Runs the loop from `start` (20,); the logs have a sample every 0.02 s."""
     scenario, builder, model = load_scenario("girona500_contact"), DiagramBuilder(), ocp.model
@@ -139,7 +139,7 @@ def off_the_wall(rest) -> np.ndarray:
 def runs(short_ocp, radii, rest) -> dict[tuple[str, str], SimpleNamespace]:
     """Each attack for 3 s from the equilibrium, with a random phase and direction."""
     rng = np.random.default_rng(7)
-    return {(kind, rows): closed_loop(short_ocp, AdversaryConfig(
+    return {(kind, rows): closed_loop(short_ocp, AdversarialDisturbance(
         D_BOUND, kind, rows, direction=rng.normal(size=10), channel=int(rng.integers(10)),
         period=4.0, phase=rng.uniform(0.0, 2.0 * np.pi)), rest, 3.0, radii=radii)
         for kind, rows in ATTACKS}
@@ -147,7 +147,7 @@ def runs(short_ocp, radii, rest) -> dict[tuple[str, str], SimpleNamespace]:
 
 def test_the_cascade_is_exact_through_the_making_of_contact(short_ocp, off_the_wall):
     """To the integrator's error: no term of the dynamics, the wall's included, is left in it."""
-    run = closed_loop(short_ocp, AdversaryConfig(D_BOUND, "along_task_error", "position"),
+    run = closed_loop(short_ocp, AdversarialDisturbance(D_BOUND, "along_task_error", "position"),
                       off_the_wall, 1.0, step=0.005, scheme="runge_kutta5")
     force = run.force[:, 0]
     assert force[0] == 0.0
@@ -198,7 +198,7 @@ def test_what_is_left_of_the_set_wise_bound_is_the_gain_of_j_where_the_robot_is(
 
 def test_the_joints_are_as_fast_as_their_bound_when_the_sign_changes_at_the_right_time(
         short_ocp, rest):
-    run = closed_loop(short_ocp, AdversaryConfig(
+    run = closed_loop(short_ocp, AdversarialDisturbance(
         D_BOUND, "per_channel", channel=8, period=2.0), rest, 1.3)
     speed = np.max(np.abs(run.r[:, 8] - LAW.sigma * run.e_y[:, 8]))  # q̇ − q̄̇ = 𝔯_q − σ𝔢_q
     bound = joint_rate_radius(LAW.k, LAW.sigma, D_BOUND)
@@ -206,7 +206,8 @@ def test_the_joints_are_as_fast_as_their_bound_when_the_sign_changes_at_the_righ
 
 
 def test_contact_is_made_within_the_tube(short_ocp, radii, off_the_wall):
-    run = closed_loop(short_ocp, AdversaryConfig(D_BOUND, "leading", "position"), off_the_wall,
+    attack = AdversarialDisturbance(D_BOUND, "leading", "position")
+    run = closed_loop(short_ocp, attack, off_the_wall,
                       1.0, radii=radii, step=0.01, scheme="runge_kutta5")
     assert np.max(run.force[:, 0]) > 15.0
     assert run.report["set_exits"] == run.report["trajectory_exits"] == 0.0
@@ -218,7 +219,7 @@ def test_the_law_transpose_is_watched_without_a_tube(short_ocp, rest):
     """It needs a gain in the hundreds for one; what it does at an ordinary gain is seen."""
     law = Transpose(k=20.0, sigma=1.0)
     run = closed_loop(
-        short_ocp, AdversaryConfig(D_BOUND, "along_r"), rest, 1.0, law=law, radii={"r": 0.1})
+        short_ocp, AdversarialDisturbance(D_BOUND, "along_r"), rest, 1.0, law=law, radii={"r": 0.1})
     assert np.all(np.isinf(run.bound))
     assert not np.any(np.isnan(run.ratio))
     assert run.report["set_exits"] == run.report["trajectory_exits"] == 0.0

@@ -101,19 +101,25 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _take_scenario(command: argparse.ArgumentParser) -> None:
+    """Adds what names a scenario and changes it for once."""
+    command.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
+                         help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    command.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+                         dest="overrides",
+                         help="any value of the scenario, in YAML; can be repeated")
+
+
 def _add_run(commands: argparse._SubParsersAction) -> None:
     run = commands.add_parser("run", help="simulate a scenario and write data and figures",
                               allow_abbrev=False)
     run.set_defaults(command=run_scenario)
-    run.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
-                     help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    _take_scenario(run)
     run.add_argument("--output", type=Path, metavar="DIR",
                      help="where to write (default: out/<scenario>); files of a former run in it "
                           "are replaced or deleted, others left alone")
     run.add_argument("--seed", metavar="N", help="the scenario's seed")
     run.add_argument("--duration", metavar="S", help="the scenario's duration [s]")
-    run.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
-                     dest="overrides", help="any value of the scenario, in YAML; can be repeated")
     run.add_argument("--meshcat", action="store_true",
                      help="show the run in a browser, in real time")
     run.add_argument("--uncertified", action="store_true",
@@ -135,8 +141,7 @@ def _add_certify(commands: argparse._SubParsersAction) -> None:
     certify = commands.add_parser("certify", help="compute and check a scenario's certificate",
                                   allow_abbrev=False)
     certify.set_defaults(command=certify_scenario)
-    certify.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
-                         help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    _take_scenario(certify)
     certify.add_argument("--output", type=Path, metavar="DIR",
                          help="where to write certificate.json (default: out/<scenario>)")
     certify.add_argument("--front", action="store_true",
@@ -147,20 +152,15 @@ def _add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--laws", action="store_true",
                          help="also print both laws with several gains: certified radius, what an "
                               "adversary reaches, what the paper's form gives")
-    certify.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
-                         dest="overrides", help="any value of the scenario; can be repeated")
 
 
 def _add_bench(commands: argparse._SubParsersAction) -> None:
     bench = commands.add_parser("bench", help="measure how long the parts of a scenario take",
                                 allow_abbrev=False)
     bench.set_defaults(command=bench_scenario)
-    bench.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
-                       help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    _take_scenario(bench)
     bench.add_argument("--output", type=Path, metavar="DIR",
                        help="where to write bench.json (default: out/<scenario>)")
-    bench.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
-                       dest="overrides", help="any value of the scenario; can be repeated")
 
 
 def _add_campaign(commands: argparse._SubParsersAction) -> None:
@@ -168,8 +168,7 @@ def _add_campaign(commands: argparse._SubParsersAction) -> None:
         "campaign", allow_abbrev=False,
         help="many runs with random starts, desired forces and disturbances within the bounds")
     campaign.set_defaults(command=run_campaign)
-    campaign.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
-                          help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    _take_scenario(campaign)
     campaign.add_argument("--runs", type=int, default=100, metavar="N",
                           help="how many (default: %(default)s)")
     campaign.add_argument("--seed", type=int, default=0, metavar="S",
@@ -182,8 +181,6 @@ def _add_campaign(commands: argparse._SubParsersAction) -> None:
     campaign.add_argument("--output", type=Path, metavar="DIR",
                           help="where to write (default: out/<scenario>-campaign); if runs of this "
                                "campaign are there, it goes on with the others")
-    campaign.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
-                          dest="overrides", help="any value of the scenario; can be repeated")
     campaign.add_argument("--uncertified", action="store_true",
                           help="run without a certificate, with the tube that the scenario "
                                "declares")

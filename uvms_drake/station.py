@@ -131,17 +131,7 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
         slack=MONITOR_SLACK, floor=monitor_floor(scenario))
-    if uvms.HasInputPort("disturbance"):
-        with within("disturbance"):
-            disturbance = applied_disturbance(scenario)
-            if isinstance(disturbance, AdversarialDisturbance):
-                source: LeafSystem = Adversary.AddToBuilder(
-                    builder, ocp.model, disturbance, state=uvms.GetOutputPort("state"),
-                    monitor=monitor)
-            else:
-                source = BoundedDisturbance.AddToBuilder(
-                    builder, ocp.model.size, disturbance, scenario.seed)
-        _connect_disturbance(builder, source, uvms, meshcat)
+    _connect_disturbance(builder, scenario, ocp.model, uvms, monitor, meshcat)
     return uvms, controller, monitor
 
 
@@ -160,13 +150,26 @@ def applied_disturbance(scenario: Scenario) -> DisturbanceConfig | AdversarialDi
     return replace(disturbance, bound=(1.0 - scenario.model_error.share) * disturbance.bound)
 
 
-def _connect_disturbance(builder: DiagramBuilder, source: LeafSystem, uvms: Diagram,
-                         meshcat: Meshcat | None) -> None:
+def _connect_disturbance(builder: DiagramBuilder, scenario: Scenario, model: UvmsModel,
+                         uvms: Diagram, monitor: TubeMonitor, meshcat: Meshcat | None) -> None:
+    """Adds the disturbance of a plant that has none of its own, with Meshcat behind a slider."""
+    if not uvms.HasInputPort("disturbance"):
+        return
+    target, config = uvms.GetInputPort("disturbance"), applied_disturbance(scenario)
+    with within("disturbance"):
+        if not isinstance(config, AdversarialDisturbance):
+            source: LeafSystem = BoundedDisturbance.AddToBuilder(
+                builder, target.size(), config, scenario.seed)
+        elif scenario.kinematic:
+            source = _task_adversary(builder, config, monitor)
+        else:
+            source = Adversary.AddToBuilder(
+                builder, model, config, state=uvms.GetOutputPort("state"), monitor=monitor)
     port = source.get_output_port()
     if meshcat is not None:
         port = DisturbanceSlider.AddToBuilder(
             builder, meshcat, disturbance=port).get_output_port()
-    builder.Connect(port, uvms.GetInputPort("disturbance"))
+    builder.Connect(port, target)
 
 
 def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None
@@ -190,19 +193,12 @@ def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Mes
         nominal_state=controller.GetOutputPort("nominal_state"),
         disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
         slack=MONITOR_SLACK, floor=monitor_floor(scenario))
-    if uvms.HasInputPort("disturbance"):
-        with within("disturbance"):
-            if isinstance(scenario.disturbance, AdversarialDisturbance):
-                source: LeafSystem = _task_adversary(builder, scenario.disturbance, monitor)
-            else:
-                source = BoundedDisturbance.AddToBuilder(
-                    builder, 6, scenario.disturbance, scenario.seed)
-        _connect_disturbance(builder, source, uvms, meshcat)
+    _connect_disturbance(builder, scenario, ocp.model, uvms, monitor, meshcat)
     return uvms, controller, monitor
 
 
 def _task_adversary(builder: DiagramBuilder, config: AdversarialDisturbance,
-                    monitor: KinematicTubeMonitor) -> TaskAdversary:
+                    monitor: TubeMonitor) -> TaskAdversary:
     """Adds the one adversary of kinematic motion, w along 𝔢."""
     require(config.kind == "along_task_error", "kind", config.kind,
             "along_task_error, if the motion is kinematic")

@@ -22,7 +22,7 @@ from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.errors import require
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.adversary import Adversary, AdversaryConfig, Kind
+from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.scenario import Scenario
 from uvms_drake.station import make_dynamic_ocp
@@ -88,7 +88,8 @@ def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> f
         builder, ocp.model, law, d, {"task": 1.0}, state=state, period=0.0,
         nominal_state=controller.GetOutputPort("nominal_state"))
     adversary = Adversary.AddToBuilder(
-        builder, ocp.model, AdversaryConfig(bound=d, kind=attack), state=state, monitor=monitor)
+        builder, ocp.model, AdversarialDisturbance(bound=d, kind=attack), state=state,
+        monitor=monitor)
     builder.Connect(adversary.get_output_port(), uvms.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))
     builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))

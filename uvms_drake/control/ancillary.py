@@ -155,19 +155,6 @@ def transpose_command(model: UvmsModel, state: np.ndarray, nominal_state: np.nda
     return Command(u=lambda: u, tau=lambda: model.mass_matrix(now.kinematics.at(0)) @ u)
 
 
-def resolved_input(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
-                   nominal_acceleration: np.ndarray, k: float, sigma: float) -> np.ndarray:
-    """Returns u (6+n,) of `resolved_command`."""
-    return resolved_command(model, state, nominal_state, nominal_acceleration, k, sigma).u()
-
-
-def transpose_input(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
-                    nominal_input: np.ndarray, k: float, sigma: float,
-                    joints: bool = False) -> np.ndarray:
-    """Returns u (6+n,) of `transpose_command`."""
-    return transpose_command(model, state, nominal_state, nominal_input, k, sigma, joints).u()
-
-
 def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
     """Returns y − ȳ (..., 6 or 6+n) with the differences of Euler angles in [−π, π)."""
     error = y - y_nominal

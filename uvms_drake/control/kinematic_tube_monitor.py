@@ -9,17 +9,13 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
-    DiagramBuilder,
     EventStatus,
-    OutputPort,
-    ValueProducer,
 )
 
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved
-from uvms_drake.control.tube_monitor import ALARMS, FIELDS, FLOOR, REPORT_FIELDS, TubeMonitor
+from uvms_drake.control.tube_monitor import FLOOR, TubeMonitor
 from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -117,41 +113,22 @@ class KinematicTubeMonitor(TubeMonitor):
         require(bool(0.0 < config.sigma < np.inf), "sigma", config.sigma, "positive")
         super().__init__(
             model, config, w_bound, radii, period=period, slack=slack, floor=floor)
-        self._bounded = 4 if isinstance(config, Resolved) else 1
-        self.DeclareContinuousState(BasicVector(np.full(self._bounded, NOT_STARTED)))
+        self.DeclareVectorOutputPort(
+            "e", 6,
+            lambda context, output: output.SetFromVector(self._deviation.Eval(context).e_y[:6]),
+            {self._deviation.ticket()})
         # An unrestricted update comes before the discrete update of the same instant.
         if period > 0.0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._start)
         else:
             self.DeclarePerStepUnrestrictedUpdateEvent(self._start)
 
-    def _declare_ports(self) -> None:
-        size = self._model.size
-        self._state_port = self.DeclareVectorInputPort("state", 2 * size)
-        self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * size)
-        self._disturbance_port = self.DeclareVectorInputPort("disturbance", 6)
-        self._deviation = self.DeclareCacheEntry(
-            description="deviation of the real from the nominal state",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(()), calc=self._calc_deviation),
-            prerequisites_of_calc={self.input_port_ticket(port.get_index())
-                                   for port in (self._state_port, self._nominal_port)})
-        now = {self._deviation.ticket()}
-        bound = now | {self.xc_ticket()}
-        for name, width, calc, prerequisites in (
-            ("deviation", len(FIELDS), lambda c: self._deviation.Eval(c).norms, now),
-            ("bound", len(FIELDS), self._bounds, bound),
-            ("ratio", 2 * len(FIELDS), self._ratios, bound),
-            ("report", len(REPORT_FIELDS),
-             lambda c: c.get_discrete_state_vector().value()[len(ALARMS):], {self.xd_ticket()}),
-            ("e_y", size, lambda c: self._deviation.Eval(c).e_y, now),
-            ("r", size, lambda c: self._deviation.Eval(c).r, now),
-            ("e", 6, lambda c: self._deviation.Eval(c).e_y[:6], now),
-        ):
-            self.DeclareVectorOutputPort(
-                name, BasicVector(width),
-                lambda context, output, calc=calc: output.SetFromVector(calc(context)),
-                prerequisites)
+    def _declare_bounds(self) -> None:
+        self._bounded = 4 if isinstance(self._law, Resolved) else 1
+        self.DeclareContinuousState(BasicVector(np.full(self._bounded, NOT_STARTED)))
+
+    def _disturbance_size(self) -> int:
+        return 6
 
     def _start(self, context, state):
         if self._has_started(context):
@@ -194,18 +171,3 @@ class KinematicTubeMonitor(TubeMonitor):
             return np.array([*E, self._law.sigma / smallest * E[0] + now.z_offset, 0.0])
         joints = E[0] if self._law.joints else np.inf
         return np.array([*np.repeat(E, 3), joints, now.z_gain * E[0], 0.0])
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel,  # type: ignore[override]
-                     config: AncillaryConfig, w_bound: float, radii: Mapping[str, float], *,
-                     state: OutputPort, nominal_state: OutputPort,
-                     disturbance: OutputPort | None = None,
-                     name: str = "tube_monitor", **options) -> "KinematicTubeMonitor":
-        """Adds the monitor and connects it; `options` are those of the constructor."""
-        monitor = KinematicTubeMonitor(model, config, w_bound, radii, **options)
-        builder.AddNamedSystem(name, monitor)
-        builder.Connect(state, monitor.GetInputPort("state"))
-        builder.Connect(nominal_state, monitor.GetInputPort("nominal_state"))
-        if disturbance is not None:
-            builder.Connect(disturbance, monitor.GetInputPort("disturbance"))
-        return monitor

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -126,7 +127,7 @@ class NominalMpc(LeafSystem):
         self._ocp = solver.ocp
         size = self._ocp.model.size
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
-        self._solvers: dict[bytes, SequentialConvexSolver | None] = {force.tobytes(): solver}
+        self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
         self._initial = MpcMemory(force=force, asked=force)
         self._memory = self.DeclareAbstractState(Value(self._initial))
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
@@ -244,19 +245,18 @@ class NominalMpc(LeafSystem):
     def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver | None:
         """Returns the solver of the problem of a desired force (6,), or None if there is none.
 
-        A few are kept; they are no state, but a function of the force alone.
+        The latest are remembered; they are no state, but a function of the force alone.
         """
-        key = force.tobytes()
-        if key not in self._solvers:
-            assert self._targets is not None
-            try:
-                solver = SequentialConvexSolver(self._targets.ocp(force))
-            except (InvalidParameter, np.linalg.LinAlgError):
-                solver = None
-            if len(self._solvers) >= SOLVERS_KEPT:
-                self._solvers.pop(next(iter(self._solvers)))
-            self._solvers[key] = solver
-        return self._solvers[key]
+        if np.array_equal(force, self._initial.force):
+            return self._solver
+        return self._problem(force.tobytes())
+
+    def _make_solver(self, force: bytes) -> SequentialConvexSolver | None:
+        assert self._targets is not None
+        try:
+            return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force)))
+        except (InvalidParameter, np.linalg.LinAlgError):
+            return None
 
     def _remember(self, state, old: MpcMemory, now: float, solution: Solution, plan: Plan,
                   started: float):

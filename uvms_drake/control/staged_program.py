@@ -238,7 +238,8 @@ class _Limits:
     def near(program: StagedProgram) -> "_Limits":
         """Returns the limits that the plan itself has nearly reached."""
         linear, terminal = program.linear, program.terminal
-        margin = NEAR * (linear.upper - linear.lower)
+        width = linear.upper - linear.lower
+        margin = NEAR * np.where(np.isfinite(width), width, 0.0)
         return _Limits(
             upper=linear.upper - linear.value < margin,
             lower=linear.value - linear.lower < margin,

@@ -13,7 +13,7 @@ while the robot is in the constraint set, and says how much of the distance is d
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -182,13 +182,7 @@ class TubeMonitor(LeafSystem):
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
         require(not np.any(self._radii < 0.0), "radii", self._radii, "zero or positive")
         self._comparison = comparison
-        if isinstance(config, Resolved):
-            self.DeclareContinuousState(6)
-        elif comparison is not None:
-            stable = np.shape(comparison) == (2, 2) and np.max(
-                np.linalg.eigvals(comparison).real) < 0.0
-            require(bool(stable), "comparison", comparison, "a stable 2×2 matrix")
-            self.DeclareContinuousState(2)
+        self._declare_bounds()
         self._declare_ports()
         first = np.zeros(len(ALARMS) + len(REPORT_FIELDS))
         first[2 * len(ALARMS): 3 * len(ALARMS)] = np.inf
@@ -198,11 +192,25 @@ class TubeMonitor(LeafSystem):
         else:
             self.DeclarePerStepDiscreteUpdateEvent(self._update)
 
+    def _declare_bounds(self) -> None:
+        """Declares the continuous state, from which the trajectory-wise bounds follow."""
+        if isinstance(self._law, Resolved):
+            self.DeclareContinuousState(6)
+        elif self._comparison is not None:
+            stable = np.shape(self._comparison) == (2, 2) and np.max(
+                np.linalg.eigvals(self._comparison).real) < 0.0
+            require(bool(stable), "comparison", self._comparison, "a stable 2×2 matrix")
+            self.DeclareContinuousState(2)
+
+    def _disturbance_size(self) -> int:
+        return self._model.size
+
     def _declare_ports(self) -> None:
         size = self._model.size
         self._state_port = self.DeclareVectorInputPort("state", 2 * size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * size)
-        self._disturbance_port = self.DeclareVectorInputPort("disturbance", size)
+        self._disturbance_port = self.DeclareVectorInputPort(
+            "disturbance", self._disturbance_size())
         self._deviation = self.DeclareCacheEntry(
             description="deviation of the real from the nominal state",
             value_producer=ValueProducer(
@@ -278,13 +286,13 @@ class TubeMonitor(LeafSystem):
             np.maximum(worst, ratios)]))
         return EventStatus.Succeeded()
 
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig,
-                     d_bound: float, radii: Mapping[str, float], *, state: OutputPort,
+    @classmethod
+    def AddToBuilder(cls, builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig,
+                     bound: float, radii: Mapping[str, float], *, state: OutputPort,
                      nominal_state: OutputPort, disturbance: OutputPort | None = None,
-                     name: str = "tube_monitor", **options) -> "TubeMonitor":
+                     name: str = "tube_monitor", **options) -> Self:
         """Adds the monitor and connects it; `options` are those of the constructor."""
-        monitor = TubeMonitor(model, config, d_bound, radii, **options)
+        monitor = cls(model, config, bound, radii, **options)
         builder.AddNamedSystem(name, monitor)
         builder.Connect(state, monitor.GetInputPort("state"))
         builder.Connect(nominal_state, monitor.GetInputPort("nominal_state"))

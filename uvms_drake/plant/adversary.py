@@ -63,9 +63,6 @@ class AdversarialDisturbance:
     """Of the sine at t = 0 [rad]."""
 
 
-AdversaryConfig = AdversarialDisturbance
-
-
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Returns a unit vector along `aim`, or along the unit vector `direction` where that is zero.
 
@@ -100,7 +97,7 @@ class Adversary(LeafSystem):
         config: What it does.
     """
 
-    def __init__(self, model: UvmsModel, config: AdversaryConfig):
+    def __init__(self, model: UvmsModel, config: AdversarialDisturbance):
         super().__init__()
         size = model.size
         require(0.0 <= config.bound < np.inf, "bound", config.bound, "zero or positive")
@@ -129,7 +126,7 @@ class Adversary(LeafSystem):
             "disturbance", size, self._calc_disturbance,
             prerequisites.get(config.kind, {self.xd_ticket()}))
 
-    def _declare_sign(self, config: AdversaryConfig) -> None:
+    def _declare_sign(self, config: AdversarialDisturbance) -> None:
         self._half = 0.5 * config.period
         shift = config.phase / np.pi
         self._sign_at = lambda time: 1.0 - 2.0 * (np.floor(time / self._half + shift + 1e-6) % 2.0)
@@ -183,7 +180,7 @@ class Adversary(LeafSystem):
         return self._model.task_jacobian(config)[ROWS[self._config.rows]]
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AdversaryConfig, *,
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AdversarialDisturbance, *,
                      state: OutputPort | None = None, monitor: LeafSystem | None = None,
                      name: str = "adversary") -> "Adversary":
         """Adds the adversary.

@@ -30,7 +30,7 @@ from uvms_drake.model.description import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.surface import pose_and_jacobian
-from uvms_drake.plant.uvms_plant import _add_visualizer
+from uvms_drake.plant.uvms_plant import add_visualizer
 
 PITCH_MARGIN = 0.01
 """How near to ±π/2 the pitch of vehicle or end-effector may come [rad]; there ‖J‖ is about 100."""
@@ -229,7 +229,7 @@ def make_kinematic_plant(
         builder.Connect(kinematics.GetOutputPort("positions"), pose.get_input_port())
         builder.Connect(
             pose.get_output_port(), scene_graph.get_source_pose_port(plant.get_source_id()))
-        _add_visualizer(builder, scene_graph, meshcat)
+        add_visualizer(builder, scene_graph, meshcat)
 
     builder.ExportInput(kinematics.GetInputPort("zeta"), "zeta")
     builder.ExportOutput(kinematics.GetOutputPort("configuration"), "configuration")

@@ -114,7 +114,7 @@ def make_uvms_plant(
 
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     if meshcat is not None:
-        _add_visualizer(builder, scene_graph, meshcat)
+        add_visualizer(builder, scene_graph, meshcat)
 
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
     builder.ExportInput(water.GetInputPort("current"), "current")
@@ -143,7 +143,7 @@ def set_state(uvms: Diagram, context: Context, state: np.ndarray) -> None:
         coordinates.to_drake(vector("state", state, 2 * coordinates.size)))
 
 
-def _add_visualizer(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat) -> None:
+def add_visualizer(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat) -> None:
     """Adds a visualizer under `MESHCAT_NED`; Meshcat's own z-axis points up.
 
     The turn is set on the parent of the visualizer's path, since the visualizer deletes its own
