@@ -118,3 +118,18 @@ def test_a_drifted_quaternion_changes_nothing(coordinates, states):
     np.testing.assert_allclose(
         coordinates.vector_to_drake(drifted, states[1, :10]),
         coordinates.vector_to_drake(x, states[1, :10]), atol=1e-13)
+
+
+def test_the_acceleration_is_the_rate_of_zeta(uvms, coordinates, states):
+    """By finite differences along (q̇, v̇), while the vehicle turns."""
+    context = uvms.plant.CreateDefaultContext()
+    v_dot = np.random.default_rng(seed=6).normal(size=10)
+    h = 1e-6
+    for state in states:
+        x = coordinates.to_drake(state)
+        uvms.plant.SetPositionsAndVelocities(context, x)
+        q_dot = uvms.plant.MapVelocityToQDot(context, x[coordinates.num_positions:])
+        step = h * np.concatenate([q_dot, v_dot])
+        difference = coordinates.from_drake(x + step) - coordinates.from_drake(x - step)
+        np.testing.assert_allclose(coordinates.acceleration_from_drake(x, v_dot),
+                                   difference[10:] / (2 * h), rtol=1e-6, atol=1e-7)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description import Uvms
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters
-from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperAcceleration, ToPaperOrder
 
 ROBOT = """
 <sdf version="1.9"><model name="robot">
@@ -83,6 +83,27 @@ def test_a_force_keeps_its_power(robot):
     assert tau_drake @ plant.GetVelocities(plant_context) == pytest.approx(tau @ zeta, rel=1e-12)
 
 
+def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_its_axes(robot):
+    coordinates, plant, builder = robot
+    system = ToPaperAcceleration.AddToBuilder(builder, plant, coordinates)
+    x, plant_context = random_state(plant)
+    v_dot = np.random.default_rng(2).normal(size=8)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plant_state").FixValue(context, x)
+    system.GetInputPort("v_dot").FixValue(context, v_dot)
+    zeta_dot = system.GetOutputPort("acceleration").Eval(context)
+
+    vehicle = plant.GetBodyByName("vehicle")
+    A_WB = plant.CalcSpatialAccelerationsFromVdot(plant_context, v_dot)[int(vehicle.index())]
+    R_WB = vehicle.EvalPoseInWorld(plant_context).rotation().matrix()
+    nu = coordinates.from_drake(x)[8:14]
+    np.testing.assert_allclose(
+        zeta_dot[:3] + np.cross(nu[3:], nu[:3]), R_WB.T @ A_WB.translational(), atol=1e-13)
+    np.testing.assert_allclose(zeta_dot[3:6], R_WB.T @ A_WB.rotational(), atol=1e-13)
+    joints = [plant.GetJointByName(name).velocity_start() for name in ("shoulder", "elbow")]
+    np.testing.assert_array_equal(zeta_dot[6:], v_dot[joints])
+
+
 def test_nothing_connected_means_zero(robot):
     coordinates, plant, _ = robot
     system = ToDrakeOrder(coordinates)
@@ -94,5 +115,5 @@ def test_nothing_connected_means_zero(robot):
 
 def test_the_systems_have_no_state(robot):
     coordinates, _, _ = robot
-    for system in (ToPaperOrder(coordinates), ToDrakeOrder(coordinates)):
+    for system in (kind(coordinates) for kind in (ToPaperOrder, ToDrakeOrder, ToPaperAcceleration)):
         assert system.CreateDefaultContext().num_total_states() == 0

@@ -54,7 +54,8 @@ def test_the_ports_have_the_names_and_sizes_of_the_docstring():
     outputs = [uvms.get_output_port(i) for i in range(uvms.num_output_ports())]
     assert {port.get_name(): port.size() for port in inputs} == {"tau": 10, "current": 3}
     assert {port.get_name(): port.size() for port in outputs} == {
-        "state": 20, "force": 6, "penetration": 1, "disturbance": 10, "plant_state": 21}
+        "state": 20, "force": 6, "penetration": 1, "disturbance": 10, "acceleration": 10,
+        "plant_state": 21}
     for name in ("plant", "scene_graph", "hydrodynamics", "surface", "disturbance"):
         assert uvms.HasSubsystemNamed(name)
 
@@ -148,6 +149,26 @@ def test_the_disturbance_is_what_is_added_to_the_rate_of_zeta():
         rates.append((ends[0] - ends[1]) / (2.0 * h))
     assert np.linalg.norm(d) > 0.1
     np.testing.assert_allclose(rates[1] - rates[0], d, atol=1e-7)
+
+
+def test_the_acceleration_is_the_rate_of_zeta_along_a_trajectory():
+    """In a current and in contact, disturbed and driven, by central differences."""
+    uvms = make(UnilateralPlane(point=np.array([0.5, 0.0, 0.0]), stiffness=200.0, transition=0.5),
+                SinusoidalDisturbance(0.4, phase=0.9))
+    simulator = simulator_of(uvms)
+    context, step = simulator.get_mutable_context(), 2e-4
+    set_state(uvms, context, moving_state())
+    tau = [20.0, -10.0, 30.0, 5.0, -5.0, 8.0, 1.0, -1.0, 0.5, 0.01]
+    uvms.GetInputPort("tau").FixValue(context, tau)
+    uvms.GetInputPort("current").FixValue(context, [0.2, -0.1, 0.05])
+    zeta, rates = [], []
+    for time in step * np.arange(51):
+        simulator.AdvanceTo(time)
+        zeta.append(uvms.GetOutputPort("state").Eval(context)[10:].copy())
+        rates.append(uvms.GetOutputPort("acceleration").Eval(context).copy())
+    assert np.linalg.norm(uvms.GetOutputPort("force").Eval(context)) > 1.0
+    expected = (np.array(zeta[2:]) - np.array(zeta[:-2])) / (2.0 * step)
+    np.testing.assert_allclose(rates[1:-1], expected, atol=1e-5 * np.max(np.abs(expected)))
 
 
 def test_left_alone_it_floats_up_slowly_and_arm_and_water_bring_it_to_rest():

@@ -13,6 +13,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 
 from uvms_drake.errors import require
 from uvms_drake.model.description import Uvms
+from uvms_drake.model.spatial import cross
 
 
 class Coordinates:
@@ -71,6 +72,23 @@ class Coordinates:
             vector: w in the paper's order; for an acceleration, the part beyond Ṫζ.
         """
         return self._to_drake_order(self._rotation(state[: self.num_positions]).matrix(), vector)
+
+    def acceleration_from_drake(self, state: np.ndarray, v_dot: np.ndarray) -> np.ndarray:
+        """Returns ζ̇ (6+n,) = Tᵀ(v̇ − Ṫζ) of an acceleration v̇ (nv,) in Drake's order.
+
+        ν₁ turns with the vehicle: ν̇₁ = Rᵀ(v̇_WBo − ω × v_WBo), ν̇₂ = Rᵀω̇, all but R in World.
+
+        Args:
+            state: Plant state (q, v).
+            v_dot: v̇ [rad/s², m/s²].
+        """
+        q, v = state[: self.num_positions], state[self.num_positions:]
+        R_WB = self._rotation(q).matrix()
+        out = np.empty(self.size)
+        out[:3] = (v_dot[self._linear] - cross(v[self._angular], v[self._linear])) @ R_WB
+        out[3:6] = v_dot[self._angular] @ R_WB
+        out[6:] = v_dot[self._joint_velocities]
+        return out
 
     def _to_drake_order(self, R_WB: np.ndarray, vector: np.ndarray) -> np.ndarray:
         out = np.empty(self.num_velocities)

@@ -16,7 +16,7 @@ from uvms_drake.model.description import add_uvms
 from uvms_drake.model.model_error import ModelError
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
-from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperAcceleration, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface
 
 MESHCAT_NED = "ned"
@@ -45,6 +45,8 @@ def make_uvms_plant(
                    │              └──▶ disturbance                      │
                    └────────────────── plant state (to all) ◀───────────┘
 
+        hydrodynamics ─▶ to_paper_acceleration ─▶ acceleration
+
     World is Σ_I (NED); n is the number of the arm's joints.
 
     .. pydrake_system::
@@ -59,6 +61,7 @@ def make_uvms_plant(
         - force
         - penetration
         - disturbance
+        - acceleration
         - plant_state
 
     - `tau` (6 + n) [N, N m]: generalised force of thrusters and joints, in the paper's order, the
@@ -68,6 +71,7 @@ def make_uvms_plant(
     - `force` (6) [N, N m]: 𝔉, see `CompliantSurface`.
     - `penetration` (1) [m]: see `CompliantSurface`.
     - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
+    - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, with d in it.
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
 
     The subsystems "plant", "scene_graph", "hydrodynamics", "surface", "disturbance" and, with
@@ -113,6 +117,8 @@ def make_uvms_plant(
         d_drake.GetOutputPort("drake_order"), water.GetInputPort("acceleration_disturbance"))
 
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    acceleration = ToPaperAcceleration.AddToBuilder(builder, plant, coordinates)
+    builder.Connect(water.GetOutputPort("acceleration"), acceleration.GetInputPort("v_dot"))
     if meshcat is not None:
         add_visualizer(builder, scene_graph, meshcat)
 
@@ -122,6 +128,7 @@ def make_uvms_plant(
     builder.ExportOutput(contact.GetOutputPort("force"), "force")
     builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
     builder.ExportOutput(d_source.get_output_port(), "disturbance")
+    builder.ExportOutput(acceleration.GetOutputPort("acceleration"), "acceleration")
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     diagram = builder.Build()
     diagram.set_name("uvms")
