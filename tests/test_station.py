@@ -151,6 +151,19 @@ def test_a_current_that_the_controller_does_not_know_is_felt():
     assert 1e-5 < np.max(np.abs(flow["state"] - calm["state"])) < 0.05
 
 
+def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
+    overrides = ["duration=1.2", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
+    known, closer = (simulate(load_scenario("girona500_contact", [*overrides, *more]))
+                     for more in ([], ["surface_error.shift=[-0.005, 0, 0]"]))
+    np.testing.assert_array_equal(closer.chi_des, known.chi_des)
+    np.testing.assert_array_equal(closer.nominal_state, known.nominal_state)
+    deeper = closer.penetration > 0.005
+    np.testing.assert_allclose(
+        closer.penetration[deeper], closer.chi[deeper, 0] + 0.005, atol=1e-12)
+    first = [record.time[np.argmax(record.penetration > 0.0)] for record in (closer, known)]
+    assert first[0] < first[1]
+
+
 # Repeatability -----------------------------------------------------------------------------------
 
 
@@ -265,6 +278,8 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_contact", ["model=no_such_robot"], "model"),
     ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
     ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
+    ("paper_kinematic", ["surface_error.stiffness=1.1"], "surface_error"),
+    ("paper_kinematic", ["surface_error.shift=[0, 0, 0.01]"], "surface_error"),
 ])
 def test_what_cannot_be_used_is_named(name, overrides, key):
     with pytest.raises(InvalidParameter) as caught:

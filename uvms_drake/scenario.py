@@ -21,6 +21,7 @@ from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.errors import InvalidParameter, ScenarioError, require, within
 from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
 from uvms_drake.model.model_error import ModelError, check_model_error
+from uvms_drake.model.surface_error import SurfaceError, check_surface_error
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -84,6 +85,8 @@ class Scenario:
     model_error: ModelError = field(default_factory=ModelError)
     """How the simulated robot differs from the one that the controller knows."""
     surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
+    surface_error: SurfaceError = field(default_factory=SurfaceError)
+    """How the simulated surface differs from `surface`, which the controller knows."""
     disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
                   | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
     task: Task = field(default_factory=Task)
@@ -197,6 +200,8 @@ def check_scenario(scenario: Scenario) -> None:
     _require_positive("task.force_tolerance", scenario.task.force_tolerance)
     with within("model_error"):
         check_model_error(scenario.model_error)
+    with within("surface_error"):
+        check_surface_error(scenario.surface_error)
     _check_simulator(scenario.simulator)
     check_visual(scenario.visual)
 

@@ -23,6 +23,7 @@ from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.errors import require, vector, within
 from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.surface_error import displaced
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, TaskAdversary
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
@@ -106,10 +107,8 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
     """Adds plant, controller and monitor of dynamic motion, connected."""
     ocp = make_dynamic_ocp(scenario)
     start_state(scenario, ocp)
-    uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
-        model=scenario.model, surface=scenario.surface,
-        disturbance=_disturbance_inside(scenario, meshcat), seed=scenario.seed,
-        error=scenario.model_error if scenario.model_error.size > 0.0 else None))
+    uvms = builder.AddNamedSystem(
+        "uvms", make_simulated_uvms(scenario, _disturbance_inside(scenario, meshcat)))
     with within("ancillary"):
         controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
             ocp, scenario.ancillary, Targets(
@@ -133,6 +132,19 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
         slack=MONITOR_SLACK, floor=monitor_floor(scenario))
     _connect_disturbance(builder, scenario, ocp.model, uvms, monitor, meshcat)
     return uvms, controller, monitor
+
+
+def make_simulated_uvms(scenario: Scenario, disturbance: DisturbanceConfig | None) -> Diagram:
+    """Returns the robot and the surface as they are, which the controller may not know.
+
+    Args:
+        scenario: Of dynamic motion; its own disturbance is not looked at.
+        disturbance: As of `make_uvms_plant`.
+    """
+    return make_uvms_plant(
+        model=scenario.model, surface=displaced(scenario.surface, scenario.surface_error),
+        disturbance=disturbance, seed=scenario.seed,
+        error=scenario.model_error if scenario.model_error.size > 0.0 else None)
 
 
 def _disturbance_inside(scenario: Scenario, meshcat: Meshcat | None) -> DisturbanceConfig | None:
@@ -177,6 +189,8 @@ def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Mes
     """Adds plant, controller and monitor of kinematic motion, connected."""
     require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
             "zero where there is no water (motion: kinematic)")
+    require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
+            "left out where there is no contact (motion: kinematic)")
     ocp = make_kinematic_ocp(scenario)
     start_state(scenario, ocp)
     uvms = builder.AddNamedSystem("uvms", make_kinematic_plant(
