@@ -49,6 +49,8 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "desired_force": np.tile([20.0, 0.0, 0.0, 0.0, 0.0, 0.0], (len(time), 1)),
         "penetration": press / 1000.0,
         "disturbance": 0.1 * np.sin(time)[:, None] * np.full(10, 1.0 / np.sqrt(10.0)),
+        "acceleration": 0.2 * decay * np.cos(3.0 * time)[:, None] * np.ones(10),
+        "effective_disturbance": 0.1 * np.sin(time)[:, None] * np.full(10, 1.0 / np.sqrt(10.0)),
         "joint_lower": np.array([-0.4, 0.6, -0.1, -0.8]),
         "joint_upper": np.array([1.46, 1.3114, 0.73, 3.14]),
         "mpc_time": mpc_time,

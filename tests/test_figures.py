@@ -12,7 +12,7 @@ from synthetic import synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.figure_style import COLUMN_WIDTH, STYLE, tube_label
+from uvms_drake.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
 from uvms_drake.figures import FIGURES, UNCERTIFIED, make_figures
 
 NAMES = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.png",
@@ -174,3 +174,14 @@ def test_every_figure_of_a_run_without_a_certificate_says_so(certified, tmp_path
     record = replace(synthetic_record(4.0), certified=np.array(certified))
     make_figures(record, tmp_path)
     assert seen == ([] if certified else [UNCERTIFIED] * len(NAMES))
+
+
+def test_the_effective_disturbance_is_drawn_where_it_is_another_one(record):
+    same = FIGURES["disturbance.png"](record)
+    other = FIGURES["disturbance.png"](
+        replace(record, effective_disturbance=1.5 * record.disturbance))
+    lines = [figure.axes[1].get_lines() for figure in (same, other)]
+    assert len(lines[1]) == len(lines[0]) + 1
+    drawn = [line for line in lines[1] if line.get_color() == ORANGE]
+    np.testing.assert_allclose(
+        drawn[0].get_ydata(), 1.5 * np.linalg.norm(record.disturbance, axis=1))

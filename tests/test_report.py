@@ -11,7 +11,7 @@ from uvms_drake.certificate.certificate import Certificate, write_certificate
 from uvms_drake.certificate.conditions import Condition
 from uvms_drake.errors import InvalidParameter, RunFailed
 from uvms_drake.figures import make_figures
-from uvms_drake.record import save_record
+from uvms_drake.record import LOG_FILE, save_record
 from uvms_drake.report import format_report, load_run
 
 HOLDS = Condition("tube in limits.nu1", 0.1, "<", 0.3)
@@ -41,6 +41,16 @@ def test_it_says_what_it_is_about_and_how_to_run_it_again(record):
     for part in ("girona500_contact", "compliant wall", "stiffness: 1000.0", "Drake 1.",
                  "uvms-drake run scenario.yaml --uncertified", "seed 0", "20 N", "tip_pitch"):
         assert part in text, part
+
+
+def test_a_log_of_an_older_version_is_refused_with_one_line(record, tmp_path):
+    save_record(record, tmp_path)
+    with np.load(tmp_path / LOG_FILE) as log:
+        older = {name: log[name] for name in log.files if name != "acceleration"}
+    np.savez(tmp_path / LOG_FILE, **older)
+    with pytest.raises(InvalidParameter, match="acceleration is not a file in the archive") as seen:
+        load_run(tmp_path)
+    assert "\n" not in str(seen.value)
 
 
 def test_a_run_without_a_certificate_says_so(record):

@@ -45,7 +45,7 @@ def record():
 def test_the_record_has_all_signals_at_all_samples(record):
     np.testing.assert_allclose(record.time, np.arange(151) * 0.01, atol=1e-12)
     for name in ("state", "nominal_state", "chi", "chi_nominal", "nominal_input", "u", "tau",
-                 "force", "penetration", "disturbance"):
+                 "force", "penetration", "disturbance", "acceleration", "effective_disturbance"):
         assert len(getattr(record, name)) == 151
     assert record.penetration.ndim == 1
     assert record.state.shape[1] == 20
@@ -66,6 +66,35 @@ def test_the_deviation_is_that_of_pose_joints_and_velocity(record):
             ("z", record.zeta - record.nominal_zeta)):
         np.testing.assert_allclose(record.deviation_of(part), np.linalg.norm(error, axis=1),
                                    atol=1e-12, err_msg=part)
+
+
+def test_where_the_controller_knows_all_else_the_disturbance_is_the_effective_one(record):
+    assert np.max(np.abs(record.disturbance)) > 0.03
+    np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
+
+
+def test_another_surface_is_in_the_effective_disturbance():
+    """By the difference of the two forces on the robot."""
+    scenario = load_scenario("girona500_contact", [
+        *SHORT, "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]", "surface_error.stiffness=1.2",
+        "surface_error.shift=[-0.002, 0, 0]", "surface_error.turn=[0, 0.05, 0.02]"])
+    record = simulate(scenario)
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    kinematics = model.kinematics(record.config)
+    chi_dot = (kinematics.J_chi @ record.zeta[..., None])[..., 0]
+    unknown = record.force - model.surface.force(record.chi, chi_dot)
+    assert np.max(np.abs(unknown)) > 2.0
+    torque = kinematics.J_chi.swapaxes(-1, -2) @ unknown[..., None]
+    induced = -np.linalg.solve(model.mass_matrix(kinematics), torque)[..., 0]
+    np.testing.assert_allclose(
+        record.effective_disturbance, record.disturbance + induced, atol=1e-8)
+
+
+def test_with_kinematic_motion_the_effective_disturbance_is_the_one_of_the_tip():
+    record = simulate(load_scenario("paper_kinematic", ["duration=0.2"]))
+    assert np.max(np.abs(record.disturbance)) > 0.0
+    np.testing.assert_array_equal(record.effective_disturbance, record.disturbance)
+    assert record.acceleration.shape == (len(record.time), 0)
 
 
 def test_the_joint_limits_are_those_in_force(record):

@@ -14,6 +14,7 @@ from uvms_drake.figure_style import (
     BLACK,
     BLUE,
     LIMIT,
+    ORANGE,
     STYLE,
     TIGHTENED,
     VERMILION,
@@ -181,7 +182,10 @@ def draw_inputs(record: Record) -> Figure:
 
 
 def draw_disturbance(record: Record) -> Figure:
-    """Draws the components of d, or w, and its norm against the bound."""
+    """Draws the components of d, or w, and its norm against the bound.
+
+    The norm of the effective disturbance is drawn too, where it is another one.
+    """
     figure, axes = panels(2, 2.8)
     kinematic = record.scenario.kinematic
     symbol, unit = ("w", "m/s, rad/s") if kinematic else ("d", "m/s², rad/s²")
@@ -191,9 +195,15 @@ def draw_disturbance(record: Record) -> Figure:
     for block, color, name in zip(blocks, XYZ, names, strict=False):
         axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
                      label=name)
-    axes[1].plot(record.time, np.linalg.norm(record.disturbance, axis=1), color=BLACK)
+    norm = np.linalg.norm(record.disturbance, axis=1)
+    effective = np.linalg.norm(record.effective_disturbance, axis=1)
+    axes[1].plot(record.time, norm, color=BLACK)
+    title = rf"dashed: bound $\tilde{{{symbol}}}$"
+    if not np.allclose(norm, effective, atol=1e-6):
+        axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8)
+        title += "; orange: with what the controller does not know"
     axes[1].axhline(record.scenario.disturbance.bound, **{**LIMIT, "color": VERMILION})
-    axes[1].set_title(rf"dashed: bound $\tilde{{{symbol}}}$")
+    axes[1].set_title(title)
     axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
     axes[1].set_ylabel(rf"$\|{symbol}\|_2$ [{unit}]")
     room_above_zero(axes[1])

@@ -49,6 +49,11 @@ class Record:
     """Of the end-effector into the surface (T,) [m]."""
     disturbance: np.ndarray
     """d (T, 6+n) [m/s², rad/s²]; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
+    acceleration: np.ndarray
+    """ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
+    effective_disturbance: np.ndarray
+    """ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f: d and all else that the
+    controller does not know about; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
     joint_lower: np.ndarray
     """Joint limits in force (n,) [rad]: the robot's, or the scenario's if they are narrower."""
     joint_upper: np.ndarray

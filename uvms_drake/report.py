@@ -162,7 +162,9 @@ def _run(summary: dict[str, Any]) -> str:
                                     f"{tube['exits']} exits"),
         ("along the run", f"{_number(ratio['trajectory'], '.1%')} at most, "
                           f"{tube['exits_along_the_run']} exits"),
-        ("disturbance", f"{disturbance['worst']:.3g} at most, bound {disturbance['bound']:.3g}"),
+        ("disturbance", f"{disturbance['applied']:.3g} applied, {disturbance['worst']:.3g} with "
+                        "what the controller does not know, bound "
+                        f"{disturbance['bound']:.3g}"),
         ("MPC", f"{mpc['solves']} solves, {mpc['failures']} failures"),
         ("step of the MPC", f"{_number(step['p50'], '.1f', 'ms')} median, "
                             f"{_number(step['p99'], '.1f', 'ms')} p99"),

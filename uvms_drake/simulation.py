@@ -110,7 +110,7 @@ def _monitor(station: Diagram, progress: Callable[[float], None] | None,
 
 def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float,
                 certified: bool) -> Record:
-    """Returns the record of a station's logs, with the end-effector's poses added.
+    """Returns the record of a station's logs, with what follows from them added.
 
     Args:
         scenario: The scenario of the run.
@@ -126,10 +126,12 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
     if scenario.kinematic:  # There are no forces; the surface's law gives one for the pose.
         still = np.zeros_like(chi)
         logs = logs | {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
-                 "tau": np.empty((len(chi), 0)),
+                 "tau": np.empty((len(chi), 0)), "acceleration": np.empty((len(chi), 0)),
                  "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1))}
     derived = {
         "desired_force": logs["accepted_force"],
+        "effective_disturbance": logs["disturbance"] if scenario.kinematic else
+        effective_disturbance(model, logs["state"], logs["u"], logs["acceleration"]),
         "chi": chi,
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
         "chi_des": surface.pose_for(logs["accepted_force"][-1], scenario.task.pose),
@@ -141,3 +143,20 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
     known = {f.name for f in fields(Record)}
     return Record(scenario=scenario, wall_time_s=wall_time,
                   **{name: value for name, value in arrays.items() if name in known})
+
+
+def effective_disturbance(model: UvmsModel, state: np.ndarray, u: np.ndarray,
+                          acceleration: np.ndarray) -> np.ndarray:
+    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
+
+    The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
+    the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
+    else.
+
+    Args:
+        model: The controller's.
+        state: (𝔮, ζ) (T, 2(6+n)).
+        u: 𝔲, the command (T, 6+n).
+        acceleration: ζ̇ of the robot (T, 6+n).
+    """
+    return acceleration - model.drift(*np.split(state, 2, axis=1)) - u

@@ -35,7 +35,7 @@ from uvms_drake.visual.illustration import Illustration
 
 LOGGED = {
     "dynamic": ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penetration",
-                "accepted_force", "disturbance", "tube_deviation", "tube_bound"),
+                "accepted_force", "disturbance", "acceleration", "tube_deviation", "tube_bound"),
     "kinematic": ("state", "nominal_state", "nominal_input", "u", "disturbance", "tube_deviation",
                   "tube_bound"),
 }
