@@ -1,0 +1,44 @@
+"""`campaign.induced`: what the controller does not know, predicted and measured."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.campaign.induced import predicted_disturbance
+from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.scenario import load_scenario
+from uvms_drake.simulation import simulate
+from uvms_drake.station import make_ocp, start_state
+
+CALM = ["duration=3.2", "disturbance.bound=0"]
+
+
+@pytest.fixture(scope="module")
+def first():
+    """The problem of the main scenario and its first plan, which ends on the wall."""
+    scenario = load_scenario("girona500_contact", CALM)
+    ocp = make_ocp(scenario)
+    plan = SequentialConvexSolver(ocp).solve(
+        ocp.resting_plan(0.0, start_state(scenario, ocp)), FIRST_SOLVE_ITERATIONS).plan
+    assert ocp.model.task_pose(plan.config[-1])[0] > 0.0
+    return ocp, plan
+
+
+def test_where_everything_is_known_nothing_is_induced(first):
+    ocp, plan = first
+    assert predicted_disturbance(load_scenario("girona500_contact", CALM), plan, ocp) < 1e-7
+    disturbed = load_scenario("girona500_contact", ["disturbance.bound=0.1"])
+    assert predicted_disturbance(disturbed, plan, ocp) < 1e-7
+
+
+@pytest.mark.parametrize("override", [
+    "model_error.mass=1.01", "model_error.added_mass=1.1", "model_error.drag=1.1",
+    "model_error.buoyancy_lever=1.1", "surface_error.stiffness=1.01",
+    "surface_error.shift=[0.001, 0, 0]", "surface_error.turn=[0, 0.01, 0]",
+    "current=[0, 0.02, 0]"])
+def test_what_is_predicted_from_the_first_plan_is_what_the_run_then_has(first, override):
+    ocp, plan = first
+    scenario = load_scenario("girona500_contact", [*CALM, override])
+    measured = np.max(np.linalg.norm(simulate(scenario).effective_disturbance, axis=1))
+    assert measured > 0.005
+    assert predicted_disturbance(scenario, plan, ocp) == pytest.approx(measured, rel=0.2)

@@ -1,0 +1,55 @@
+"""What the controller does not know amounts to a disturbance; its size before a run."""
+
+import numpy as np
+
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.plant.uvms_plant import set_state
+from uvms_drake.scenario import Scenario
+from uvms_drake.station import make_simulated_uvms
+
+WITHIN = 3
+"""Points of a plan on each of its intervals, the last of them the knot."""
+
+
+def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: DynamicOcp) -> float:
+    """Returns the largest ‖ζ̇ − f(𝔮̄, ζ̄) − ū‖₂ [m/s², rad/s²] on a plan, without d itself.
+
+    ζ̇ is that of the simulated robot, with the errors of model and surface and the current of the
+    scenario, in the plan's state under its command τ = M(𝔮̄)ū. The last point is the end of the
+    plan at rest, where the robot stays.
+
+    Args:
+        scenario: Of dynamic motion.
+        plan: Nominal trajectory.
+        ocp: Its problem, with the controller's model.
+    """
+    config, zeta, zeta_dot = _points(plan)
+    model = ocp.model
+    u = zeta_dot - model.drift(config, zeta)
+    tau = (model.mass_matrix(model.kinematics(config)) @ u[..., None])[..., 0]
+    induced = _accelerations(scenario, np.hstack([config, zeta]), tau) - zeta_dot
+    return float(np.max(np.linalg.norm(induced, axis=1)))
+
+
+def _points(plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns 𝔮̄, ζ̄ and ζ̄̇ (K, 6+n) of a plan, and at last its end at rest."""
+    steps = np.linspace(0.0, len(plan.zeta_dot), WITHIN * len(plan.zeta_dot) + 1)
+    points = [plan.at(plan.start_time + plan.time_step * step) for step in steps]
+    rest = np.zeros_like(plan.zeta[-1])
+    config, zeta, zeta_dot = zip(*points, (plan.config[-1], rest, rest), strict=True)
+    return np.array(config), np.array(zeta), np.array(zeta_dot)
+
+
+def _accelerations(scenario: Scenario, state: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Returns ζ̇ (K, 6+n) of the simulated robot in the states (K, 2(6+n)) under τ (K, 6+n)."""
+    uvms = make_simulated_uvms(scenario, ConstantDisturbance())
+    context = uvms.CreateDefaultContext()
+    uvms.GetInputPort("current").FixValue(context, np.asarray(scenario.current, dtype=float))
+    out = np.empty_like(tau)
+    for i, (x, force) in enumerate(zip(state, tau, strict=True)):
+        set_state(uvms, context, x)
+        uvms.GetInputPort("tau").FixValue(context, force)
+        out[i] = uvms.GetOutputPort("acceleration").Eval(context)
+    return out
