@@ -184,9 +184,14 @@ def _add_campaign(commands: argparse._SubParsersAction) -> None:
     campaign.add_argument("--uncertified", action="store_true",
                           help="run without a certificate, with the tube that the scenario "
                                "declares")
-    campaign.add_argument("--model-error", type=float, default=0.0, metavar="E",
-                          help="also draw added mass, drag and righting lever of the simulated "
-                               "robot, up to this relative error (default: none)")
+    campaign.add_argument("--model-error", type=float, default=0.2, metavar="E",
+                          help="largest relative error of the model that is drawn, as far as the "
+                               "disturbance's bound covers it; 0 for a controller that knows robot, "
+                               "surface and water exactly (default: %(default)s)")
+    campaign.add_argument("--outside", action="store_true",
+                          help="in every run one thing happens that the theory does not cover: "
+                               "sensor faults, a stuck joint, a disturbance, current or error of "
+                               "the model or of the surface that is too large")
     campaign.add_argument("--replay", type=int, metavar="INDEX",
                           help="run one of the campaign in --output once more, alone, and write "
                                "data and figures to its folder run-<INDEX>")

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any, TextIO
 
-from uvms_drake.campaign.figures import OUTCOMES_FILE, RATIOS_FILE, make_campaign_figures
+from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
 from uvms_drake.campaign.pool import cluster_pool, local_pool, run_all
 from uvms_drake.campaign.report import (
     all_well,
@@ -17,7 +17,7 @@ from uvms_drake.campaign.report import (
     summarise_wall,
 )
 from uvms_drake.campaign.setup import Campaign, make_campaign
-from uvms_drake.campaign.store import RunLog, read_setup, run_log
+from uvms_drake.campaign.store import RunLog, read_indices, read_setup, run_log
 from uvms_drake.campaign.vary import vary
 from uvms_drake.certificate.certificate import Certificate, write_certificate
 from uvms_drake.certificate.certify import certified_once, check_inputs
@@ -34,7 +34,7 @@ LINES = 10
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    """Runs what is not done yet and writes the summary; returns 1 if anything went wrong in a run.
+    """Runs what is not done yet and writes the summary; returns 1 if a promise was not kept.
 
     Every run that is done is kept, whatever happens to the others.
     """
@@ -44,13 +44,18 @@ def run_campaign(args: argparse.Namespace) -> int:
     require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, args.overrides)
-    output = args.output if args.output is not None else Path("out") / f"{scenario.name}-campaign"
+    kind = "outside" if args.outside else "campaign"
+    output = args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
     pool = (cluster_pool(args.scheduler) if args.scheduler is not None
             else local_pool(args.workers or len(os.sched_getaffinity(0))))
     with reported_in(source):
         check_inputs(scenario)
         certificate = None if args.uncertified else _certificate(scenario, source)
-        campaign = make_campaign(scenario, args.seed, certificate, args.model_error)
+        if certificate is not None:
+            print("certifying surfaces and desired forces (a minute, the first time) ...",
+                  file=sys.stderr)
+        campaign = make_campaign(
+            scenario, args.seed, certificate, args.model_error, outside=args.outside)
         vary(campaign, 0)
     with run_log(output, campaign) as log:
         try:
@@ -89,20 +94,20 @@ def _run(campaign: Campaign, runs: int, log: RunLog, pool: Any) -> None:
 def _write(output: Path, summary: dict[str, Any], wall: dict[str, Any],
            certificate: Certificate | None) -> None:
     """Writes the files of a campaign that is done, all together."""
-    with output_folder(output, (CAMPAIGN_FILE, TIMING_FILE, RATIOS_FILE, OUTCOMES_FILE)) as folder:
+    with output_folder(output, (CAMPAIGN_FILE, TIMING_FILE, *CAMPAIGN_FIGURES)) as folder:
         for name, data in ((CAMPAIGN_FILE, summary), (TIMING_FILE, wall)):
             text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
             (folder / name).write_text(text + "\n", encoding="utf-8")
         if certificate is not None:
             write_certificate(certificate, folder)
-        make_campaign_figures(summary, folder)
+        make_campaign_figures(summary, wall, folder)
 
 
 def replayed(folder: Path, index: int) -> Record:
     """Returns the record of a run of the campaign in a folder, simulated once more."""
-    require(index >= 0, "--replay", index, "zero or positive")
-    campaign = read_setup(folder)
-    return simulate(vary(campaign, index), certified=campaign.certified)
+    campaign, done = read_setup(folder), read_indices(folder)
+    require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
+    return simulate(vary(campaign, index).scenario, certified=campaign.certified)
 
 
 class CampaignProgress:

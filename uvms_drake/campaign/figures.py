@@ -8,64 +8,146 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
 
 from uvms_drake.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, STYLE, tube_label
 
-RATIOS_FILE, OUTCOMES_FILE = "campaign_ratios.png", "campaign_outcomes.png"
+RATIOS_FILE, PROPORTION_FILE = "campaign_ratios.png", "campaign_proportion.png"
+MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
+TIMING_FILE = "campaign_timing.png"
+CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FILE)
 BINS = 24
+DOT: dict[str, Any] = {"markersize": 2.2, "alpha": 0.5, "markeredgewidth": 0.0, "linestyle": "",
+                       "marker": "o"}
+
+Results = Sequence[Mapping[str, Any]]
 
 
-def make_campaign_figures(summary: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Writes the figures of the content of campaign.json and returns their paths."""
-    done = [result for result in summary["results"] if result["error"] is None]
+def make_campaign_figures(summary: Mapping[str, Any], wall: Mapping[str, Any], folder: Path
+                          ) -> list[Path]:
+    """Writes the figures of the contents of campaign.json and timing.json; returns their paths."""
+    done = [result for result in summary["results"] if result["error"] is None
+            and (summary["outside"] or result["inside"])]
     if not done:
         return []
+    certified = bool(summary["certified"])
+    figures = {
+        RATIOS_FILE: lambda: draw_ratios(done, certified), MARGINS_FILE: lambda: draw_margins(done),
+        OUTCOMES_FILE: lambda: draw_outcomes(done), TIMING_FILE: lambda: draw_timing(wall),
+        PROPORTION_FILE: lambda: draw_proportion(done)}
     paths = []
-    for name, draw in ((RATIOS_FILE, draw_ratios), (OUTCOMES_FILE, draw_outcomes)):
+    for name, draw in figures.items():
         with matplotlib.rc_context(STYLE):
-            draw(done, bool(summary["certified"])).savefig(folder / name)
+            draw().savefig(folder / name)
         paths.append(folder / name)
     return paths
 
 
-def draw_ratios(results: Sequence[Mapping[str, Any]], certified: bool) -> Figure:
-    """Draws the worst deviation of each run over its two bounds, by kind of disturbance."""
-    figure = Figure(figsize=(COLUMN_WIDTH, 2.6), layout="constrained")
+def draw_ratios(results: Results, certified: bool) -> Figure:
+    """Draws the worst deviation of each run over its two bounds, by what disturbs it."""
+    figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
     axis = figure.subplots()
-    kinds = sorted({result["disturbance"] for result in results})
+    kinds = sorted({_kind(result) for result in results})
     for name, label, color, shift in (
             ("ratio_trajectory", "along the run", BLUE, 0.14),
             ("ratio_set", "set-wise", ORANGE, -0.14)):
-        points = [(result[name], kinds.index(result["disturbance"]) + shift)
+        points = [(result[name], kinds.index(_kind(result)) + shift)
                   for result in results if result[name] is not None]
         if points:
-            axis.plot(*np.array(points).T, "o", color=color, markersize=2.2, alpha=0.5,
-                      markeredgewidth=0.0, label=label)
+            axis.plot(*np.array(points).T, color=color, label=label, **DOT)
     axis.axvline(1.0, **{**LIMIT, "label": tube_label(certified)})
-    axis.set_xlim(0.0, 1.05 * max(1.0, *axis.get_xlim()))
+    if max(axis.get_xlim()) > 10.0:
+        _log(axis)
+    else:
+        axis.set_xlim(0.0, 1.05 * max(1.0, *axis.get_xlim()))
     axis.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds])
     axis.set_xlabel("worst deviation of a run over its bound")
     figure.legend(ncols=3, loc="outside upper center")
     return figure
 
 
-def draw_outcomes(results: Sequence[Mapping[str, Any]], certified: bool) -> Figure:
-    """Draws how many runs had which smallest margin, final force error and settling time."""
-    del certified
-    figure = Figure(figsize=(COLUMN_WIDTH, 4.2), layout="constrained")
-    axes = figure.subplots(3)
-    for axis, (name, label) in zip(axes, (
-            ("margin", "smallest margin over its constraint's size"),
-            ("force_error", "force error at the end [N]"),
-            ("settling_time_s", "settling time of the force [s]")), strict=True):
-        _histogram(axis, [result[name] for result in results if result[name] is not None])
-        axis.set_xlabel(label)
-        axis.set_ylabel("runs")
-    axes[0].axvline(0.0, **LIMIT)
+def _kind(result: Mapping[str, Any]) -> str:
+    return result["outside"] or result["disturbance"]
+
+
+def draw_proportion(results: Results) -> Figure:
+    """Draws each run's worst deviation over its bound against all that disturbed it, over d̃.
+
+    Below the line is what the theory says: the tube is proportional to the disturbance.
+    """
+    figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
+    axis = figure.subplots()
+    for promised, label, color in ((True, "law acts on the deviation", BLUE),
+                                   (False, "measured state is wrong", ORANGE)):
+        points = [(result["worst_disturbance"], result["ratio_trajectory"]) for result in results
+                  if (result["proportional"] is not None) == promised
+                  and result["worst_disturbance"] and result["ratio_trajectory"]]
+        if points:
+            axis.plot(*np.array(points).T, color=color, label=label, **DOT)
+    if max(axis.get_xlim()) > 10.0:
+        _log(axis)
+        axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator())
+        axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    low, high = min(*axis.get_xlim(), *axis.get_ylim()), max(*axis.get_xlim(), *axis.get_ylim())
+    ends = [max(low, 1e-3), high]
+    axis.plot(ends, ends, **{**LIMIT, "label": r"$D/\tilde{d}$"})
+    axis.set_xlabel(r"largest disturbance of a run over its bound, $D/\tilde{d}$")
+    axis.set_ylabel("deviation over bound along the run")
+    figure.legend(ncols=3, loc="outside upper center")
     return figure
 
 
-def _histogram(axis: Axes, values: Sequence[float]) -> None:
-    axis.hist(values, bins=BINS, color=BLUE)
-    axis.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+def draw_margins(results: Results) -> Figure:
+    """Draws how close each run came to each constraint, over the constraint's size."""
+    names = list(results[0]["margins"])
+    names.sort(key=lambda name: -min(result["margins"][name] for result in results))
+    figure = Figure(figsize=(COLUMN_WIDTH, 0.7 + 0.13 * len(names)), layout="constrained")
+    axis = figure.subplots()
+    for row, name in enumerate(names):
+        values = [result["margins"][name] for result in results]
+        axis.plot(values, np.full(len(values), row), color=BLUE, **{**DOT, "alpha": 0.25})
+        axis.plot(min(values), row, color=ORANGE, marker="|", markersize=5)
+    axis.axvline(0.0, **LIMIT)
+    axis.set_xlim(right=1.0)
+    axis.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+    axis.tick_params(axis="y", labelsize=5.5)
+    axis.set_xlabel("smallest margin of a run over the constraint's size")
+    return figure
+
+
+def draw_outcomes(results: Results) -> Figure:
+    """Draws how many runs had which final force error and settling time."""
+    figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
+    axes = figure.subplots(2)
+    for axis, (name, label) in zip(axes, (
+            ("force_error", "force error at the end [N]"),
+            ("settling_time_s", "settling time of the force [s]")), strict=True):
+        axis.hist([result[name] for result in results if result[name] is not None], bins=BINS,
+                  color=BLUE)
+        axis.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+        axis.set_xlabel(label)
+        axis.set_ylabel("runs")
+    return figure
+
+
+def draw_timing(wall: Mapping[str, Any]) -> Figure:
+    """Draws how many of all steps of the MPC took how long."""
+    figure = Figure(figsize=(COLUMN_WIDTH, 1.9), layout="constrained")
+    axis = figure.subplots()
+    edges, steps = np.array(wall["edges_ms"]), np.array(wall["steps"])
+    axis.stairs(steps, edges, fill=True, color=BLUE)
+    axis.set_yscale("log", nonpositive="clip")
+    _log(axis)
+    used = np.flatnonzero(steps)
+    axis.set_xlim(edges[used[0]], edges[used[-1] + 1])
+    axis.set_ylim(bottom=0.7)
+    axis.set_xlabel("wall time of a step of the nominal MPC [ms]")
+    axis.set_ylabel("steps")
+    return figure
+
+
+def _log(axis: Axes) -> None:
+    axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))

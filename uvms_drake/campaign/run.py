@@ -5,18 +5,26 @@ from typing import Any
 
 import numpy as np
 
+from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.setup import Campaign
-from uvms_drake.campaign.vary import kind_of, vary
+from uvms_drake.campaign.vary import Variation, kind_of, vary
 from uvms_drake.certificate.reach import largest_force
+from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.events import events
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario
 from uvms_drake.simulation import simulate
+from uvms_drake.station import set_wise_radii
 from uvms_drake.summary import jsonable, summarise
 
 DECLARED_FORCE = "force"
 """Constraint ‖𝔉‖ of the declared set; no limit of the MPC sees to it."""
+PROPORTION = 1.05
+"""How far the deviation may be beyond D/d̃ times its bound: D is known at the logged samples."""
+STEP_EDGES_MS = np.logspace(-1.0, 4.0, 101)
+"""Edges of the histogram of the MPC's steps [ms]."""
 
 
 def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
@@ -25,60 +33,98 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     Whatever is raised is a result too, as text under `error`.
     """
     started = time.perf_counter()
-    result: dict[str, Any] = {"index": index, "error": None}
-    worst_step = None
+    result: dict[str, Any] = {"index": index, "error": None, "outside": None}
+    steps = np.zeros(0)
     try:
-        scenario = vary(campaign, index)
-        result |= drawn(scenario)
-        record = simulate(scenario, certified=campaign.certified)
-        result |= outcome(record, campaign.base)
-        worst_step = 1e3 * float(np.max(record.step_seconds, initial=0.0))
+        variation = vary(campaign, index)
+        result |= drawn(variation)
+        record = simulate(variation.scenario, certified=campaign.certified)
+        result |= outcome(record, variation)
+        steps = 1e3 * record.step_seconds
     except Exception as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    wall = {"seconds": time.perf_counter() - started, "worst_step_ms": worst_step}
+    counts, _ = np.histogram(np.clip(steps, *STEP_EDGES_MS[[0, -1]]), STEP_EDGES_MS)
+    wall = {"seconds": time.perf_counter() - started,
+            "worst_step_ms": float(np.max(steps)) if len(steps) else None,
+            "steps": {str(i): int(counts[i]) for i in np.flatnonzero(counts)}}
     return {"result": jsonable(result), "wall": wall}
 
 
-def drawn(scenario: Scenario) -> dict[str, Any]:
+def drawn(variation: Variation) -> dict[str, Any]:
     """Returns what was drawn for a run, as far as it is of interest in a table."""
-    return {"disturbance": kind_of(scenario), "rows": getattr(scenario.disturbance, "rows", None),
-            "desired_force": float(np.linalg.norm(scenario.task.force[:3])),
-            "eta": scenario.start.eta, "q": scenario.start.q}
+    scenario, surface = variation.scenario, variation.scenario.surface_error
+    error = scenario.model_error
+    return {
+        "disturbance": kind_of(scenario), "rows": getattr(scenario.disturbance, "rows", None),
+        "outside": variation.outside,
+        "faults": [type(fault).__name__ for fault in scenario.faults],
+        "desired_force": float(np.linalg.norm(scenario.task.force[:3])),
+        "surface": vars(scenario.surface),
+        "eta": scenario.start.eta, "q": scenario.start.q,
+        "unknown": {"mass": error.mass - 1.0, "added_mass": error.added_mass - 1.0,
+                    "drag": error.drag - 1.0, "buoyancy_lever": error.buoyancy_lever - 1.0,
+                    "stiffness": surface.stiffness - 1.0,
+                    "shift": float(np.linalg.norm(surface.shift)),
+                    "turn": float(np.linalg.norm(surface.turn)),
+                    "current": float(np.linalg.norm(scenario.current))}}
 
 
-def outcome(record: Record, base: Scenario) -> dict[str, Any]:
+def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     """Returns the figures of merit of a run.
 
-    `margin` is the smallest distance to a constraint, over the constraint's own size (of a joint:
-    its range), and `constraint` its name. `finite` is whether all logged signals are. `induced` is
-    the largest part of the effective disturbance that is not d, and `inside` whether all of it was
-    below d̃.
+    `worst_disturbance` is D/d̃, D the largest norm of all that disturbs, and `inside` is whether
+    that was at most 1. `margin` is the smallest of `margins`, and `constraint` its name. `noted` is
+    what the log says, each with the time at which it says so first. `within_at_end` is whether the
+    robot is in its tube at the end, `proportional` whether the deviation stayed within D/d̃ times
+    its bound, None where nothing promises it. `finite` is whether all logged signals are.
     """
     summary: dict[str, Any] = summarise(record)
-    tube, force = summary["tube"], summary["force"]
-    margins = relative_margins(record, summary["constraints"], base)
+    tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
+    margins = relative_margins(record, summary["constraints"], variation.declared)
     name = min(margins, key=lambda key: margins[key])
-    signals = (record.state, record.nominal_state, record.u, record.tau, record.force,
-               record.tube_deviation)
     induced = record.effective_disturbance - record.disturbance
+    size = disturbance["worst"] / disturbance["bound"] if disturbance["bound"] > 0.0 else None
+    noted: dict[str, float] = {}
+    for event in events(record):
+        noted.setdefault(event.kind, event.start)
+    ratio = tube["worst_ratio"]["trajectory"]
     return {
         "induced": float(np.max(np.linalg.norm(induced, axis=1))),
-        "inside": summary["disturbance"]["exceeded"] == 0,
-        "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory":
-            tube["worst_ratio"]["trajectory"],
+        "worst_disturbance": size, "inside": disturbance["exceeded"] == 0,
+        "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory": ratio,
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
-        "disturbance_excesses": tube["disturbance_excesses"],
-        "margin": margins[name], "constraint": name,
+        "margin": margins[name], "constraint": name, "margins": margins,
         "violations": sum(margin < 0.0 for margin in margins.values()),
         "force_error": force["final_error_norm"], "settling_time_s": force["settling_time_s"],
-        "mpc_failures": summary["mpc"]["failures"],
-        "finite": all(bool(np.all(np.isfinite(signal))) for signal in signals),
+        "mpc_failures": summary["mpc"]["failures"], "noted": noted,
+        "within_at_end": within_at_end(record),
+        "proportional": None if (
+            size is None or ratio is None or variation.outside in MEASURED_WRONG
+        ) else bool(ratio <= PROPORTION * max(1.0, size)),
+        "finite": is_finite(record),
     }
 
 
-def relative_margins(record: Record, constraints: dict[str, Any], base: Scenario
+def is_finite(record: Record) -> bool:
+    """Returns whether every logged signal is a number at every sample."""
+    return all(bool(np.all(np.isfinite(signal))) for signal in (
+        record.state, record.nominal_state, record.u, record.tau, record.force,
+        record.effective_disturbance, record.tube_deviation))
+
+
+def within_at_end(record: Record) -> bool:
+    """Returns whether every deviation is within its set-wise bound at the last sample."""
+    radii = set_wise_radii(record.scenario)
+    return all(record.tube_deviation[-1, FIELDS.index(name)] <= radius
+               for name, radius in radii.items())
+
+
+def relative_margins(record: Record, constraints: dict[str, Any], declared: Scenario
                      ) -> dict[str, float]:
-    """Returns the margin of each constraint over its size; negative if violated."""
+    """Returns the margin of each constraint over its size; negative if violated.
+
+    The size of a joint's limit is the range of the joint.
+    """
     ranges = record.joint_upper - record.joint_lower
     out = {}
     for name, row in constraints.items():
@@ -86,8 +132,8 @@ def relative_margins(record: Record, constraints: dict[str, Any], base: Scenario
         size = ranges[int(name[1:-4]) - 1] if joint else row["limit"]
         out[name] = float(row["margin"] / size)
     if not record.scenario.kinematic:
-        model = UvmsModel.load(base.model, make_surface_law(base.surface))
-        largest = largest_force(base, model)
+        model = UvmsModel.load(declared.model, make_surface_law(declared.surface))
+        largest = largest_force(declared, model)
         pressed = float(np.max(np.linalg.norm(record.force[:, :3], axis=1)))
         out[DECLARED_FORCE] = (largest - pressed) / largest
     return out

@@ -1,4 +1,4 @@
-"""What a campaign is: a certified scenario, a seed, and the desired forces that it may draw.
+"""What a campaign is: a certified scenario, a seed, and the surfaces and forces that it may draw.
 
 Everything that a run depends on is in here, as text and numbers: it goes to a worker as it is, and
 two campaigns are the same if their `identity` is.
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
+from uvms_drake.campaign.walls import Wall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.errors import InvalidParameter
@@ -20,15 +21,17 @@ from uvms_drake.scenario import Scenario, dump_scenario
 from uvms_drake.schema import load_typed
 from uvms_drake.station import retargeted_ocp
 
-FORCES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2)
+FORCES = (0.5, 0.75, 1.0, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of
 its own; the tube is the same, since it holds for forces of up to `certificate.force_range`."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A desired force that can be held within the limits that the tube leaves."""
+    """A desired force that can be held, on a surface, within the limits that the tube leaves."""
 
+    wall: int | None
+    """Index of the surface; None for the scenario's own, without a certificate."""
     factor: float
     """𝔉_des over the scenario's own."""
     radius: float
@@ -45,7 +48,10 @@ class Campaign:
     """Whether the tube is that of a certificate that holds; it is declared otherwise."""
     seed: int
     model_error: float
-    """Largest relative error of what is drawn of `ModelError`; zero for none."""
+    """Largest relative error of the model that is drawn; zero for none, of anything."""
+    outside: bool
+    """Whether something outside of the bounds happens in every run, see `outside`."""
+    walls: tuple[Wall, ...]
     targets: tuple[Target, ...]
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
@@ -58,6 +64,10 @@ class Campaign:
         """Returns the scenario that is varied; it must not be changed."""
         return _parsed(self.scenario)
 
+    def declared(self, target: Target) -> Scenario:
+        """Returns the scenario with the surface of a target, and the tube that holds there."""
+        return self.base if target.wall is None else with_wall(self.base, self.walls[target.wall])
+
     @property
     def identity(self) -> str:
         """Returns a SHA-256 of everything."""
@@ -67,7 +77,8 @@ class Campaign:
     @staticmethod
     def from_data(data: dict[str, Any]) -> "Campaign":
         """Returns the campaign of which `dataclasses.asdict` made `data`."""
-        return Campaign(**{**data, "targets": tuple(Target(**item) for item in data["targets"])})
+        return Campaign(**{**data, "walls": tuple(Wall(**item) for item in data["walls"]),
+                           "targets": tuple(Target(**item) for item in data["targets"])})
 
 
 @lru_cache(maxsize=2)
@@ -76,7 +87,7 @@ def _parsed(text: str) -> Scenario:
 
 
 def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None,
-                  model_error: float = 0.0) -> Campaign:
+                  model_error: float = 0.0, outside: bool = False) -> Campaign:
     """Returns the campaign of a scenario.
 
     Args:
@@ -84,46 +95,50 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         seed: Of what is drawn, zero or positive.
         certificate: One that holds for the scenario; None if its declared tube is taken.
         model_error: As of `Campaign`.
+        outside: As of `Campaign`.
     """
-    applied = scenario if certificate is None else certificate.applied_to(scenario)
+    applied, walls = scenario, ()
+    targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
+    if certificate is not None:
+        applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate)
+        targets = tuple(target for index, wall in enumerate(walls)
+                        for target in _targets_on(with_wall(applied, wall), index))
     prints = fingerprint(scenario)
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
-        model_error=model_error,
-        targets=targets_of(applied, certified=certificate is not None),
+        model_error=model_error, outside=outside, walls=walls, targets=targets,
         files=prints["files"], versions=prints["versions"], source=source_digest())
 
 
-def targets_of(scenario: Scenario, certified: bool) -> tuple[Target, ...]:
-    """Returns the desired forces that can be held, each with its terminal set.
+def _targets_on(scenario: Scenario, wall: int) -> list[Target]:
+    """Returns the desired forces that can be held on a surface, each with its terminal set.
 
-    Without a certificate, or if no force acts, it is the scenario's own alone.
+    If no force acts, it is the scenario's own alone.
 
     Args:
-        scenario: With the certificate's tube in it.
-        certified: Whether it is one's.
+        scenario: With the tube of the surface's certificate in it.
+        wall: Index of the surface.
     """
-    own = Target(1.0, scenario.mpc.terminal_radius)
+    own = Target(wall, 1.0, scenario.mpc.terminal_radius)
     force = np.asarray(scenario.task.force, dtype=float)
-    if not certified or scenario.kinematic or not scenario.mpc.terminal_set or not np.any(force):
-        return (own,)
+    if scenario.kinematic or not scenario.mpc.terminal_set or not np.any(force):
+        return [own]
 
-    def compute() -> list[dict[str, float]]:
+    def compute() -> list[list[float]]:
         found = []
         for factor in FORCES:
             if factor == 1.0:
-                found.append(asdict(own))
                 continue
             try:
                 radius = retargeted_ocp(scenario, factor * force).terminal.radius
             except InvalidParameter:  # It cannot be held within the limits or the declared set.
                 continue
-            found.append({"factor": factor, "radius": float(radius)})
+            found.append([factor, float(radius)])
         return found
 
     key = {"targets": dump_scenario(scenario), "forces": FORCES,
            "files": fingerprint(scenario)["files"]}
-    return tuple(Target(**item) for item in cached(key, compute))
+    return [own, *(Target(wall, factor, radius) for factor, radius in cached(key, compute))]
 
 
 def with_target(scenario: Scenario, target: Target) -> Scenario:

@@ -103,6 +103,15 @@ def read_setup(folder: Path) -> Campaign:
             "--output", str(folder), f"a campaign's folder, with its {SETUP_FILE}") from None
 
 
+def read_indices(folder: Path) -> set[int]:
+    """Returns which runs of the campaign of a folder are done."""
+    try:
+        lines = (folder / RUNS_FILE).read_bytes().splitlines()
+    except OSError:
+        return set()
+    return {run["result"]["index"] for run in map(_parsed, lines) if run is not None}
+
+
 def _require(condition: bool, folder: Path, allowed: str) -> None:
     if not condition:
         raise InvalidParameter("--output", str(folder), allowed)

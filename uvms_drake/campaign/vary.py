@@ -1,24 +1,28 @@
-"""What differs from run to run: start, desired force and disturbance, drawn from (seed, index).
+"""What differs from run to run, drawn from (seed, index).
 
-Everything drawn is inside of what the certificate is about: starts from which the nominal MPC has a
-plan into its terminal set, desired forces with a terminal set of their own, disturbances of the
-full size d̃. The stiffness and pose of the surface and a current are not drawn: d̃ does not cover
-what they induce. Errors of the model are drawn if they are asked for, and half of d̃ is left to what
-they induce; whether that was enough is measured in every run. Masses are not among them: the arm is
-heavy in water, and an error of 10 % in its mass alone induces more than twice the d̃ of the main
-scenario. A robot can be weighed.
+Inside of the bounds that is what the certificate is about: starts from which the nominal MPC has a
+plan into its terminal set, surfaces with a certificate and desired forces with a terminal set of
+their own, anywhere and facing anywhere, disturbances and adversaries of the full size d̃, solves
+that fail, come late or do not take place at all. In half of the runs, if errors of the model are
+asked for, d̃ is shared with what is `unknowns` to the controller.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.campaign.outside import kinds_outside, step_outside
 from uvms_drake.campaign.setup import Campaign, with_target
+from uvms_drake.campaign.unknowns import with_unknowns
+from uvms_drake.campaign.walls import moved, turns_freely
+from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.plan import DynamicPlan, Plan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter, RunFailed
-from uvms_drake.model.model_error import ModelError
+from uvms_drake.faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -30,18 +34,32 @@ from uvms_drake.station import make_ocp, start_state, within_declared_set
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """How far the vehicle starts from the scenario's start, at most [m, rad]."""
+SHIFT_REACH = 10.0
+"""How far everything is moved, at most, along each axis [m]."""
 PERIODS = (0.5, 10.0)
 """Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
+UNKNOWNS_LIKELY = 0.5
+"""Probability that there is something unknown, if errors of the model are asked for."""
+FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
+"""Probability that samples are disturbed at all, and that a sample is then."""
 ATTEMPTS = 100
-SHARE = 0.5
-"""Of d̃, left to what an error of the model induces."""
 
 Disturbance = (
     SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
 
 
-def vary(campaign: Campaign, index: int) -> Scenario:
-    """Returns the scenario of a run: a pure function of its arguments.
+class Variation(NamedTuple):
+    """What is simulated in a run, and what it is held against."""
+
+    scenario: Scenario
+    declared: Scenario
+    """With the scenario's own desired force: its declared set is that of the certificate."""
+    outside: str | None
+    """What happens outside of the bounds, if anything."""
+
+
+def vary(campaign: Campaign, index: int) -> Variation:
+    """Returns what is simulated in a run: a pure function of its arguments.
 
     What has no feasible first plan is drawn again, with the number of the attempt in the seed.
 
@@ -49,25 +67,33 @@ def vary(campaign: Campaign, index: int) -> Scenario:
         RunFailed: No draw is feasible.
     """
     base = campaign.base
+    kinds = kinds_outside(base)
+    outside = kinds[index % len(kinds)] if campaign.outside else None
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
             np.random.SeedSequence([campaign.seed, index, attempt])))
         target = campaign.targets[rng.integers(len(campaign.targets))]
-        aimed = with_target(base, target)
+        yaw = float(rng.uniform(-np.pi, np.pi)) if turns_freely(base) else 0.0
+        declared = moved(campaign.declared(target), yaw, rng.uniform(-1.0, 1.0, 3) * SHIFT_REACH)
+        aimed = with_target(declared, target)
         try:
             ocp = make_ocp(aimed)
-            scenario = replace(
-                aimed, name=f"{base.name}-{index}", start=_start(aimed, ocp, rng),
-                disturbance=_disturbance(aimed, ocp.model.size, rng),
-                seed=int(rng.integers(2**31)),
-                model_error=_model_error(base.model_error, campaign.model_error, rng))
+            scenario = replace(aimed, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
+                               start=_start(aimed, ocp, rng))
             start = start_state(scenario, ocp)
         except InvalidParameter:
             if attempt == 0:
                 make_ocp(base)  # A scenario that cannot be used at all says so.
             continue
-        if has_first_plan(ocp, start, base, scenario.task.force):
-            return scenario
+        plan = first_plan(ocp, start, declared, scenario.task.force)
+        if plan is None:
+            continue
+        scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
+        if outside is not None:
+            scenario = step_outside(outside, scenario, campaign.model_error, rng)
+        else:
+            scenario = _shared(_with_fault(scenario, rng), ocp, plan, campaign.model_error, rng)
+        return Variation(scenario, declared, outside)
     raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
 
 
@@ -80,6 +106,23 @@ def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
     q = np.asarray(scenario.start.q, dtype=float)
     posture = rng.uniform(ocp.limits.q_lower, ocp.limits.q_upper)
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
+
+
+def first_plan(ocp: Ocp, start: np.ndarray, declared: Scenario, force: np.ndarray) -> Plan | None:
+    """Returns the first plan, if what the certificate asks of it holds from here.
+
+    Within the limits, into the terminal set and, if forces act at all, pressing no harder than the
+    declared set reaches.
+    """
+    solution = SequentialConvexSolver(ocp).solve(
+        ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
+    plan, value = solution.plan, solution.evaluation
+    if plan is None or value is None:
+        return None
+    if value.violation > FEASIBLE or value.terminal_slack > REACHED:
+        return None
+    pressed = declared.kinematic or within_declared_set(declared, ocp.model, force, plan)
+    return plan if pressed else None
 
 
 def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Disturbance:
@@ -103,12 +146,22 @@ def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Dis
         bound, kind, str(rng.choice(list(ROWS))), direction, int(rng.integers(size)), period, phase)
 
 
-def _model_error(base: ModelError, largest: float, rng: np.random.Generator) -> ModelError:
-    """Returns an error of added mass, drag and righting lever, each up to `largest` if not zero."""
-    if largest == 0.0:
-        return base
-    added_mass, drag, lever = (float(1.0 + largest * x) for x in rng.uniform(-1.0, 1.0, 3))
-    return ModelError(added_mass=added_mass, drag=drag, buoyancy_lever=lever, share=SHARE)
+def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """Returns the scenario, or with faults at random samples that the theory covers."""
+    fault = (SolverFailure, SolverTimeout, DroppedPeriod)[rng.integers(3)]
+    probability = float(rng.uniform(*FAULT_RATES))
+    if rng.uniform() > FAULT_LIKELY:
+        return scenario
+    return replace(scenario, faults=[*scenario.faults, fault(probability)])
+
+
+def _shared(scenario: Scenario, ocp: Ocp, plan: Plan, largest: float, rng: np.random.Generator
+            ) -> Scenario:
+    """Returns the scenario, or with something unknown that d̃ covers too."""
+    wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
+    if not (wanted and isinstance(ocp, DynamicOcp) and isinstance(plan, DynamicPlan)):
+        return scenario
+    return with_unknowns(scenario, ocp, plan, largest, rng)
 
 
 def kind_of(scenario: Scenario) -> str:
@@ -122,19 +175,3 @@ def kind_of(scenario: Scenario) -> str:
             return "sinusoid"
         case _:
             return "random"
-
-
-def has_first_plan(ocp: Ocp, start: np.ndarray, base: Scenario, force: np.ndarray) -> bool:
-    """Returns whether what the certificate asks of the first plan holds from here.
-
-    Within the limits, into the terminal set and, if forces act at all, pressing no harder than the
-    declared set of `base` reaches.
-    """
-    solution = SequentialConvexSolver(ocp).solve(
-        ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
-    value = solution.evaluation
-    if solution.plan is None or value is None:
-        return False
-    if value.violation > FEASIBLE or value.terminal_slack > REACHED:
-        return False
-    return base.kinematic or within_declared_set(base, ocp.model, force, solution.plan)

@@ -1,0 +1,102 @@
+"""What happens outside of the bounds: one thing a run, each with what is promised of it.
+
+Nothing is raised and every number stays finite; whatever leaves its bound is in the log with its
+time. Where the measurement is right the theory says more: the tube is proportional to d̃, so if
+what disturbs the robot is D at most, the deviation stays within max(1, D/d̃) times its bound along
+the run. So it is for a disturbance that is too large, and for everything that the controller does
+not know: that acts as a disturbance too.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_drake.campaign.unknowns import Unknowns
+from uvms_drake.faults import ExcessDisturbance, FrozenState, LostState, StuckJoint
+from uvms_drake.scenario import Scenario
+
+FAULT_SECONDS = 0.5
+EARLIEST, LATEST = 0.1, 0.7
+"""When a fault begins, over the duration of a run."""
+SHIFT, TURN, CURRENT = 0.02, 0.05, 0.3
+"""Largest error of the surface's pose [m, rad], and largest current [m/s]."""
+STIFFER = 10.0
+"""The surface's stiffness over the one that the controller believes in."""
+FACTORS = (1.5, 2.0, 5.0)
+"""Of the disturbance, over d̃."""
+
+Step = Callable[[Scenario, float, np.random.Generator], Scenario]
+
+
+def _faulty(fault: object) -> Callable[[Scenario], Scenario]:
+    return lambda scenario: replace(scenario, faults=[*scenario.faults, fault])
+
+
+def _frozen(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    return _faulty(FrozenState(_instant(scenario, rng), FAULT_SECONDS))(scenario)
+
+
+def _lost(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    return _faulty(LostState(_instant(scenario, rng), FAULT_SECONDS))(scenario)
+
+
+def _stuck(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    joint = int(rng.integers(len(scenario.start.q)))
+    return _faulty(StuckJoint(joint, _instant(scenario, rng)))(scenario)
+
+
+def _excess(factor: float) -> Step:
+    return lambda scenario, largest, rng: _faulty(ExcessDisturbance(factor))(scenario)
+
+
+def _stiffer(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    return Unknowns(stiffness=STIFFER - 1.0).put_into(scenario)
+
+
+def _misplaced(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    return Unknowns(shift=SHIFT * rng.uniform(-1.0, 1.0, 3), turn=TURN * rng.uniform(-1.0, 1.0, 3)
+                    ).put_into(scenario)
+
+
+def _model(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    return Unknowns(*(largest * rng.uniform(-1.0, 1.0, 4))).put_into(scenario)
+
+
+def _current(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    direction = rng.normal(size=3)
+    return Unknowns(current=CURRENT * rng.uniform() * direction / np.linalg.norm(direction)
+                    ).put_into(scenario)
+
+
+def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
+    return float(rng.uniform(EARLIEST, LATEST) * scenario.duration)
+
+
+MEASURED_WRONG = ("state frozen", "state lost")
+"""The law then acts on something else than the deviation, so the tube does not scale."""
+
+_ALL_MOTIONS: dict[str, Step] = {
+    "state frozen": _frozen, "state lost": _lost,
+    **{f"d of {factor:g} bounds": _excess(factor) for factor in FACTORS}}
+_DYNAMIC: dict[str, Step] = {
+    "joint stuck": _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
+    "surface misplaced": _misplaced, "model wrong": _model, "current": _current}
+
+
+def kinds_outside(scenario: Scenario) -> tuple[str, ...]:
+    """Returns what can happen in a scenario."""
+    return (*_ALL_MOTIONS, *(() if scenario.kinematic else _DYNAMIC))
+
+
+def step_outside(kind: str, scenario: Scenario, largest: float, rng: np.random.Generator
+                 ) -> Scenario:
+    """Returns the scenario with one of `kinds_outside` in it.
+
+    Args:
+        kind: Which.
+        scenario: Inside of the bounds.
+        largest: Largest relative error of "model wrong".
+        rng: Decides when, where and how much.
+    """
+    return (_ALL_MOTIONS | _DYNAMIC)[kind](scenario, largest, rng)

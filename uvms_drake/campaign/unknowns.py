@@ -1,0 +1,96 @@
+"""What the controller does not know and d̃ covers: errors of robot and surface, and a current.
+
+All of it acts as a disturbance, and ‖J_x⁻¹J̇_x‖ and the rest of the tube do not mind where d comes
+from. So what is drawn is made smaller until what it induces along the first plan takes no more than
+a share of d̃; the disturbance itself has the rest. What it induces in the run is measured.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.campaign.induced import predicted_disturbance
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.model.model_error import FACTORS
+from uvms_drake.scenario import Scenario
+
+SHARE = 0.5
+"""Of d̃, left to what is unknown."""
+PREDICTED = 0.7
+"""Of that, what may be predicted along the plan; the robot in its tube is not on it."""
+LIKELY = 0.4
+"""Probability that a quantity is unknown in a run."""
+LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT = 0.01, 0.05, 0.1
+"""Of the surface [m], [rad]; of the water [m/s]."""
+SMALLER = 0.8
+ATTEMPTS = 10
+
+
+class Unknowns(NamedTuple):
+    """Relative errors, the surface's displacement and the current; zero where all is known."""
+
+    mass: float = 0.0
+    added_mass: float = 0.0
+    drag: float = 0.0
+    buoyancy_lever: float = 0.0
+    stiffness: float = 0.0
+    shift: np.ndarray | float = 0.0
+    """Of the surface (3,) [m]."""
+    turn: np.ndarray | float = 0.0
+    """Of the surface (3,) [rad]."""
+    current: np.ndarray | float = 0.0
+    """(3,) [m/s]."""
+
+    def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
+        """Returns the scenario with `scale` times of it all, on top of what is in it already."""
+        known, surface = scenario.model_error, scenario.surface_error
+        relative = {name: getattr(known, name) * (1.0 + scale * getattr(self, name))
+                    for name in FACTORS}
+        return replace(
+            scenario, model_error=replace(known, **relative),
+            surface_error=replace(
+                surface, stiffness=surface.stiffness * (1.0 + scale * self.stiffness),
+                shift=surface.shift + scale * self.shift, turn=surface.turn + scale * self.turn),
+            current=np.asarray(scenario.current, dtype=float) + scale * self.current)
+
+
+def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
+    """Returns errors of any size up to the largest, of some quantities and at least one.
+
+    Args:
+        largest: Of the relative errors.
+        rng: Drawn from.
+    """
+    unknown = rng.uniform(size=len(Unknowns._fields)) < LIKELY
+    unknown[rng.integers(len(unknown))] = True
+    relative = list(largest * rng.uniform(-1.0, 1.0, 5))
+    vectors = [size * rng.uniform() * direction / np.linalg.norm(direction)
+               for size, direction in zip((LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT),
+                                          rng.normal(size=(3, 3)), strict=True)]
+    return Unknowns(*(value if drawn else 0.0
+                      for value, drawn in zip([*relative, *vectors], unknown, strict=True)))
+
+
+def with_unknowns(scenario: Scenario, ocp: DynamicOcp, plan: DynamicPlan, largest: float,
+                  rng: np.random.Generator) -> Scenario:
+    """Returns the scenario with what is unknown to the controller, as large as d̃ covers.
+
+    Args:
+        scenario: All known.
+        ocp: Its problem.
+        plan: Its first plan.
+        largest: As of `draw_unknowns`.
+        rng: Drawn from.
+    """
+    room = PREDICTED * SHARE * scenario.disturbance.bound
+    unknowns, scale = draw_unknowns(largest, rng), 1.0
+    scenario = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
+    for _ in range(ATTEMPTS):
+        candidate = unknowns.put_into(scenario, scale)
+        induced = predicted_disturbance(candidate, plan, ocp)
+        if induced <= room:
+            return candidate
+        scale *= SMALLER * room / induced
+    return scenario

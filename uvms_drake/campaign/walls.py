@@ -1,0 +1,131 @@
+"""Surfaces that a campaign draws and the controller knows: stiffer, softer, tilted, anywhere.
+
+A surface of another stiffness or tilt has a certificate of its own. Where it stands and where it
+faces makes no difference: a translation and a turn about the vertical of everything leave gravity,
+dynamics, limits and tube as they are.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
+from pydrake.math import RotationMatrix
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.errors import InvalidParameter
+from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
+from uvms_drake.model.euler import wrap_angle
+from uvms_drake.scenario import Scenario
+from uvms_drake.schema import load_typed
+
+OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
+"""Stiffness over the scenario's, and tilt [rad]."""
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A surface with a certificate: what differs from the scenario's."""
+
+    stiffness: float
+    """Over the scenario's."""
+    tilt: float
+    """About the horizontal line in the surface [rad]."""
+    tube: str
+    """YAML of the certificate's radii."""
+    radius: float
+    """ε of the terminal set at the scenario's desired force."""
+
+
+def walls_of(scenario: Scenario, certificate: Certificate) -> tuple[Wall, ...]:
+    """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
+
+    A spring is not tilted, and where no forces act there is the scenario's own alone.
+
+    Args:
+        scenario: As it is loaded.
+        certificate: One that holds for it.
+    """
+    walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
+    for stiffness, tilt in () if scenario.kinematic else OTHER_WALLS:
+        if tilt and not isinstance(scenario.surface, UnilateralPlane):
+            continue
+        other = _with_surface(scenario, stiffness, tilt)
+        try:
+            found = certified_once(other)
+        except InvalidParameter:  # The task cannot be held there.
+            continue
+        if found.certified:
+            walls.append(_wall(stiffness, tilt, found.applied_to(other)))
+    return tuple(walls)
+
+
+def _wall(stiffness: float, tilt: float, scenario: Scenario) -> Wall:
+    return Wall(stiffness, tilt, yaml_dump_typed(scenario.tube), scenario.mpc.terminal_radius)
+
+
+def with_wall(scenario: Scenario, wall: Wall) -> Scenario:
+    """Returns the scenario with another surface, and with the tube and terminal set of that."""
+    other = _with_surface(scenario, wall.stiffness, wall.tilt)
+    return replace(other, tube=load_typed(TubeRadii, yaml_load_data(wall.tube)),
+                   mpc=replace(other.mpc, terminal_radius=wall.radius))
+
+
+def _with_surface(scenario: Scenario, stiffness: float, tilt: float) -> Scenario:
+    """Returns the scenario with a surface that is stiffer, and turned with 𝔉_des."""
+    surface, task = scenario.surface, scenario.task
+    surface = replace(surface, stiffness=stiffness * np.asarray(surface.stiffness)
+                      if isinstance(surface, BilateralSpring) else stiffness * surface.stiffness)
+    if tilt and isinstance(surface, UnilateralPlane):
+        normal = np.asarray(surface.normal, dtype=float)
+        R = RotationMatrix(AngleAxis(tilt, _horizontal_in(normal))).matrix()
+        force = np.asarray(task.force, dtype=float).copy()
+        force[:3] = R @ force[:3]
+        surface, task = replace(surface, normal=R @ normal), replace(task, force=force)
+    return replace(scenario, surface=surface, task=task)
+
+
+def _horizontal_in(normal: np.ndarray) -> np.ndarray:
+    """Returns a unit vector (3,) in a plane that is horizontal; along x in a horizontal plane."""
+    line = np.cross([0.0, 0.0, 1.0], normal)
+    length = float(np.linalg.norm(line))
+    return line / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+
+
+def turns_freely(scenario: Scenario) -> bool:
+    """Returns whether a turn about the vertical makes no difference to the nominal MPC either."""
+    x, y = np.asarray(scenario.mpc.weight_y, dtype=float)[:2]
+    return bool(x == y)
+
+
+def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
+    """Returns the scenario with everything in it turned about the vertical, then shifted.
+
+    Args:
+        scenario: Any.
+        yaw: Angle about the z-axis of Σ_I [rad].
+        shift: In Σ_I (3,) [m].
+    """
+    R = RotationMatrix.MakeZRotation(yaw).matrix()
+
+    def pose(chi: np.ndarray) -> np.ndarray:
+        chi = np.asarray(chi, dtype=float)
+        return np.concatenate([R @ chi[:3] + shift, chi[3:5], wrap_angle(chi[5:] + yaw)])
+
+    surface = scenario.surface
+    if isinstance(surface, UnilateralPlane):
+        surface = replace(surface, point=R @ surface.point + shift, normal=R @ surface.normal)
+    else:
+        B = np.eye(6)
+        B[:3, :3] = R
+        surface = replace(surface, stiffness=B @ np.asarray(surface.stiffness) @ B.T,
+                          equilibrium=pose(surface.equilibrium))
+    task = scenario.task
+    force = np.asarray(task.force, dtype=float).copy()
+    force[:3] = R @ force[:3]
+    return replace(
+        scenario, surface=surface, current=R @ np.asarray(scenario.current, dtype=float),
+        start=replace(scenario.start, eta=pose(scenario.start.eta)),
+        task=replace(task, force=force, pose=None if task.pose is None else pose(task.pose)))
