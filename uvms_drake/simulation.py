@@ -137,7 +137,8 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
         "joint_upper": joint_upper,
         "certified": np.array(certified),
     }
-    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1)}
+    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1),
+              "state_lost": logs["lost"].reshape(-1)}
     known = {f.name for f in fields(Record)}
     return Record(scenario=scenario, wall_time_s=wall_time,
                   **{name: value for name, value in arrays.items() if name in known})
