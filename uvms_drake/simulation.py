@@ -79,7 +79,7 @@ def _run(simulator: Simulator, duration: float) -> float:
         simulator.AdvanceTo(duration)
     except RunFailed:
         raise
-    except RuntimeError as error:  # This is how Drake reports that it cannot go on.
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # So Drake and NumPy cannot go on.
         reason = " ".join(str(error).split())
         now = simulator.get_context().get_time()
         raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error

@@ -94,7 +94,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     given_up: list[tuple[str, float]] = [
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
         ("model_error, which the controller does not know", scenario.model_error.size),
-        ("faults that the proofs do not cover", len(uncovered(scenario.faults))),
+        ("faults, which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]

@@ -334,7 +334,8 @@ class NominalMpc(LeafSystem):
         return EventStatus.Succeeded()
 
     def _evaluate_plan(self, context, nominal):
-        nominal.set_value(self._plan_now(context).at(context.get_time()))
+        last_sample = float(self._recall(context).report[0])
+        nominal.set_value(self._plan_now(context).at(context.get_time(), last_sample))
 
     def _calc_state(self, context, output):
         output.SetFromVector(np.concatenate(self._nominal.Eval(context)[:2]))
