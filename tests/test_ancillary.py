@@ -255,6 +255,31 @@ def test_a_law_asks_only_for_the_ports_that_it_reads(model, states, config, need
     assert np.all(np.isfinite(feedback.GetOutputPort("u").Eval(context)))
 
 
+@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_without_a_measurement_the_command_is_the_plans_own(model, states, config, value):
+    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
+    nominal_input = acceleration - model.drift(nominal[:10], nominal[10:])
+    feedback = AncillaryFeedback(model, config)
+    context = feedback.CreateDefaultContext()
+    for name, given in (("nominal_state", nominal), ("nominal_acceleration", acceleration),
+                        ("nominal_input", nominal_input)):
+        feedback.GetInputPort(name).FixValue(context, given)
+    M = model.mass_matrix(model.kinematics(nominal[:10]))
+    for index in (0, 19):
+        feedback.GetInputPort("state").FixValue(context, state)
+        assert feedback.GetOutputPort("lost").Eval(context) == 0.0
+        assert np.max(np.abs(feedback.GetOutputPort("u").Eval(context) - nominal_input)) > 0.1
+        lost = state.copy()
+        lost[index] = value
+        feedback.GetInputPort("state").FixValue(context, lost)
+        assert feedback.GetOutputPort("lost").Eval(context) == 1.0
+        np.testing.assert_allclose(
+            feedback.GetOutputPort("u").Eval(context), nominal_input, atol=1e-9)
+        np.testing.assert_allclose(
+            feedback.GetOutputPort("tau").Eval(context), M @ nominal_input, rtol=1e-9, atol=1e-8)
+
+
 @pytest.mark.parametrize("law", [Resolved, Transpose])
 @pytest.mark.parametrize(("key", "value"), [
     ("k", 0.0), ("k", -1.0), ("k", np.inf), ("sigma", 0.0), ("sigma", np.nan)])

@@ -1,16 +1,20 @@
-"""What happens when a part fails: declared here, injected between the ports, and checked.
+"""What happens when a part fails: declared here, in a scenario's `faults`, and checked.
 
 ========================================  ==========================================================
 fault                                     declared behaviour
 ========================================  ==========================================================
-a solve fails or times out, at random     The last plan, continued by the terminal controller, takes
-samples or for seconds on end             its place. Inside the theory: no exit. `mpc_status` is 1
-                                          at the samples where it happened.
+a solve fails or is late, at random       The last plan, continued by the terminal controller, takes
+samples, for seconds or for ever          its place. Inside the theory: no exit. `mpc_status` is 1
+                                          or 2 at the samples where it happened.
 the first solve fails                     There is no plan to fall back to: one line, at t = 0.
-a control period is dropped               The last plan goes on by itself. Inside the theory: no
-                                          exit, and the next plan starts where it is then.
-the measured state is not a number        The run ends with one line that says when: no command is
-                                          computed from it, nothing is logged as if it was one.
+a control period is dropped               The last plan goes on by itself, where it ends by the
+                                          terminal controller. Inside the theory: no exit, and the
+                                          next plan starts where it is then. `mpc_status` is 3.
+the measured state is not a number        Outside: the command is the plan's own, without feedback,
+for 0.5 s                                 and `state_lost` says when. Finite; back in the tube when
+                                          the fault is over.
+the measured state is not a number at     There is no first plan: one line.
+t = 0
 the measured state is frozen for 0.5 s    Outside: the monitor notes an exit, with its time. Finite;
                                           back in the tube when the fault is over.
 ‖d‖ = 1.5, 2, 5 times d̃                   Outside: ‖d‖ > d̃ is noted at the sample at which it is
@@ -20,127 +24,60 @@ a wall 10 times as stiff as modelled      Outside: an exit is noted when contact
 a joint is stuck                          Outside: an exit is noted after it sticks. Finite.
 ========================================  ==========================================================
 
-The monitor, the logs and the adversary see the true state. Nothing ends in a traceback, and no
-number in a log is not finite.
+The monitor, the logs and the adversary see the true state. What is outside of the theory voids the
+certificate. Nothing ends in a traceback, and no number in a log is not finite.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from uvms_drake import station
+from uvms_drake.certificate.certificate import fingerprint
+from uvms_drake.certificate.certify import assumptions
 from uvms_drake.cli import main
 from uvms_drake.control import scp
-from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
-from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.errors import RunFailed
+from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.fault_systems import solver_fault
+from uvms_drake.faults import (
+    COVERED,
+    DroppedPeriod,
+    ExcessDisturbance,
+    FrozenState,
+    LostState,
+    SolverFailure,
+    SolverTimeout,
+    StuckJoint,
+    check_faults,
+)
 from uvms_drake.plant.uvms_plant import make_uvms_plant
-from uvms_drake.scenario import load_scenario
+from uvms_drake.scenario import dump_scenario, load_scenario
 from uvms_drake.simulation import simulate
+from uvms_drake.station import make_station
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
 PERIOD = 0.02
 """Of the log and of the monitor [s]."""
+STEP = 0.2
+"""Of the MPC [s]."""
 
 
-class SensorFault(LeafSystem):
-    """Passes a vector on, but from `start` to `end` [s] something else: NaN, or what it was."""
-
-    def __init__(self, size: int, start: float, end: float, nan: bool):
-        super().__init__()
-        self._start, self._end, self._nan = start, end, nan
-        self._port = self.DeclareVectorInputPort("true", size)
-        self._held = self.DeclareDiscreteState(size)
-        self.DeclarePeriodicDiscreteUpdateEvent(1e9, start, self._hold)
-        self.DeclareVectorOutputPort("measured", size, self._calc)
-
-    def _hold(self, context, state):
-        state.set_value(self._port.Eval(context))
-
-    def _calc(self, context, output):
-        if not self._start < context.get_time() < self._end:
-            output.SetFromVector(self._port.Eval(context))
-        elif self._nan:
-            output.SetFromVector(np.full(output.size(), np.nan))
-        else:
-            output.SetFromVector(context.get_discrete_state(self._held).value())
-
-
-class StuckJoint(LeafSystem):
-    """Replaces the torque of a joint, from `start` on, by a brake that holds it where it was."""
-
-    def __init__(self, model, joint: int, start: float):
-        super().__init__()
-        self._model, self._row, self._start = model, 6 + joint, start
-        self._tau_port = self.DeclareVectorInputPort("commanded", model.size)
-        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(1e9, start, self._hold)
-        self.DeclareVectorOutputPort("tau", model.size, self._calc)
-
-    def _hold(self, context, state):
-        state.set_value(self._state_port.Eval(context)[[self._row]])
-
-    def _calc(self, context, output):
-        tau = self._tau_port.Eval(context).copy()
-        if context.get_time() > self._start:
-            config, zeta = np.split(self._state_port.Eval(context), 2)
-            inertia = self._model.mass_matrix(self._model.kinematics(config))[self._row, self._row]
-            stretch = config[self._row] - context.get_discrete_state_vector().value()[0]
-            tau[self._row] = -inertia * (400.0 * stretch + 40.0 * zeta[self._row])
-        output.SetFromVector(tau)
-
-
-def with_faults(sensor=None, actuator=None):
-    """Returns `make_tube_mpc` with systems in front of and behind the controller.
-
-    Args:
-        sensor: Makes a system from true to measured state, of the size of the state.
-        actuator: Makes a system from commanded τ and true state to τ, of the model.
-    """
-    def make(ocp, ancillary, targets=None):
-        builder = DiagramBuilder()
-        controller = builder.AddNamedSystem("controller", make_tube_mpc(ocp, ancillary, targets))
-        to_state = [controller.GetInputPort("state")]
-        tau = controller.GetOutputPort("tau")
-        if sensor is not None:
-            fault = builder.AddSystem(sensor(2 * ocp.model.size))
-            builder.Connect(fault.get_output_port(), to_state.pop())
-            to_state.append(fault.get_input_port())
-        if actuator is not None:
-            brake = builder.AddSystem(actuator(ocp.model))
-            builder.Connect(tau, brake.GetInputPort("commanded"))
-            to_state.append(brake.GetInputPort("state"))
-            tau = brake.get_output_port()
-        index = builder.ExportInput(to_state[0], "state")
-        for port in to_state[1:]:
-            builder.ConnectInput(index, port)
-        builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
-        builder.ExportOutput(tau, "tau")
-        for name in ("u", "nominal_state", "nominal_input", "plan", "report", "solve_seconds",
-                     "accepted_force"):
-            builder.ExportOutput(controller.GetOutputPort(name), name)
-        diagram = builder.Build()
-        diagram.set_name("tube_mpc")
-        return diagram
-
-    return make
-
-
-def scenario_of(duration: float, *overrides: str):
-    return load_scenario("girona500_contact", [
+def scenario_of(duration: float, *faults, overrides=()):
+    scenario = load_scenario("girona500_contact", [
         f"duration={duration}", f"log_period={PERIOD}", CLOSE, *overrides])
+    check_faults(faults, kinematic=False)
+    return replace(scenario, faults=list(faults))
 
 
 def run(scenario):
     """Returns the record and the monitor's report of a run; every number in the logs is finite."""
     record = simulate(scenario)
     for name in ("state", "nominal_state", "u", "tau", "force", "tube_deviation", "tube_bound",
-                 "disturbance", "mpc_cost", "mpc_status"):
+                 "disturbance", "mpc_cost", "mpc_status", "state_lost"):
         assert np.all(np.isfinite(getattr(record, name))), name
     return record, dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
 
@@ -150,42 +87,46 @@ def ends_at_the_task(record) -> bool:
     return bool(np.linalg.norm(error) < record.scenario.task.force_tolerance)
 
 
-@pytest.fixture
-def failing(monkeypatch):
-    """Lets the convex solver fail at the calls, after the first plan's, that a function picks."""
-    def install(fails):
-        solve, first = scp.SequentialConvexSolver.solve, [True]
-        calls = [0]
-
-        def wrapped(self, guess, iterations, tolerance=1e-6):
-            if first[0]:
-                first[0] = False
-                return solve(self, guess, iterations, tolerance)
-            calls[0] += 1
-            if fails(calls[0]):
-                with monkeypatch.context() as patch:
-                    patch.setattr(scp, "solve_staged", lambda program: None)
-                    return solve(self, guess, iterations, tolerance)
-            return solve(self, guess, iterations, tolerance)
-
-        monkeypatch.setattr(scp.SequentialConvexSolver, "solve", wrapped)
-
-    return install
-
-
-@pytest.mark.parametrize("which", ["at random", "for 2 s", "for ever"])
-def test_a_failed_solve_keeps_the_tube_and_is_in_the_log(failing, which):
-    random = np.random.default_rng(4).uniform(size=100) < 0.4
-    fails = {"at random": lambda call: bool(random[call]), "for 2 s": lambda call: 3 <= call < 13,
-             "for ever": lambda call: True}[which]
-    failing(fails)
-    record, report = run(scenario_of(4.0))
-    # The first sample is the first plan's.
-    expected = [False, *(fails(call) for call in range(1, len(record.mpc_status)))]
-    np.testing.assert_array_equal(record.mpc_status, expected)
-    assert np.count_nonzero(record.mpc_status) > 4
+def assert_tube_kept(record, report) -> None:
     assert report["set_exits"] == report["trajectory_exits"] == 0.0
     assert ends_at_the_task(record)
+
+
+# Faults of the solver ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "status"), [(SolverFailure, FAILED), (SolverTimeout, LATE)])
+@pytest.mark.parametrize("which", ["at random", "for 2 s", "for ever"])
+def test_without_a_new_plan_the_tube_is_kept_and_it_is_in_the_log(kind, status, which):
+    fault, samples = {
+        "at random": (kind(probability=0.4), None),
+        "for 2 s": (kind(start=0.6, duration=2.0), range(3, 13)),
+        "for ever": (kind(), range(1, 100))}[which]
+    record, report = run(scenario_of(4.0, fault))
+    count = np.arange(len(record.mpc_status))
+    if samples is None:
+        expected = [solver_fault([fault], record.scenario.seed, int(k), STEP) for k in count]
+    else:
+        expected = np.where(np.isin(count, samples), status, SOLVED)
+    expected[0] = SOLVED  # The first plan is exempt.
+    np.testing.assert_array_equal(record.mpc_status, expected)
+    assert 4 < np.count_nonzero(record.mpc_status == status) == np.count_nonzero(expected)
+    assert not np.any(record.state_lost)
+    assert_tube_kept(record, report)
+
+
+def test_a_late_plan_is_as_good_as_none():
+    failed, late = (run(scenario_of(1.0, kind(start=0.4)))[0]
+                    for kind in (SolverFailure, SolverTimeout))
+    np.testing.assert_array_equal(failed.state, late.state)
+    assert not np.array_equal(failed.nominal_state, run(scenario_of(1.0))[0].nominal_state)
+
+
+def test_random_faults_are_the_same_in_every_run_of_a_seed():
+    seeds = [replace(scenario_of(2.0, DroppedPeriod(probability=0.5)), seed=s) for s in (3, 3, 4)]
+    first, again, other = (simulate(scenario).mpc_status for scenario in seeds)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
 
 
 def test_without_a_first_plan_it_is_one_line(monkeypatch, tmp_path, capsys):
@@ -198,34 +139,75 @@ def test_without_a_first_plan_it_is_one_line(monkeypatch, tmp_path, capsys):
     assert not output.exists()
 
 
-@pytest.mark.parametrize("dropped", [{5}, {5, 6, 7}])
-def test_a_dropped_control_period_keeps_the_tube(monkeypatch, dropped):
-    plan_again, starts = NominalMpc._plan_again, []
+@pytest.mark.parametrize(("fault", "dropped"), [
+    (DroppedPeriod(start=1.0, duration=0.2), {5}),
+    (DroppedPeriod(start=1.0, duration=0.6), {5, 6, 7}),
+    (DroppedPeriod(), set(range(1, 100)))])
+def test_a_dropped_control_period_keeps_the_tube(fault, dropped):
+    """The horizon is 3 s: with all of them dropped, the plan comes to its end."""
+    record, report = run(scenario_of(4.0, fault))
+    count = np.arange(len(record.mpc_status))
+    np.testing.assert_array_equal(
+        record.mpc_status, np.where(np.isin(count, list(dropped)), DROPPED, SOLVED))
+    np.testing.assert_allclose(record.mpc_time, STEP * count, atol=1e-9)
+    assert_tube_kept(record, report)
 
-    def wrapped(self, context, state):
-        if round(context.get_time() / 0.2) not in dropped:
-            plan_again(self, context, state)
-        plan = state.get_abstract_state(0).get_value().plan
-        starts.append((context.get_time(), plan.start_time))
 
-    monkeypatch.setattr(NominalMpc, "_plan_again", wrapped)
-    record, report = run(scenario_of(4.0))
-    assert report["set_exits"] == report["trajectory_exits"] == 0.0
-    late = {round(now / 0.2) for now, planned in starts if planned < now - 0.1}
-    assert late == dropped
+def test_a_deadline_throws_plans_away_that_take_longer():
+    """The first plan is exempt."""
+    record, report = run(scenario_of(4.0, overrides=["mpc.deadline=1e-9"]))
+    np.testing.assert_array_equal(record.mpc_status[:1], SOLVED)
+    np.testing.assert_array_equal(record.mpc_status[1:], LATE)
+    assert_tube_kept(record, report)
+
+
+@pytest.mark.parametrize("value", ["0", "-1"])
+def test_a_deadline_is_positive(value):
+    with pytest.raises(InvalidParameter, match=r"^mpc\.deadline = .*: must be positive$"):
+        make_station(scenario_of(1.0, overrides=[f"mpc.deadline={value}"]))
+
+
+# Faults of the measurement -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", ["Resolved {k: 20, sigma: 5}", "Transpose {k: 20, sigma: 1}"])
+def test_without_a_measurement_the_command_is_the_plans_own(law):
+    start = 0.5
+    record = simulate(scenario_of(
+        1.5, LostState(start=start), overrides=[f"ancillary=!{law}"]))
+    lost = (record.time > start - 1e-9) & (record.time < start + 0.5 - 1e-9)
+    np.testing.assert_array_equal(record.state_lost, lost)
+    assert np.count_nonzero(lost) == 25
+    feedback = np.max(np.abs(record.u - record.nominal_input), axis=1)
+    assert np.max(feedback[lost]) < 1e-9
+    assert np.min(feedback[~lost & (record.time > 0.1)]) > 1e-4
+
+
+def test_a_lost_measurement_is_overcome():
+    start = 0.5
+    record, report = run(scenario_of(4.0, LostState(start=start)))
+    assert start < report["set_first_exit"] < start + 0.5
+    deviation = record.deviation_of("position")
+    assert np.all(deviation[record.time > start + 2.0] < record.scenario.tube.position)
     assert ends_at_the_task(record)
 
 
-@pytest.mark.parametrize("start", [-1.0, 0.731])
-def test_a_measurement_that_is_not_a_number_ends_the_run_with_one_line(
-        monkeypatch, tmp_path, capsys, start):
-    monkeypatch.setattr(station, "make_tube_mpc", with_faults(
-        lambda size: SensorFault(size, start, start + 10.0, nan=True)))
-    if start > 0.0:
-        with pytest.raises(RunFailed, match=r"measured state is not finite at t = 0\.7[34]"):
-            simulate(scenario_of(1.0))
+def test_plans_from_the_measured_state_go_on_from_the_nominal_one_without_it():
+    record, _ = run(scenario_of(
+        2.0, LostState(start=0.5), overrides=["mpc.initial_state=measured"]))
+    np.testing.assert_array_equal(record.mpc_status, SOLVED)
+    to_real = np.linalg.norm(record.state - record.nominal_state, axis=1)
+    after = {k: to_real[round(k * STEP / PERIOD) + 1] for k in (2, 3, 4, 5)}
+    gained = record.scenario.disturbance.bound * PERIOD  # since a plan from the measured state
+    assert max(after[2], after[5]) < gained < min(after[3], after[4])
+
+
+def test_without_a_measurement_at_the_start_it_is_one_line(tmp_path, capsys):
+    with pytest.raises(RunFailed, match=r"^the measured state is not finite at t = 0\.000 s$"):
+        simulate(scenario_of(1.0, LostState()))
     output = tmp_path / "out"
-    assert main(["run", "--uncertified", "--duration", "1", "--output", str(output)]) == 1
+    assert main(["run", "--uncertified", "--duration", "1", "--output", str(output),
+                 "--set", "faults=[!LostState {}]"]) == 1
     err = capsys.readouterr().err
     assert sum("error: " in line for line in err.splitlines()) == 1
     assert "not finite" in err
@@ -233,26 +215,23 @@ def test_a_measurement_that_is_not_a_number_ends_the_run_with_one_line(
     assert not output.exists()
 
 
-def test_a_frozen_measurement_is_noted_and_overcome(monkeypatch):
+def test_a_frozen_measurement_is_noted_and_overcome():
     start = 0.5
-    monkeypatch.setattr(station, "make_tube_mpc", with_faults(
-        lambda size: SensorFault(size, start, start + 0.5, nan=False)))
-    record, report = run(scenario_of(4.0))
+    record, report = run(scenario_of(4.0, FrozenState(start=start)))
     assert start < report["set_first_exit"] < start + 0.5
     deviation = record.deviation_of("position")
     assert np.max(deviation) > 3.0 * record.scenario.tube.position
     assert np.all(deviation[record.time > start + 2.0] < record.scenario.tube.position)
+    assert not np.any(record.state_lost)
     assert ends_at_the_task(record)
 
 
-@pytest.mark.parametrize("factor", [1.5, 2.0, 5.0])
-def test_a_disturbance_above_its_bound_is_noted_and_takes_the_tube_along(monkeypatch, factor):
-    def plant(*, disturbance, **others):
-        return make_uvms_plant(
-            disturbance=replace(disturbance, bound=factor * disturbance.bound), **others)
+# Faults of disturbance, wall and arm -------------------------------------------------------------
 
-    monkeypatch.setattr(station, "make_uvms_plant", plant)
-    record, report = run(scenario_of(3.0))
+
+@pytest.mark.parametrize("factor", [1.5, 2.0, 5.0])
+def test_a_disturbance_above_its_bound_is_noted_and_takes_the_tube_along(factor):
+    record, report = run(scenario_of(3.0, ExcessDisturbance(factor=factor)))
     above = np.linalg.norm(record.disturbance, axis=1) > 1.01 * record.scenario.disturbance.bound
     assert report["disturbance_exits"] >= 1.0
     assert report["disturbance_first_exit"] == pytest.approx(
@@ -262,6 +241,14 @@ def test_a_disturbance_above_its_bound_is_noted_and_takes_the_tube_along(monkeyp
     assert 0.5 * factor < max(ratios) < 1.02 * factor
     if factor == 5.0:
         assert report["set_first_exit"] < np.inf
+
+
+def test_an_adversary_above_its_bound_is_noted_too():
+    record, report = run(scenario_of(
+        1.0, ExcessDisturbance(factor=1.5),
+        overrides=["disturbance=!AdversarialDisturbance {bound: 0.1}"]))
+    assert report["worst_disturbance"] == pytest.approx(1.5, rel=0.01)
+    assert record.scenario.disturbance.bound == 0.1
 
 
 def test_a_wall_that_is_stiffer_than_modelled_is_noted(monkeypatch):
@@ -279,12 +266,102 @@ def test_a_wall_that_is_stiffer_than_modelled_is_noted(monkeypatch):
 
 
 @pytest.mark.parametrize("joint", [0, 2])
-def test_a_stuck_joint_is_noted(monkeypatch, joint):
+def test_a_stuck_joint_is_noted(joint):
     start = 0.4
-    monkeypatch.setattr(station, "make_tube_mpc", with_faults(
-        actuator=lambda model: StuckJoint(model, joint, start)))
-    record, report = run(scenario_of(4.0))
+    record, report = run(scenario_of(4.0, StuckJoint(joint=joint, start=start)))
     q = record.state[:, 6 + joint]
     assert np.ptp(q[record.time > start + 0.5]) < 0.02
     assert start < report["set_first_exit"] < np.inf
     assert np.max(np.abs(record.state)) < 10.0
+
+
+# Kinematic motion --------------------------------------------------------------------------------
+
+
+def kinematic(*faults):
+    scenario = load_scenario("paper_kinematic_certified", ["duration=1.5"])
+    check_faults(faults, kinematic=True)
+    return run(replace(scenario, faults=list(faults)))
+
+
+def test_kinematic_motion_has_the_faults_of_the_solver_too():
+    record, report = kinematic(SolverFailure(start=0.2, duration=0.3), DroppedPeriod(start=0.8))
+    h, k = record.scenario.mpc.time_step, np.arange(len(record.mpc_status))
+    failed = (k * h > 0.2 - 1e-9) & (k * h < 0.5 - 1e-9)
+    np.testing.assert_array_equal(record.mpc_status == FAILED, failed)
+    np.testing.assert_array_equal(record.mpc_status == DROPPED, k * h > 0.8 - 1e-9)
+    assert report["set_exits"] == report["trajectory_exits"] == 0.0
+
+
+def test_kinematic_motion_without_a_measurement_is_the_plans_own():
+    record, _ = kinematic(LostState(start=0.5, duration=0.4))
+    lost = (record.time > 0.5 - 1e-9) & (record.time < 0.9 - 1e-9)
+    np.testing.assert_array_equal(record.state_lost, lost)
+    difference = np.max(np.abs(record.u - record.nominal_input), axis=1)
+    assert np.max(difference[lost]) < 1e-9
+    assert np.max(difference[~lost]) > 1e-3
+
+
+def test_a_frozen_measurement_of_kinematic_motion_is_noted():
+    start = 0.5
+    _, report = kinematic(FrozenState(start=start, duration=0.4))
+    assert start < report["set_first_exit"] < start + 0.5
+
+
+# Scenario and certificate ------------------------------------------------------------------------
+
+
+EVERY = [SolverFailure(0.25, 1.0, 2.0), SolverTimeout(0.5, 3.0), DroppedPeriod(1e-3),
+         FrozenState(0.5, 1.0), LostState(1e3), StuckJoint(2, 0.1), ExcessDisturbance(1.5)]
+
+
+def test_faults_go_through_a_file_and_back(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(dump_scenario(replace(load_scenario("girona500_contact"), faults=EVERY)))
+    again = load_scenario(str(path), ["seed=1"])
+    assert again.faults == EVERY
+
+
+def test_faults_can_be_set_by_overrides():
+    scenario = load_scenario("girona500_contact", [
+        "faults=[!FrozenState {start: 0.5}, {probability: 0.1}]", "faults.0.duration=2"])
+    assert scenario.faults == [FrozenState(0.5, 2.0), SolverFailure(0.1)]
+    assert load_scenario("girona500_contact").faults == []
+
+
+@pytest.mark.parametrize(("faults", "expected"), [
+    ("[{probability: 1.1}]", "faults[0].probability = 1.1: must be between 0 and 1"),
+    ("[!SolverTimeout {start: -1}]", "faults[0].start = -1.0: must be zero or positive"),
+    ("[{}, !DroppedPeriod {duration: 0}]", "faults[1].duration = 0.0: must be positive"),
+    ("[!StuckJoint {joint: -1}]", "faults[0].joint = -1: must be an index from 0"),
+    ("[!ExcessDisturbance {factor: 1}]", "faults[0].factor = 1.0: must be above 1"),
+    ("[!LostState {}, {}, !LostState {start: 3}]",
+     "faults[2] = 'LostState': must be of a kind that is not declared twice"),
+    ("[!Frozen {}]", "faults[0] = '!Frozen': must be a mapping tagged !SolverFailure or"),
+    ("[!FrozenState {start: .inf}]", "faults[0].start = inf: must be a finite number"),
+    ("{}", "faults = {}: must be a list")])
+def test_a_fault_without_a_meaning_is_one_line(faults, expected):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("girona500_contact", [f"faults={faults}"])
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_stuck_joint_has_a_torque_and_is_one_of_the_arms():
+    with pytest.raises(
+            ScenarioError, match=r"faults\[0\] = 'StuckJoint': must be left out, if the motion"):
+        load_scenario("paper_kinematic", ["faults=[!StuckJoint {}]"])
+    with pytest.raises(InvalidParameter, match=r"^faults\[0\]\.joint = 4: must be an index from 0"):
+        make_station(scenario_of(1.0, StuckJoint(joint=4)))
+
+
+def test_the_certificate_is_void_only_with_faults_that_the_proofs_do_not_cover():
+    scenario = scenario_of(1.0)
+    for fault in EVERY:
+        covered = isinstance(fault, COVERED)
+        with_it = replace(scenario, faults=[fault])
+        broken = [item.name for item in assumptions(with_it) if not item.holds]
+        assert broken == ([] if covered else ["faults, which the proofs do not cover"])
+        assert (fingerprint(with_it) == fingerprint(scenario)) == covered
+    with_deadline = scenario_of(1.0, overrides=["mpc.deadline=0.1"])
+    assert fingerprint(with_deadline) == fingerprint(scenario)

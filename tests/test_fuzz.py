@@ -28,6 +28,13 @@ VALUES = (
     {"_tag": "!Resolved"}, {"_tag": "!ConstantDisturbance", "bound": 0.01},
     {"_tag": "!AdversarialDisturbance", "kind": "leading", "rows": "joints"}, {"_tag": "!No"},
     {"a": {"b": {"c": []}}})
+FAULTS = (
+    [{"_tag": "!SolverFailure"}], [{"start": 0.01}], [{"_tag": "!DroppedPeriod", "duration": None}],
+    [{"_tag": "!FrozenState", "duration": 1e6}], [{"_tag": "!LostState"}],
+    [{"_tag": "!LostState", "start": 0.004}], [{"_tag": "!StuckJoint", "joint": 3}],
+    [{"_tag": "!StuckJoint", "joint": 2**63}], [{"_tag": "!ExcessDisturbance", "factor": 1e30}],
+    [{"_tag": "!SolverTimeout"}, {"_tag": "!SolverTimeout"}], [{"_tag": "!Fault"}], [None], {},
+    [{"_tag": "!FrozenState", "start": 1e30}, {"_tag": "!SolverFailure", "probability": -1}])
 KEYS = ("", "a", "0", "_x", "name", "seed", "mpc", "é\n", "limits.u", "~", "- -", "_tag")
 
 
@@ -105,6 +112,8 @@ def case(number: int) -> bytes:
     data = yaml_load_data(dump_scenario(load_scenario(name)), private=True)
     for _ in range(rng.integers(1, 4)):
         data = mutated(data, rng)
+    if rng.uniform() < 0.2:
+        data["faults"] = copy.deepcopy(FAULTS[rng.integers(len(FAULTS))])
     try:
         return yaml_dump(data).encode(errors="replace")
     except Exception:  # A tag that is not a name cannot be written.

@@ -92,6 +92,24 @@ def test_the_system_puts_out_the_law(ocp, states, config, law):
         system.GetOutputPort("zeta").Eval(context), law(ocp.model, *states, SIGMA))
 
 
+@pytest.mark.parametrize("config", [Resolved(sigma=SIGMA), Transpose(sigma=SIGMA)])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_without_a_measurement_the_command_is_the_plans_own(ocp, states, config, value):
+    measured, nominal_state = states[0].copy(), states[1]
+    system = KinematicFeedback(ocp.model, config)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("nominal_state").FixValue(context, nominal_state)
+    for index in (0, 9):
+        system.GetInputPort("configuration").FixValue(context, measured)
+        assert system.GetOutputPort("lost").Eval(context) == 0.0
+        lost = measured.copy()
+        lost[index] = value
+        system.GetInputPort("configuration").FixValue(context, lost)
+        assert system.GetOutputPort("lost").Eval(context) == 1.0
+        np.testing.assert_allclose(
+            system.GetOutputPort("zeta").Eval(context), nominal_state[10:], atol=1e-12)
+
+
 def test_it_is_connected_to_the_nominal_mpc(ocp):
     builder = DiagramBuilder()
     mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp))

@@ -10,8 +10,12 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.control.nominal_mpc import (
+    DROPPED,
+    FAILED,
     FEASIBLE,
+    LATE,
     REPORT_FIELDS,
+    SOLVED,
     SOLVERS_KEPT,
     NominalMpc,
     Targets,
@@ -57,13 +61,13 @@ class ViolatingSolver(FailingSolver):
 class Setup:
     """A planner alone, with a measured state that does not follow the plan."""
 
-    def __init__(self, solver, state: np.ndarray, iterations: int = 2):
+    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None):
         solver.ocp = copy.copy(solver.ocp)
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
         self.mpc = NominalMpc.AddToBuilder(
-            builder, solver, state=self.source.get_output_port())
+            builder, solver, state=self.source.get_output_port(), targets=targets)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.ocp = solver.ocp
@@ -77,6 +81,11 @@ class Setup:
 
     def report(self) -> dict[str, float]:
         return dict(zip(REPORT_FIELDS, self.read("report"), strict=True))
+
+    def give(self, name: str, value) -> None:
+        """Sets an input port from now on."""
+        context = self.mpc.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+        self.mpc.GetInputPort(name).FixValue(context, value)
 
     def jump(self, state: np.ndarray) -> None:
         context = self.source.GetMyMutableContextFromRoot(
@@ -183,6 +192,150 @@ def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short
     assert solver.calls == 5
     before = short_ocp.evaluate(short_ocp.continued(plan))
     assert setup.report()["cost"] <= before.merit
+
+
+@pytest.mark.parametrize("fault", [FAILED, LATE])
+def test_a_fault_of_the_solver_takes_the_continued_plan(short_ocp, start, fault):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    setup.give("fault", [fault])
+    setup.simulator.Initialize()
+    assert setup.report()["status"] == SOLVED, "the first plan is exempt"
+    plan = setup.read("plan")
+    for k in (1, 2):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
+        report = setup.report()
+        assert (report["status"], report["iterations"]) == (fault, 0.0)
+        assert report["time"] == pytest.approx(k * H)
+        assert report["cost"] == short_ocp.evaluate(plan).cost
+    assert solver.calls == 1
+    setup.give("fault", [SOLVED])
+    setup.go(3.5 * H)
+    assert setup.report()["status"] == SOLVED
+    assert solver.calls == 2
+
+
+def test_a_dropped_sample_leaves_plan_and_report_and_the_next_one_starts_where_it_went(
+        short_ocp, start):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    setup.go(1.5 * H)
+    plan, report = setup.read("plan"), setup.report()
+    setup.give("fault", [DROPPED])
+    for k in (2, 3):
+        setup.go((k + 0.5) * H)
+        assert setup.read("plan").start_time == plan.start_time
+        np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
+        np.testing.assert_array_equal(
+            setup.read("nominal_state"), np.concatenate(plan.at((k + 0.5) * H)[:2]))
+        now = setup.report()
+        assert (now["status"], now["time"]) == (DROPPED, pytest.approx(k * H))
+        assert {**now, "status": 0.0, "time": report["time"]} == report
+    assert solver.calls == 2
+    setup.give("fault", [SOLVED])
+    setup.go(4.5 * H)
+    assert (setup.report()["status"], solver.calls) == (SOLVED, 3)
+    np.testing.assert_allclose(
+        setup.read("plan").start, np.concatenate(plan.at(4 * H)[:2]), atol=1e-12)
+
+
+def test_at_a_dropped_sample_the_next_interval_begins(short_ocp, start):
+    """An integrator's first stage sees the acceleration of the step that it makes."""
+    for k in (1, 2):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.give("fault", [DROPPED])
+        setup.go(k * H)
+        plan = setup.read("plan")
+        np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[k - 1])
+        setup.go((k + 0.5) * H)
+        setup.simulator.get_mutable_context().SetTime(k * H)
+        np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[k])
+
+
+def test_a_plan_that_is_never_followed_by_another_is_continued_where_it_ends(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.Initialize()
+    plan = setup.read("plan")
+    setup.give("fault", [DROPPED])
+    for k in range(short_ocp.horizon + 3):
+        setup.go((k + 0.5) * H)
+        expected = plan
+        while expected.start_time < (k - 0.5) * H:
+            expected = short_ocp.continued(expected)
+        np.testing.assert_allclose(
+            setup.read("nominal_state"), np.concatenate(expected.at((k + 0.5) * H)[:2]),
+            atol=1e-12)
+
+
+def test_a_context_with_dropped_samples_goes_on_in_a_clone(short_ocp, start):
+    for pause in (H, 1.5 * H, 3.5 * H):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.give("fault", [DROPPED])
+        setup.go(pause)
+        clone = setup.simulator.get_context().Clone()
+        other = Simulator(setup.diagram, clone)
+        other.Initialize()
+        other.AdvanceTo(5.5 * H)
+        setup.go(5.5 * H)
+        np.testing.assert_array_equal(
+            setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
+
+
+def test_a_plan_after_its_deadline_is_thrown_away(short_ocp, start):
+    for deadline, status in ((1e-9, LATE), (1e6, SOLVED)):
+        ocp = copy.copy(short_ocp)
+        ocp.deadline = deadline
+        solver = FailingSolver(ocp)
+        setup = Setup(solver, start)
+        setup.simulator.Initialize()
+        assert setup.report()["status"] == SOLVED, "the first plan is exempt"
+        plan = setup.read("plan")
+        setup.go(1.5 * H)
+        assert (setup.report()["status"], solver.calls) == (status, 2)
+        kept = np.array_equal(setup.read("plan").zeta_dot, ocp.continued(plan).zeta_dot)
+        assert kept == (status == LATE)
+
+
+@pytest.mark.parametrize("fault", [FAILED, LATE, "deadline"])
+def test_without_a_new_plan_there_is_no_new_force_either(short_ocp, start, fault):
+    """It is asked for and refused, and accepted when a plan is made again."""
+    force, other = np.full(6, 20.0), np.full(6, 21.0)
+    ocp = copy.copy(short_ocp)
+    setup = Setup(SequentialConvexSolver(ocp), start, targets=Targets(
+        force, lambda force: copy.copy(short_ocp), lambda force, plan: True))
+    setup.give("desired_force", other)
+    if fault == "deadline":
+        setup.ocp.deadline = 1e-9
+    else:
+        setup.give("fault", [fault])
+    setup.go(1.5 * H)
+    assert setup.report()["status"] == (LATE if fault == "deadline" else fault)
+    assert setup.report()["refused"] == 1.0
+    np.testing.assert_array_equal(setup.read("accepted_force"), force)
+    setup.ocp.deadline = None
+    setup.give("fault", [SOLVED])
+    setup.go(2.5 * H)
+    assert (setup.report()["status"], setup.report()["refused"]) == (SOLVED, 0.0)
+    np.testing.assert_array_equal(setup.read("accepted_force"), other)
+
+
+def test_a_plan_from_the_measured_state_starts_at_the_nominal_one_while_it_is_lost(
+        short_ocp, start):
+    ocp = copy.copy(short_ocp)
+    ocp.starts_at_measured = True
+    setup = Setup(SequentialConvexSolver(ocp), start)
+    setup.go(0.5 * H)
+    plan = setup.read("plan")
+    setup.jump(np.full_like(start, np.nan))
+    setup.go(1.5 * H)
+    assert setup.report()["status"] == SOLVED
+    np.testing.assert_allclose(
+        setup.read("plan").start, np.concatenate(plan.at(H)[:2]), atol=1e-12)
+    setup.jump(start)
+    setup.go(2.5 * H)
+    np.testing.assert_array_equal(setup.read("plan").start, start)
 
 
 @pytest.mark.parametrize("violation", [None, 1.01 * FEASIBLE, 1.0])

@@ -96,6 +96,11 @@ def test_the_acceleration_at_a_knot_is_that_of_the_interval_before():
             np.testing.assert_array_equal(plan.at(time)[2], plan.zeta_dot[k - 1])
     for k in range(6):
         np.testing.assert_array_equal(plan.at(3.4 + k * H + 1e-6)[2], plan.zeta_dot[k])
+        since = 3.4 + k * H
+        np.testing.assert_array_equal(plan.at(since, since)[2], plan.zeta_dot[k])
+        np.testing.assert_allclose(plan.at(since, since)[0], plan.at(since)[0], atol=1e-14)
+        later = since + 0.5 * H
+        np.testing.assert_array_equal(plan.at(later, since), plan.at(later))
 
 
 def test_between_the_knots_the_plan_is_a_motion():

@@ -34,7 +34,7 @@ class Breaks(LeafSystem):
 def logs_of(record):
     logs = {field.name: getattr(record, field.name) for field in fields(record)
             if field.name not in ("scenario", "wall_time_s")}
-    return logs | {"accepted_force": record.desired_force}
+    return logs | {"accepted_force": record.desired_force, "lost": record.state_lost[:, None]}
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,10 @@ def record():
 def test_the_record_has_all_signals_at_all_samples(record):
     np.testing.assert_allclose(record.time, np.arange(151) * 0.01, atol=1e-12)
     for name in ("state", "nominal_state", "chi", "chi_nominal", "nominal_input", "u", "tau",
-                 "force", "penetration", "disturbance", "acceleration", "effective_disturbance"):
+                 "state_lost", "force", "penetration", "disturbance", "acceleration",
+                 "effective_disturbance"):
         assert len(getattr(record, name)) == 151
-    assert record.penetration.ndim == 1
+    assert record.penetration.ndim == record.state_lost.ndim == 1
     assert record.state.shape[1] == 20
     for field in fields(record):
         if field.name not in ("scenario", "tube_report"):
@@ -143,9 +144,10 @@ def test_a_value_that_cannot_be_used_is_named(record):
         simulate(scenario)
 
 
-def test_an_error_of_drake_ends_the_run_with_its_time():
+@pytest.mark.parametrize("kind", [RuntimeError, np.linalg.LinAlgError])
+def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
     with pytest.raises(RunFailed, match=r"stopped at t = 0\.250 s: no way on"):
-        _run(Simulator(Breaks(RuntimeError("no\n  way on"))), 1.0)
+        _run(Simulator(Breaks(kind("no\n  way on"))), 1.0)
 
 
 def test_a_failed_run_keeps_its_own_message():

@@ -53,7 +53,7 @@ def test_the_fixed_keys_are_there_and_valid_json():
     assert set(summary) >= KEYS
     assert set(summary["versions"]) == {"uvms_drake", "drake", "python"}
     assert set(summary["mpc"]) == {
-        "solves", "failures", "fallbacks", "step_ms", "refused_targets",
+        "solves", "failures", "late", "dropped", "fallbacks", "step_ms", "refused_targets",
         "worst_terminal_slack", "worst_violation"}
     assert set(summary["mpc"]["step_ms"]) == {"p50", "p95", "p99", "max"}
     assert set(summary["task_error"]) >= {"initial", "final", "final_norm"}
@@ -244,9 +244,12 @@ def test_the_worst_plan_is_reported():
 def test_failures_of_the_solver_are_counted():
     record = synthetic_record()
     status = np.zeros_like(record.mpc_status)
-    status[[3, 4]] = 1.0
-    mpc = summarise(replace(record, mpc_status=status))["mpc"]
-    assert (mpc["solves"], mpc["failures"], mpc["fallbacks"]) == (len(status), 2, 2)
+    status[[3, 4]], status[7], status[[8, 9, 11]] = 1.0, 2.0, 3.0
+    summary = summarise(replace(record, mpc_status=status))
+    mpc = summary["mpc"]
+    assert (mpc["solves"], mpc["failures"], mpc["late"], mpc["dropped"], mpc["fallbacks"]) == (
+        len(status) - 3, 2, 1, 3, 3)
+    assert "97 solves, 2 failures, 1 late, 3 fallbacks, 3 dropped" in format_summary(summary)
 
 
 def test_step_times_are_in_milliseconds():

@@ -6,19 +6,34 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.control.ancillary import Resolved, Transpose
-from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.scenario import load_scenario
+from uvms_drake.station import make_kinematic_ocp
+
+
+def ports_of(controller) -> tuple[dict[str, int], dict[str, int]]:
+    """Returns the sizes of the input and of the output ports, by name."""
+    inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
+    outputs = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
+    return ({port.get_name(): port.size() for port in inputs},
+            {port.get_name(): port.size() for port in outputs})
 
 
 def test_it_has_the_documented_ports(short_ocp):
-    controller = make_tube_mpc(short_ocp, Resolved())
-    inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
-    outputs = [controller.get_output_port(i) for i in range(controller.num_output_ports())]
-    assert {port.get_name(): port.size() for port in inputs} == {"state": 20}
-    assert {port.get_name(): port.size() for port in outputs} == {
-        "tau": 10, "u": 10, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 7,
-        "solve_seconds": 1}
+    assert ports_of(make_tube_mpc(short_ocp, Resolved())) == (
+        {"state": 20, "fault": 1},
+        {"tau": 10, "u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0,
+         "report": 7, "solve_seconds": 1})
+
+
+def test_that_of_kinematic_motion_has_the_documented_ports():
+    ocp = make_kinematic_ocp(load_scenario("paper_kinematic"))
+    assert ports_of(make_kinematic_tube_mpc(ocp, Resolved())) == (
+        {"configuration": 10, "fault": 1},
+        {"u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 7,
+         "solve_seconds": 1})
 
 
 def closed_loop(short_ocp, plane, start, ancillary, bound: float):

@@ -217,7 +217,7 @@ def draw_mpc(record: Record) -> Figure:
     step_ms = 1e3 * record.step_seconds
     for chosen, marker, color, label in (
             (record.mpc_status == 0, ".", BLUE, "solved"),
-            (record.mpc_status != 0, "x", VERMILION, "failed, fallback")):
+            (record.mpc_status != 0, "x", VERMILION, "failed, late or dropped")):
         axes[0].plot(record.mpc_time[chosen], step_ms[chosen], marker, color=color, markersize=3.5,
                      label=label)
     axes[0].axhline(1e3 * record.scenario.mpc.time_step, **{**LIMIT, "label": "sampling period"})

@@ -40,6 +40,8 @@ class Record:
     """𝔲 (T, 6+n) [m/s², rad/s²]; ζ [m/s, rad/s] if the motion is kinematic."""
     tau: np.ndarray
     """τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
+    state_lost: np.ndarray
+    """1 where the measured state was not finite and the command was the plan's own, else 0 (T,)."""
     force: np.ndarray
     """𝔉, exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
     surface's law gives for the pose."""
@@ -61,7 +63,8 @@ class Record:
     mpc_time: np.ndarray
     """Instants at which the MPC planned (K,) [s]."""
     mpc_status: np.ndarray
-    """(K,): 0 the solver succeeded, 1 it failed and the fallback plan was taken."""
+    """(K,): 0 solved; 1 the solver failed, or 2 was too late, and the last plan was continued; 3
+    the sample was dropped and the last plan went on."""
     mpc_cost: np.ndarray
     """(K,)."""
     mpc_terminal_slack: np.ndarray

@@ -165,7 +165,8 @@ def _run(summary: dict[str, Any]) -> str:
         ("disturbance", f"{disturbance['applied']:.3g} applied, {disturbance['worst']:.3g} with "
                         "what the controller does not know, bound "
                         f"{disturbance['bound']:.3g}"),
-        ("MPC", f"{mpc['solves']} solves, {mpc['failures']} failures"),
+        ("MPC", f"{mpc['solves']} solves, {mpc['failures']} failures, {mpc['late']} late, "
+                f"{mpc['dropped']} dropped"),
         ("step of the MPC", f"{_number(step['p50'], '.1f', 'ms')} median, "
                             f"{_number(step['p99'], '.1f', 'ms')} p99"),
         ("simulated", f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s"),

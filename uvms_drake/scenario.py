@@ -19,6 +19,7 @@ from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.errors import InvalidParameter, ScenarioError, require, within
+from uvms_drake.faults import Fault, check_faults
 from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
 from uvms_drake.model.model_error import ModelError, check_model_error
 from uvms_drake.model.surface_error import SurfaceError, check_surface_error
@@ -89,6 +90,8 @@ class Scenario:
     """How the simulated surface differs from `surface`, which the controller knows."""
     disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
                   | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
+    faults: list[Fault] = field(default_factory=list)
+    """What fails, at most one of a kind; an entry without a tag is a `SolverFailure`."""
     task: Task = field(default_factory=Task)
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
@@ -202,6 +205,7 @@ def check_scenario(scenario: Scenario) -> None:
         check_model_error(scenario.model_error)
     with within("surface_error"):
         check_surface_error(scenario.surface_error)
+    check_faults(scenario.faults, kinematic=scenario.kinematic)
     _check_simulator(scenario.simulator)
     check_visual(scenario.visual)
 

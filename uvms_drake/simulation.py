@@ -79,7 +79,7 @@ def _run(simulator: Simulator, duration: float) -> float:
         simulator.AdvanceTo(duration)
     except RunFailed:
         raise
-    except RuntimeError as error:  # This is how Drake reports that it cannot go on.
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # So Drake and NumPy cannot go on.
         reason = " ".join(str(error).split())
         now = simulator.get_context().get_time()
         raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error
@@ -139,7 +139,8 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
         "joint_upper": joint_upper,
         "certified": np.array(certified),
     }
-    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1)}
+    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1),
+              "state_lost": logs["lost"].reshape(-1)}
     known = {f.name for f in fields(Record)}
     return Record(scenario=scenario, wall_time_s=wall_time,
                   **{name: value for name, value in arrays.items() if name in known})

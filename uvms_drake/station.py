@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
 
 from uvms_drake.certificate.reach import largest_force, pressed_force, ultimate_bounds
@@ -22,6 +22,8 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.errors import require, vector, within
+from uvms_drake.fault_systems import FaultySensor, JointBrake, SolverFaults
+from uvms_drake.faults import COVERED, FrozenState, LostState, StuckJoint, excess
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.surface_error import displaced
 from uvms_drake.model.uvms_model import UvmsModel
@@ -34,10 +36,11 @@ from uvms_drake.visual.controls import DisturbanceSlider, ForceSlider
 from uvms_drake.visual.illustration import Illustration
 
 LOGGED = {
-    "dynamic": ("state", "nominal_state", "nominal_input", "u", "tau", "force", "penetration",
-                "accepted_force", "disturbance", "acceleration", "tube_deviation", "tube_bound"),
-    "kinematic": ("state", "nominal_state", "nominal_input", "u", "disturbance", "tube_deviation",
-                  "tube_bound"),
+    "dynamic": ("state", "nominal_state", "nominal_input", "u", "tau", "lost", "force",
+                "penetration", "accepted_force", "disturbance", "acceleration", "tube_deviation",
+                "tube_bound"),
+    "kinematic": ("state", "nominal_state", "nominal_input", "u", "lost", "disturbance",
+                  "tube_deviation", "tube_bound"),
 }
 """Output ports of the station that are logged every `log_period`, by the scenario's motion."""
 
@@ -63,6 +66,10 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     A `TubeMonitor` watches both. The input port `desired_force` (6) changes the task while it runs,
     see `NominalMpc`; unconnected, it stays the scenario's. With kinematic motion there is none, and
     no current; the controller reads `configuration`, and its velocity ζ = u goes to the plant.
+
+    The scenario's faults are systems between plant and controller: a `FaultySensor` in `state`, a
+    `JointBrake` in `tau`, `SolverFaults` at the port `fault`. All else, the logs too, sees the true
+    state and the commanded τ.
 
     The output ports are those of `LOGGED`, `plan`, `report`, `solve_seconds` and `tube_report`; see
     `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and their kinematic counterparts. Each of
@@ -122,8 +129,11 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
     current = builder.AddNamedSystem(
         "current", ConstantVectorSource(vector("current", scenario.current, 3)))
     builder.Connect(current.get_output_port(), uvms.GetInputPort("current"))
-    builder.Connect(uvms.GetOutputPort("state"), controller.GetInputPort("state"))
-    builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
+    builder.Connect(_measured(builder, scenario, uvms.GetOutputPort("state")),
+                    controller.GetInputPort("state"))
+    builder.Connect(_exerted(builder, scenario, ocp.model, controller.GetOutputPort("tau"),
+                             uvms.GetOutputPort("state")), uvms.GetInputPort("tau"))
+    _connect_solver_faults(builder, scenario, controller)
     monitor = TubeMonitor.AddToBuilder(
         builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
         set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
@@ -147,6 +157,36 @@ def make_simulated_uvms(scenario: Scenario, disturbance: DisturbanceConfig | Non
         error=scenario.model_error if scenario.model_error.size > 0.0 else None)
 
 
+def _measured(builder: DiagramBuilder, scenario: Scenario, true: OutputPort) -> OutputPort:
+    """Adds the faults of the sensors; returns what is measured of the `true` state."""
+    for fault in scenario.faults:
+        if isinstance(fault, FrozenState | LostState):
+            true = FaultySensor.AddToBuilder(
+                builder, fault, true=true, name=f"sensor.{type(fault).__name__}").get_output_port()
+    return true
+
+
+def _exerted(builder: DiagramBuilder, scenario: Scenario, model: UvmsModel, commanded: OutputPort,
+             state: OutputPort) -> OutputPort:
+    """Adds the faults of the actuators; returns the τ that moves the robot."""
+    for i, fault in enumerate(scenario.faults):
+        if isinstance(fault, StuckJoint):
+            with within(f"faults[{i}]"):
+                commanded = JointBrake.AddToBuilder(
+                    builder, model, fault, commanded=commanded, state=state).get_output_port()
+    return commanded
+
+
+def _connect_solver_faults(builder: DiagramBuilder, scenario: Scenario, controller: Diagram
+                           ) -> None:
+    """Adds the faults of the solver, if any is declared."""
+    faults = [fault for fault in scenario.faults if isinstance(fault, COVERED)]
+    if faults:
+        source = SolverFaults.AddToBuilder(
+            builder, faults, scenario.seed, scenario.mpc.time_step)
+        builder.Connect(source.get_output_port(), controller.GetInputPort("fault"))
+
+
 def _disturbance_inside(scenario: Scenario, meshcat: Meshcat | None) -> DisturbanceConfig | None:
     """Returns the plant's own disturbance; none if it sees the robot or a slider scales it."""
     if meshcat is not None or isinstance(scenario.disturbance, AdversarialDisturbance):
@@ -157,9 +197,9 @@ def _disturbance_inside(scenario: Scenario, meshcat: Meshcat | None) -> Disturba
 
 
 def applied_disturbance(scenario: Scenario) -> DisturbanceConfig | AdversarialDisturbance:
-    """Returns the disturbance with what `model_error.share` leaves of its bound."""
-    disturbance = scenario.disturbance
-    return replace(disturbance, bound=(1.0 - scenario.model_error.share) * disturbance.bound)
+    """Returns the disturbance with what `model_error.share` leaves of its bound, or in excess."""
+    disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
+    return replace(disturbance, bound=excess(scenario.faults) * left * disturbance.bound)
 
 
 def _connect_disturbance(builder: DiagramBuilder, scenario: Scenario, model: UvmsModel,
@@ -199,7 +239,9 @@ def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Mes
     with within("ancillary"):
         controller = builder.AddNamedSystem(
             "tube_mpc", make_kinematic_tube_mpc(ocp, scenario.ancillary))
-    builder.Connect(uvms.GetOutputPort("configuration"), controller.GetInputPort("configuration"))
+    builder.Connect(_measured(builder, scenario, uvms.GetOutputPort("configuration")),
+                    controller.GetInputPort("configuration"))
+    _connect_solver_faults(builder, scenario, controller)
     builder.Connect(controller.GetOutputPort("u"), uvms.GetInputPort("zeta"))
     monitor = KinematicTubeMonitor.AddToBuilder(
         builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,

@@ -12,6 +12,7 @@ import numpy as np
 
 import uvms_drake
 from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
 from uvms_drake.control.tube_monitor import REPORT_FIELDS
 from uvms_drake.record import Record
 
@@ -47,15 +48,19 @@ def summarise(record: Record) -> dict[str, object]:
 def summarise_mpc(record: Record) -> dict[str, object]:
     """Returns how often the MPC was solved and failed, how well, and how long a step took.
 
+    `fallbacks` are the samples at which the last plan was continued: `failures` of the solver, and
+    `late` plans. At `dropped` samples there was no solve.
     `worst_violation` is that of the plans, in the unit of the limit that they violate.
     """
-    step_ms = 1e3 * record.step_seconds
+    status, step_ms = record.mpc_status, 1e3 * record.step_seconds
     quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
                  if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
     return {
-        "solves": len(record.mpc_status),
-        "failures": np.count_nonzero(record.mpc_status),
-        "fallbacks": np.count_nonzero(record.mpc_status == 1),
+        "solves": np.count_nonzero(status != DROPPED),
+        "failures": np.count_nonzero(status == FAILED),
+        "late": np.count_nonzero(status == LATE),
+        "dropped": np.count_nonzero(status == DROPPED),
+        "fallbacks": np.count_nonzero((status == FAILED) | (status == LATE)),
         "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
         "refused_targets": np.count_nonzero(record.mpc_refused),
         "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
@@ -220,8 +225,9 @@ def _format_run(summary: dict) -> list[str]:
         f"{'scenario':<14}{summary['scenario']}, seed {summary['seed']}: "
         f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
         f"({_number(summary['real_time_factor'], '.2f')} times real time)",
-        f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, "
-        f"{mpc['fallbacks']} fallbacks; step {_number(step['p50'], '.1f')} ms median, "
+        f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, {mpc['late']} late, "
+        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped; "
+        f"step {_number(step['p50'], '.1f')} ms median, "
         f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
         f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
         f"terminal set by {_number(mpc['worst_terminal_slack'], '.2g')} at most",

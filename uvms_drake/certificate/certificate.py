@@ -22,6 +22,7 @@ from uvms_drake.certificate.conditions import Condition
 from uvms_drake.certificate.constants import Constant
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.errors import RunFailed
+from uvms_drake.faults import uncovered
 from uvms_drake.model.description import model_dir
 from uvms_drake.scenario import Scenario, dump_scenario
 
@@ -30,7 +31,7 @@ IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulato
               "visual")
 """Keys of a scenario that a certificate does not depend on. `tube` is for runs without one; of
 `disturbance` the bound counts, of the terminal set's declared radius whether there is one, of
-`task` all but what counts as settled."""
+`task` all but what counts as settled, of `faults` those that the proofs do not cover."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,9 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     for key in IRRELEVANT:
         relevant.pop(key, None)
     relevant["disturbance"] = scenario.disturbance.bound
+    relevant["faults"] = uncovered(scenario.faults)
     relevant["mpc"].pop("terminal_radius")
+    relevant["mpc"].pop("deadline", None)
     relevant["task"].pop("force_tolerance")
     return {"files": files, "inputs": _digest(_plain(relevant)),
             "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake")}}

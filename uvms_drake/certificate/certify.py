@@ -46,6 +46,7 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter, require, vector, within
+from uvms_drake.faults import uncovered
 from uvms_drake.model.contact import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
@@ -94,6 +95,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
         ("model_error, which the controller does not know", scenario.model_error.size),
         ("surface_error, which the controller does not know", scenario.surface_error.size),
+        ("faults, which the proofs do not cover", len(uncovered(scenario.faults))),
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]

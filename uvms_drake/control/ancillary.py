@@ -33,7 +33,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, ValueProducer
 
-from uvms_drake.errors import RunFailed, require
+from uvms_drake.errors import require
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
@@ -162,6 +162,11 @@ def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
     return error
 
 
+def is_lost(measured: np.ndarray) -> bool:
+    """Returns whether a measurement is none, because it is not finite."""
+    return not math.isfinite(sum(measured))
+
+
 class AncillaryFeedback(LeafSystem):
     """Turns nominal trajectory and measured state into a command, as acceleration and as force.
 
@@ -176,6 +181,7 @@ class AncillaryFeedback(LeafSystem):
         output_ports:
         - u
         - tau
+        - lost
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
@@ -184,8 +190,10 @@ class AncillaryFeedback(LeafSystem):
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
+    - `lost` (1): 1 while the measured state is not finite, else 0.
 
-    It has no state. A measured state that is not finite ends the run: `RunFailed`.
+    It has no state. In place of a measured state that is not finite the law takes the nominal one,
+    so that the command is the plan's own, without feedback.
 
     Args:
         model: The controller's model of the robot and of the surface.
@@ -215,13 +223,13 @@ class AncillaryFeedback(LeafSystem):
         given = {self._command.ticket()}
         self.DeclareVectorOutputPort("u", model.size, self._calc_u, given)
         self.DeclareVectorOutputPort("tau", model.size, self._calc_tau, given)
+        self.DeclareVectorOutputPort(
+            "lost", 1, self._calc_lost, {self.input_port_ticket(self._state_port.get_index())})
 
     def _calc_command(self, context, command):
-        state = self._state_port.Eval(context)
-        if not math.isfinite(sum(state)):
-            raise RunFailed(f"the measured state is not finite at t = {context.get_time():.3f} s")
+        state, nominal = self._state_port.Eval(context), self._nominal_state_port.Eval(context)
         command.set_value(self._law(
-            self._model, state, self._nominal_state_port.Eval(context),
+            self._model, nominal if is_lost(state) else state, nominal,
             self._forward_port.Eval(context), *astuple(self._config)))
 
     def _calc_u(self, context, output):
@@ -229,6 +237,9 @@ class AncillaryFeedback(LeafSystem):
 
     def _calc_tau(self, context, output):
         output.SetFromVector(self._command.Eval(context).tau())
+
+    def _calc_lost(self, context, output):
+        output.SetFromVector([float(is_lost(self._state_port.Eval(context)))])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig, *,

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from uvms_drake.control.ancillary import AncillaryConfig, Resolved, task_error
+from uvms_drake.control.ancillary import AncillaryConfig, Resolved, is_lost, task_error
 from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -53,12 +53,15 @@ class KinematicFeedback(LeafSystem):
         - nominal_state
         output_ports:
         - zeta
+        - lost
 
     - `configuration`: 𝔮 measured (6+n), in the paper's order.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
     - `zeta`: ζ (6+n) [m/s (3), rad/s (3+n)].
+    - `lost` (1): 1 while the measured configuration is not finite, else 0.
 
-    It has no state.
+    It has no state. In place of a measured configuration that is not finite the law takes the
+    nominal one, so that the command is the plan's own, without feedback.
 
     Args:
         model: The controller's model of the robot.
@@ -74,10 +77,16 @@ class KinematicFeedback(LeafSystem):
         self._config_port = self.DeclareVectorInputPort("configuration", model.size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self.DeclareVectorOutputPort("zeta", model.size, self._calc_zeta)
+        self.DeclareVectorOutputPort(
+            "lost", 1, self._calc_lost, {self.input_port_ticket(self._config_port.get_index())})
 
     def _calc_zeta(self, context, output):
+        config, nominal = self._config_port.Eval(context), self._nominal_port.Eval(context)
         output.SetFromVector(
-            self._law(self._config_port.Eval(context), self._nominal_port.Eval(context)))
+            self._law(nominal[: len(config)] if is_lost(config) else config, nominal))
+
+    def _calc_lost(self, context, output):
+        output.SetFromVector([float(is_lost(self._config_port.Eval(context)))])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig, *,

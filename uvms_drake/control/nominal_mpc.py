@@ -30,11 +30,19 @@ FEASIBLE = 1e-4
 REACHED = 1e-6
 """Distance to the terminal set, in ‖ξ‖_P, that counts as none."""
 
-REPORT_FIELDS = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
-"""Of the last sample: t_k [s], 0 solved or 1 fallback, the plan's objective, s of the terminal
-set, largest violation of a limit (in its own unit), convex programs solved, 1 if a new desired
-force was asked for and is refused."""
+SOLVED, FAILED, LATE, DROPPED = range(4)
+"""What becomes of a sample: a new plan is made; the solver has none; it comes too late and is
+thrown away; nothing is done at all."""
 
+REPORT_FIELDS = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
+"""Of the last sample: t_k [s], what became of it (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED` 3),
+the plan's objective, s of the terminal set, largest violation of a limit (in its own unit), convex
+programs solved, 1 if a new desired force was asked for and is refused. A dropped sample leaves all
+but the first two."""
+
+
+NOTHING: Solution = Solution(None, None, 0, converged=False)
+"""What a solver that did not even start has found."""
 
 SOLVERS_KEPT = 16
 """Problems of other desired forces that are remembered, the latest ones."""
@@ -77,9 +85,14 @@ class NominalMpc(LeafSystem):
 
     The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
-    If a solve fails, the last plan continued by the terminal controller takes its place; that is
-    counted in `report`. If a sampling instant is missed, the last plan goes on. Without a first
-    plan there is nothing to fall back to: `RunFailed`.
+    If a solve fails, or takes longer than the problem's deadline, the last plan continued by the
+    terminal controller takes its place. If a sampling instant is dropped, the last plan goes on as
+    it is, and where it ends, by the terminal controller. `report` says which. All but the first
+    plan can be made to fail by the port `fault`. Without a first plan there is nothing to fall back
+    to: `RunFailed`.
+
+    A measured state that is not finite is none: there is no first plan from it, and a problem with
+    the initial state `measured` plans from the nominal state instead.
 
     With `targets` the desired force can be changed while it runs. A new one gets a problem of its
     own, with its own equilibrium, penalty and terminal set. If that has a feasible plan from the
@@ -93,6 +106,7 @@ class NominalMpc(LeafSystem):
         name: NominalMpc
         input_ports:
         - state
+        - fault (optional)
         - desired_force (optional, with targets)
         output_ports:
         - nominal_state
@@ -105,6 +119,8 @@ class NominalMpc(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) or 𝔮 (6+n) measured, in the paper's order; unless each plan starts
       there, it is read at initialization only.
+    - `fault` (1): what becomes of the sample, `SOLVED` unless something fails; read at every sample
+      after the first.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄), or ζ̄ (6+n).
@@ -131,6 +147,7 @@ class NominalMpc(LeafSystem):
         self._initial = MpcMemory(force=force, asked=force)
         self._memory = self.DeclareAbstractState(Value(self._initial))
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
+        self._fault_port = self.DeclareVectorInputPort("fault", 1)
         if targets is not None:
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
             self.DeclareVectorOutputPort(
@@ -179,7 +196,8 @@ class NominalMpc(LeafSystem):
         if solution.plan is None or not solution.evaluation.violation <= FEASIBLE:
             raise RunFailed("the nominal MPC has no solution at the start: the limits cannot be "
                             "kept from there, or the tube leaves too little of them")
-        return self._remember(state, self._initial, now, solution, solution.plan, started)
+        return self._remember(
+            state, self._initial, now, SOLVED, solution, solution.plan, started)
 
     def _goes_on(self, memory: MpcMemory, now: float) -> bool:
         """Returns whether an initialized Context goes on with its plan, as a clone of a run does.
@@ -189,52 +207,98 @@ class NominalMpc(LeafSystem):
         """
         if memory.plan is None:
             return False
-        elapsed = now - memory.plan.start_time
+        elapsed = now - memory.report[0]  # Since the last sample; it may have left the plan as is.
         latest = (1.0 + 1e-9) * self._ocp.time_step
-        return (elapsed > 0.0 or memory.solves > 1) and -1e-9 <= elapsed <= latest
+        begun = now > memory.plan.start_time or memory.solves > 1
+        return begun and -1e-9 <= elapsed <= latest
 
     def _plan_again(self, context, state):
         started = time.perf_counter()
-        plan = self._plan_now(context)
-        if context.get_time() < plan.start_time + 0.5 * plan.time_step:
+        now, plan = context.get_time(), self._plan_now(context)
+        if now < plan.start_time + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
+        fault = self._fault(context)
+        if fault == DROPPED:
+            return self._pass_over(state, self._recall(context), now, started)
+        memory = self._asked(context)
+        guess = self._guess(context, memory)
+        force, solution = memory.force, NOTHING
+        if fault == SOLVED:
+            force, solution = self._solve(memory, guess)
+        status = fault or (FAILED if solution.plan is None else SOLVED)
+        deadline = self._ocp.deadline
+        if status == SOLVED and deadline is not None and time.perf_counter() - started > deadline:
+            status = LATE
+        if status != SOLVED:
+            force, solution = memory.force, replace(solution, plan=None, evaluation=None)
+        return self._remember(state, replace(memory, force=force), now, status, solution,
+                              solution.plan or guess, started)
+
+    def _fault(self, context) -> int:
+        return int(self._fault_port.Eval(context)[0]) if self._fault_port.HasValue(context) \
+            else SOLVED
+
+    def _pass_over(self, state, memory: MpcMemory, now: float, started: float):
+        """Leaves the plan as it is, but for an end that comes before the next sample."""
+        plan = memory.plan
+        assert plan is not None
+        ocp = self._current(memory).ocp
+        while plan.start_time + ocp.horizon * plan.time_step < now + 0.5 * plan.time_step:
+            plan = ocp.continued(plan)
+        report = memory.report.copy()
+        report[:2] = now, DROPPED
+        state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
+            memory, plan=plan, report=report, solve_seconds=time.perf_counter() - started))
+        return EventStatus.Succeeded()
+
+    def _asked(self, context) -> MpcMemory:
+        """Returns what is remembered, after a look at `desired_force`."""
         memory = self._recall(context)
-        solver = self._current(memory)
-        ocp = solver.ocp
+        if self._targets is None or not self._force_port.HasValue(context):
+            return memory
+        return replace(memory, asked=self._force_port.Eval(context).copy())
+
+    def _guess(self, context, memory: MpcMemory) -> Plan:
+        """Returns the last plan continued to now, from where a new one is to start."""
+        plan, ocp = memory.plan, self._current(memory).ocp
+        assert plan is not None
         guess = ocp.continued(plan)
         while guess.start_time < context.get_time() - 0.5 * plan.time_step:
             guess = ocp.continued(guess)  # Sampling instants were missed.
         if ocp.starts_at_measured:
-            guess = guess.redone(self._state_port.Eval(context), guess.decision)
-        memory, solution = self._retargeted(context, memory, guess)
-        if solution is None:
-            solution = solver.solve(guess, ocp.iterations)
-            if solution.evaluation is not None and solution.evaluation.violation > FEASIBLE \
-                    and ocp.evaluate(guess).violation <= FEASIBLE:
-                solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
-        return self._remember(state, memory, context.get_time(), solution,
-                              solution.plan or guess, started)
+            measured = self._state_port.Eval(context)
+            if np.all(np.isfinite(measured)):
+                guess = guess.redone(measured, guess.decision)
+        return guess
 
-    def _retargeted(self, context, memory: MpcMemory, guess: Plan
-                    ) -> tuple[MpcMemory, Solution | None]:
-        """Returns what is remembered after a look at `desired_force`, and the plan to a new one."""
-        if self._targets is None or not self._force_port.HasValue(context):
-            return memory, None
-        asked = self._force_port.Eval(context)
-        memory = replace(memory, asked=asked.copy())
-        if np.array_equal(asked, memory.force):
-            return memory, None
+    def _solve(self, memory: MpcMemory, guess: Plan) -> tuple[np.ndarray, Solution]:
+        """Returns 𝔉_des (6,) of a new plan, and what was found for it."""
+        solution = self._retargeted(memory, guess)
+        if solution is not None:
+            return memory.asked, solution
+        solver = self._current(memory)
+        solution = solver.solve(guess, solver.ocp.iterations)
+        if solution.evaluation is not None and solution.evaluation.violation > FEASIBLE \
+                and solver.ocp.evaluate(guess).violation <= FEASIBLE:
+            solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
+        return memory.force, solution
+
+    def _retargeted(self, memory: MpcMemory, guess: Plan) -> Solution | None:
+        """Returns the plan to a new desired force, or None if there is none or it is refused."""
+        asked = memory.asked
+        if self._targets is None or np.array_equal(asked, memory.force):
+            return None
         solver = self._solver_of(asked)
         if solver is None:
-            return memory, None
+            return None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
         plan, value = solution.plan, solution.evaluation
         if plan is None or value is None:
-            return memory, None
+            return None
         if not (value.violation <= FEASIBLE and value.terminal_slack <= REACHED
                 and self._targets.accepts(asked, plan)):
-            return memory, None
-        return replace(memory, force=memory.asked), solution
+            return None
+        return solution
 
     def _current(self, memory: MpcMemory) -> SequentialConvexSolver:
         """Returns the solver of the problem whose plan it is."""
@@ -258,10 +322,10 @@ class NominalMpc(LeafSystem):
         except (InvalidParameter, np.linalg.LinAlgError):
             return None
 
-    def _remember(self, state, old: MpcMemory, now: float, solution: Solution, plan: Plan,
-                  started: float):
+    def _remember(self, state, old: MpcMemory, now: float, status: int, solution: Solution,
+                  plan: Plan, started: float):
         value = solution.evaluation or self._current(old).ocp.evaluate(plan)
-        report = np.array([now, float(solution.plan is None), value.cost, value.terminal_slack,
+        report = np.array([now, float(status), value.cost, value.terminal_slack,
                            value.violation, solution.iterations,
                            float(not np.array_equal(old.asked, old.force))])
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
@@ -270,7 +334,8 @@ class NominalMpc(LeafSystem):
         return EventStatus.Succeeded()
 
     def _evaluate_plan(self, context, nominal):
-        nominal.set_value(self._plan_now(context).at(context.get_time()))
+        last_sample = float(self._recall(context).report[0])
+        nominal.set_value(self._plan_now(context).at(context.get_time(), last_sample))
 
     def _calc_state(self, context, output):
         output.SetFromVector(np.concatenate(self._nominal.Eval(context)[:2]))

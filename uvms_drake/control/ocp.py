@@ -65,6 +65,9 @@ class MpcConfig:
     `measured`, as (eq:diff_mpc) has it."""
     input_reference: str = "equilibrium"
     """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
+    deadline: float | None = None
+    """Wall time after which a plan, other than the first, is too late and thrown away [s]; none if
+    it is left out. A run that has one is not reproducible bit for bit."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
 
@@ -148,6 +151,8 @@ class Ocp(ABC, Generic[P]):
         require(0.0 < config.time_step < np.inf, "time_step", config.time_step, "positive")
         require(config.iterations >= 1, "iterations", config.iterations, "a positive integer")
         require(config.terminal_radius > 0.0, "terminal_radius", config.terminal_radius, "positive")
+        require(config.deadline is None or 0.0 < config.deadline < np.inf, "deadline",
+                config.deadline, "positive")
         for key, choices in (("initial_state", INITIAL_STATES),
                              ("input_reference", INPUT_REFERENCES)):
             require(getattr(config, key) in choices, key, getattr(config, key),
@@ -157,6 +162,7 @@ class Ocp(ABC, Generic[P]):
         self.horizon = config.horizon
         self.time_step = config.time_step
         self.iterations = config.iterations
+        self.deadline = config.deadline
         self.y_des = y_des
         self.limits = limits
         self._radius = config.terminal_radius if config.terminal_set else np.inf

@@ -130,18 +130,24 @@ class Plan(ABC):
         """Returns the plan at the same time from another state or with another decision."""
 
     @abstractmethod
-    def at(self, time: float) -> tuple[np.ndarray, ...]:
-        """Returns the nominal trajectory at `time` [s], within the plan's horizon."""
+    def at(self, time: float, since: float | None = None) -> tuple[np.ndarray, ...]:
+        """Returns the nominal trajectory at `time` [s], within the plan's horizon.
+
+        Args:
+            time: [s].
+            since: A knot [s] from which on the plan is followed now; its beginning, if left out.
+        """
 
     @abstractmethod
     def shifted(self, last_decision: np.ndarray) -> Self:
         """Returns the plan one interval later, with this decision (6+n,) at its end."""
 
-    def _interval(self, time: float) -> tuple[int, float]:
+    def _interval(self, time: float, since: float | None) -> tuple[int, float]:
         """Returns the interval that `time` falls into and how long after its beginning.
 
         A knot belongs to the interval that ends there: an integrator's last stage falls on the
-        knot, and sees the interval that it integrates over.
+        knot, and sees the interval that it integrates over. Only `since` belongs to the one that
+        begins there, in which an integrator's first stage is.
         """
         elapsed = time - self.start_time
         intervals = len(self.config) - 1
@@ -151,7 +157,8 @@ class Plan(ABC):
             raise ValueError(f"the plan is for {self.start_time:g} s and {last:g} s from then on, "
                              f"not for {time:g} s")
         index = math.ceil(elapsed / self.time_step - KNOT_TOLERANCE) - 1
-        index = min(max(index, 0), intervals - 1)
+        first = 0 if since is None else round((since - self.start_time) / self.time_step)
+        index = min(max(index, first), intervals - 1)
         return index, elapsed - index * self.time_step
 
 
@@ -192,9 +199,10 @@ class DynamicPlan(Plan):
         return DynamicPlan.from_accelerations(
             self.start_time, self.time_step, config, zeta, decision)
 
-    def at(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, time: float, since: float | None = None
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there."""
-        index, duration = self._interval(time)
+        index, duration = self._interval(time, since)
         zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
         return (advance(self.config[index], zeta, zeta_dot, duration),
                 zeta + duration * zeta_dot, zeta_dot)
@@ -237,9 +245,9 @@ class KinematicPlan(Plan):
         """Returns the plan from another 𝔮 or with other velocities."""
         return KinematicPlan.from_velocities(self.start_time, self.time_step, start, decision)
 
-    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, time: float, since: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Returns 𝔮̄ and ζ̄ (6+n,); at a knot, ζ̄ is that of the interval that ends there."""
-        index, duration = self._interval(time)
+        index, duration = self._interval(time, since)
         zeta = self.zeta[index]
         return advance(self.config[index], zeta, np.zeros_like(zeta), duration), zeta
 

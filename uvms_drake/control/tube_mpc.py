@@ -28,10 +28,12 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
         name: tube_mpc
         input_ports:
         - state
+        - fault (optional)
         - desired_force (optional, with targets)
         output_ports:
         - tau
         - u
+        - lost
         - nominal_state
         - nominal_input
         - plan
@@ -42,6 +44,7 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
+    - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
     - the others: see `NominalMpc`.
 
     Args:
@@ -58,8 +61,10 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
         builder, ocp.model, ancillary, nominal=mpc, state=measured)
 
     builder.ExportInput(state.get_input_port(), "state")
+    builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportOutput(feedback.GetOutputPort("tau"), "tau")
     builder.ExportOutput(feedback.GetOutputPort("u"), "u")
+    builder.ExportOutput(feedback.GetOutputPort("lost"), "lost")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     if targets is not None:
@@ -86,8 +91,10 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, ancillary: AncillaryConfig) -> Di
         name: tube_mpc
         input_ports:
         - configuration
+        - fault (optional)
         output_ports:
         - u
+        - lost
         - nominal_state
         - nominal_input
         - plan
@@ -96,6 +103,7 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, ancillary: AncillaryConfig) -> Di
 
     - `configuration`: 𝔮 measured (6+n), in the paper's order.
     - `u`: the velocity command ζ (6+n) [m/s (3), rad/s (3+n)].
+    - `lost`: 1 while the measured 𝔮 is not finite and ζ is the plan's own, else 0 (1).
     - the others: see `NominalMpc`.
 
     Args:
@@ -110,7 +118,9 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, ancillary: AncillaryConfig) -> Di
         builder, ocp.model, ancillary, nominal=mpc, configuration=measured)
 
     builder.ExportInput(configuration.get_input_port(), "configuration")
+    builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportOutput(feedback.GetOutputPort("zeta"), "u")
+    builder.ExportOutput(feedback.GetOutputPort("lost"), "lost")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     diagram = builder.Build()
