@@ -9,12 +9,8 @@ from synthetic import synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
-from uvms_drake.summary import (
-    format_summary,
-    jsonable,
-    settling_index,
-    summarise,
-)
+from uvms_drake.signals import settling_index
+from uvms_drake.summary import format_summary, jsonable, summarise
 
 KEYS = {
     "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
