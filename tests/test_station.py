@@ -209,7 +209,8 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
 def test_the_station_exports_what_it_documents():
     station = make_station(load_scenario("girona500_contact", SHORT))
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
-    assert names == {*LOGGED["dynamic"], "plan", "report", "solve_seconds", "tube_report"}
+    assert names == {*LOGGED["dynamic"], "plan", "report", "solve_seconds", "tube_report",
+                     "tube_alarm"}
     assert station.num_input_ports() == 1
     assert station.HasInputPort("desired_force")
     assert station.get_name() == "station"

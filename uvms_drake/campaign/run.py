@@ -1,10 +1,12 @@
 """One run of a campaign, as plain numbers: what happened, and how long it took."""
 
+import logging
 import time
 from typing import Any
 
 import numpy as np
 
+from uvms_drake.alarm import LOGGER
 from uvms_drake.campaign.induced import induced_disturbance
 from uvms_drake.campaign.setup import Campaign
 from uvms_drake.campaign.vary import kind_of, vary
@@ -23,8 +25,10 @@ DECLARED_FORCE = "force"
 def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     """Returns what came of a run: `result`, the same wherever it is run, and `wall` times.
 
-    Whatever is raised is a result too, as text under `error`.
+    Whatever is raised is a result too, as text under `error`. The process says nothing of alarms
+    from here on: those of many runs, some of them in other machines' logs, tell nobody anything.
     """
+    LOGGER.setLevel(logging.ERROR)
     started = time.perf_counter()
     result: dict[str, Any] = {"index": index, "error": None}
     worst_step = None

@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.alarm import warn
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
@@ -35,6 +36,8 @@ REPORT_FIELDS = ("time", "status", "cost", "terminal_slack", "violation", "itera
 set, largest violation of a limit (in its own unit), convex programs solved, 1 if a new desired
 force was asked for and is refused."""
 
+TROUBLE = {1: "the solver failed", 2: "the solver was too late", 3: "the sample was dropped"}
+"""What is said of a status at the first of the samples in a row that have it."""
 
 SOLVERS_KEPT = 16
 """Problems of other desired forces that are remembered, the latest ones."""
@@ -78,7 +81,8 @@ class NominalMpc(LeafSystem):
     The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, the last plan continued by the terminal controller takes its place; that is
-    counted in `report`. If a sampling instant is missed, the last plan goes on. Without a first
+    counted in `report`, and said on the logger `uvms_drake` at the first of the samples in a row
+    where it is so. If a sampling instant is missed, the last plan goes on. Without a first
     plan there is nothing to fall back to: `RunFailed`.
 
     With `targets` the desired force can be changed while it runs. A new one gets a problem of its
@@ -264,6 +268,8 @@ class NominalMpc(LeafSystem):
         report = np.array([now, float(solution.plan is None), value.cost, value.terminal_slack,
                            value.violation, solution.iterations,
                            float(not np.array_equal(old.asked, old.force))])
+        if report[1] not in (0.0, old.report[1]):
+            warn(now, TROUBLE[int(report[1])])
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
             old, plan=plan, solves=old.solves + 1, report=report,
             solve_seconds=time.perf_counter() - started))
