@@ -24,6 +24,7 @@ The monitor, the logs and the adversary see the true state. Nothing ends in a tr
 number in a log is not finite.
 """
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -31,12 +32,14 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from uvms_drake import station
+from uvms_drake.alarm import LOGGER
 from uvms_drake.cli import main
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.errors import RunFailed
+from uvms_drake.events import events
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.scenario import load_scenario
 from uvms_drake.simulation import simulate
@@ -145,6 +148,13 @@ def run(scenario):
     return record, dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
 
 
+@pytest.fixture
+def said(caplog):
+    """Returns what has been said of a run while it went on."""
+    caplog.set_level(logging.WARNING, LOGGER.name)
+    return lambda: caplog.messages
+
+
 def ends_at_the_task(record) -> bool:
     error = record.force[-1] - np.asarray(record.scenario.task.force)
     return bool(np.linalg.norm(error) < record.scenario.task.force_tolerance)
@@ -174,7 +184,7 @@ def failing(monkeypatch):
 
 
 @pytest.mark.parametrize("which", ["at random", "for 2 s", "for ever"])
-def test_a_failed_solve_keeps_the_tube_and_is_in_the_log(failing, which):
+def test_a_failed_solve_keeps_the_tube_and_is_in_the_log(failing, said, which):
     random = np.random.default_rng(4).uniform(size=100) < 0.4
     fails = {"at random": lambda call: bool(random[call]), "for 2 s": lambda call: 3 <= call < 13,
              "for ever": lambda call: True}[which]
@@ -184,6 +194,11 @@ def test_a_failed_solve_keeps_the_tube_and_is_in_the_log(failing, which):
     expected = [False, *(fails(call) for call in range(1, len(record.mpc_status)))]
     np.testing.assert_array_equal(record.mpc_status, expected)
     assert np.count_nonzero(record.mpc_status) > 4
+    failures = [event for event in events(record) if event.kind == "solver_failed"]
+    assert said() == [f"t = {event.start:g} s: the solver failed" for event in failures]
+    if which != "at random":
+        assert len(failures) == 1
+    assert (failures[-1].end is None) == bool(record.mpc_status[-1])
     assert report["set_exits"] == report["trajectory_exits"] == 0.0
     assert ends_at_the_task(record)
 
@@ -233,12 +248,16 @@ def test_a_measurement_that_is_not_a_number_ends_the_run_with_one_line(
     assert not output.exists()
 
 
-def test_a_frozen_measurement_is_noted_and_overcome(monkeypatch):
+def test_a_frozen_measurement_is_noted_and_overcome(monkeypatch, said):
     start = 0.5
     monkeypatch.setattr(station, "make_tube_mpc", with_faults(
         lambda size: SensorFault(size, start, start + 0.5, nan=False)))
     record, report = run(scenario_of(4.0))
     assert start < report["set_first_exit"] < start + 0.5
+    left = next(event for event in events(record) if event.kind == "tube_left")
+    assert left.start == report["set_first_exit"]
+    assert left.end is not None
+    assert f"t = {left.start:g} s: left the tube (set-wise)" in said()
     deviation = record.deviation_of("position")
     assert np.max(deviation) > 3.0 * record.scenario.tube.position
     assert np.all(deviation[record.time > start + 2.0] < record.scenario.tube.position)
@@ -257,6 +276,8 @@ def test_a_disturbance_above_its_bound_is_noted_and_takes_the_tube_along(monkeyp
     assert report["disturbance_exits"] >= 1.0
     assert report["disturbance_first_exit"] == pytest.approx(
         record.time[np.argmax(above)], abs=PERIOD)
+    exceeded = next(event for event in events(record) if event.kind == "disturbance_exceeded")
+    assert exceeded.start == report["disturbance_first_exit"]
     assert report["worst_disturbance"] == pytest.approx(factor, rel=0.01)
     ratios = [report[f"worst_trajectory_{field}"] for field in FIELDS[:4]]
     assert 0.5 * factor < max(ratios) < 1.02 * factor

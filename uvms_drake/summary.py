@@ -13,11 +13,14 @@ import numpy as np
 import uvms_drake
 from uvms_drake.control.ancillary import task_error
 from uvms_drake.control.tube_monitor import REPORT_FIELDS
+from uvms_drake.events import ALARMING, events
 from uvms_drake.record import Record
 from uvms_drake.signals import constraint_signals, settling_index
 
 LAST_SECONDS = 5.0
 """Length of the window at the end over which the force is averaged [s]."""
+EVENT_LINES = 12
+"""Largest number of lines for events in the table for a terminal."""
 
 
 def summarise(record: Record) -> dict[str, object]:
@@ -39,6 +42,8 @@ def summarise(record: Record) -> dict[str, object]:
         "disturbance": {"bound": scenario.disturbance.bound,
                         "worst": np.max(np.linalg.norm(record.disturbance, axis=1))},
         "tube": summarise_tube(record),
+        "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
+                    "text": event.text} for event in events(record)],
     }
     return jsonable(summary)
 
@@ -157,7 +162,8 @@ def format_summary(summary: dict) -> str:
     """Returns the summary as a table for a terminal."""
     return "\n".join([
         *_format_run(summary), "", *_format_force(summary["force"]), "",
-        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary)])
+        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary), "",
+        *_format_events(summary["events"])])
 
 
 def _format_run(summary: dict) -> list[str]:
@@ -217,6 +223,26 @@ def _format_robustness(summary: dict) -> list[str]:
            else f"{tube['exits_along_the_run']} along the run"),
         f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
     ]
+
+
+def _format_events(events: list[dict]) -> list[str]:
+    """Returns the lines of the events, what is alarming first and each part in order of time."""
+    if not events:
+        return [f"{'events':<14}none"]
+    ordered = sorted(events, key=lambda event: event["kind"] not in ALARMING)
+    shown = ordered if len(events) <= EVENT_LINES else ordered[: EVENT_LINES - 1]
+    lines = [f"{span(event):<18}  {event['text']}" for event in shown]
+    if len(shown) < len(events):
+        lines.append(f"... and {len(events) - len(shown)} more in summary.json")
+    return [f"{'events' if i == 0 else '':<14}{line}" for i, line in enumerate(lines)]
+
+
+def span(event: dict) -> str:
+    """Returns when an event of a summary was."""
+    start, end = event["time_s"], event["until_s"]
+    if end == start:
+        return f"{start:.2f} s"
+    return f"{start:.2f} s to " + ("the end" if end is None else f"{end:.2f} s")
 
 
 def _number(value: float | None, spec: str) -> str:
