@@ -13,7 +13,7 @@ NUMBERS = (
     "limits.nu1=0.3", "limits.nu2=0.25", "limits.qdot=0.4", "limits.roll=0.25", "limits.pitch=0.3",
     "limits.tip_pitch=1.2", "limits.q_lower=[-0.4, 0.6, -0.1, -0.8]", "limits.q_upper=null",
     "limits.tau=null", "limits.u=[0.4, 0.25, 0.4, 0.5, 0.5, 0.4, 3, 3, 3, 3]",
-    "tube.e=0.006", "tube.position=0.005", "tube.orientation=0.004", "tube.joints=0.003",
+    "tube.e=0.006", "tube.position=0.005", "tube.orientation=0.004", "tube.joints=0.005",
     "tube.z=0.04", "tube.nu1=0.03", "tube.nu2=0.02", "tube.qdot=0.01",
     "tube.roll=0.002", "tube.pitch=0.001",
     "tube.u=[0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.3]")

@@ -28,12 +28,14 @@ The monitor, the logs and the adversary see the true state. What is outside of t
 certificate. Nothing ends in a traceback, and no number in a log is not finite.
 """
 
+import logging
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from uvms_drake import station
+from uvms_drake.alarm import LOGGER
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.cli import main
@@ -41,6 +43,7 @@ from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
 from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.events import events
 from uvms_drake.fault_systems import solver_fault
 from uvms_drake.faults import (
     COVERED,
@@ -80,6 +83,13 @@ def run(scenario):
                  "disturbance", "mpc_cost", "mpc_status", "state_lost"):
         assert np.all(np.isfinite(getattr(record, name))), name
     return record, dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
+
+
+@pytest.fixture
+def said(caplog):
+    """Returns what has been said of a run while it went on."""
+    caplog.set_level(logging.WARNING, LOGGER.name)
+    return lambda: caplog.messages
 
 
 def ends_at_the_task(record) -> bool:
@@ -215,10 +225,14 @@ def test_without_a_measurement_at_the_start_it_is_one_line(tmp_path, capsys):
     assert not output.exists()
 
 
-def test_a_frozen_measurement_is_noted_and_overcome():
+def test_a_frozen_measurement_is_noted_and_overcome(said):
     start = 0.5
     record, report = run(scenario_of(4.0, FrozenState(start=start)))
     assert start < report["set_first_exit"] < start + 0.5
+    left = next(event for event in events(record) if event.kind == "tube_left")
+    assert left.start == report["set_first_exit"]
+    assert left.end is not None
+    assert f"t = {left.start:g} s: left the tube (set-wise)" in said()
     deviation = record.deviation_of("position")
     assert np.max(deviation) > 3.0 * record.scenario.tube.position
     assert np.all(deviation[record.time > start + 2.0] < record.scenario.tube.position)
@@ -236,6 +250,8 @@ def test_a_disturbance_above_its_bound_is_noted_and_takes_the_tube_along(factor)
     assert report["disturbance_exits"] >= 1.0
     assert report["disturbance_first_exit"] == pytest.approx(
         record.time[np.argmax(above)], abs=PERIOD)
+    exceeded = next(event for event in events(record) if event.kind == "disturbance_exceeded")
+    assert exceeded.start == report["disturbance_first_exit"]
     assert report["worst_disturbance"] == pytest.approx(factor, rel=0.01)
     ratios = [report[f"worst_trajectory_{field}"] for field in FIELDS[:4]]
     assert 0.5 * factor < max(ratios) < 1.02 * factor

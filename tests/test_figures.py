@@ -100,7 +100,7 @@ def test_joints_have_the_limits_in_force_full_and_tightened(record):
         limits = [record.joint_lower[i], record.joint_upper[i]]
         np.testing.assert_allclose(levels(axis, "limit"), limits)
         np.testing.assert_allclose(
-            levels(axis, "tightened"), [limits[0] + 0.003, limits[1] - 0.003])
+            levels(axis, "tightened"), [limits[0] + 0.005, limits[1] - 0.005])
 
 
 def test_a_joint_without_limits_has_no_lines_for_them(record):

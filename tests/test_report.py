@@ -74,6 +74,15 @@ def test_a_violated_limit_is_marked(record):
     assert "VIOLATED" not in format_report(replace(record, state=record.nominal_state), [], None)
 
 
+def test_events_are_a_table_in_which_alarms_are_bold(record):
+    status = np.zeros_like(record.mpc_status)
+    status[5] = 1.0
+    text = format_report(replace(record, mpc_status=status), [], None)
+    assert "<tr><th>2.02 s to the end</th><td>contact, " in text
+    assert '<tr><th>1.00 s to 1.20 s</th><td class="violated">the solver failed</td></tr>' in text
+    assert "the solver failed" not in format_report(record, [], None)
+
+
 def test_what_the_scenario_says_cannot_become_html(record):
     scenario = replace(record.scenario, description="<script>alert(1)</script>")
     text = format_report(replace(record, scenario=scenario), [], None)
@@ -84,7 +93,7 @@ def test_what_the_scenario_says_cannot_become_html(record):
 def test_a_force_that_never_settled_and_a_run_without_plans_are_no_trouble(record):
     never = replace(record, force=np.zeros_like(record.force), mpc_time=np.zeros(0),
                     mpc_status=np.zeros(0), mpc_terminal_slack=np.zeros(0),
-                    mpc_violation=np.zeros(0), step_seconds=np.zeros(0))
+                    mpc_violation=np.zeros(0), mpc_refused=np.zeros(0), step_seconds=np.zeros(0))
     assert "never" in format_report(never, [], None)
 
 

@@ -9,9 +9,9 @@ from uvms_drake.errors import InvalidParameter
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario, load_scenario
+from uvms_drake.signals import constraint_signals
 from uvms_drake.simulation import simulate
 from uvms_drake.station import LOGGED, initialize, make_ocp, make_station, read_logs, start_state
-from uvms_drake.summary import constraint_signals
 
 SHORT = ["mpc.horizon=8"]
 WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
@@ -222,7 +222,8 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
 def test_the_station_exports_what_it_documents():
     station = make_station(load_scenario("girona500_contact", SHORT))
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
-    assert names == {*LOGGED["dynamic"], "plan", "report", "solve_seconds", "tube_report"}
+    assert names == {*LOGGED["dynamic"], "plan", "report", "solve_seconds", "tube_report",
+                     "tube_alarm"}
     assert station.num_input_ports() == 1
     assert station.HasInputPort("desired_force")
     assert station.get_name() == "station"

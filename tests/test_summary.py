@@ -9,16 +9,12 @@ from synthetic import synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
-from uvms_drake.summary import (
-    format_summary,
-    jsonable,
-    settling_index,
-    summarise,
-)
+from uvms_drake.signals import settling_index
+from uvms_drake.summary import EVENT_LINES, format_summary, jsonable, summarise
 
 KEYS = {
     "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
-    "task_error", "force", "constraints", "disturbance", "tube"}
+    "task_error", "force", "constraints", "disturbance", "tube", "events"}
 CONSTRAINTS = [
     "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
     "q4_max", "roll", "pitch", "tip_pitch", "u_surge", "u_sway", "u_heave", "u_roll", "u_pitch",
@@ -44,7 +40,7 @@ def pressing(force_x, **changes):
     base = synthetic_record()
     short = {name: getattr(base, name)[: len(force_x)] for name in (
         "state", "nominal_state", "chi", "chi_nominal", "u", "tau", "disturbance",
-        "effective_disturbance", "desired_force", "tube_deviation", "tube_bound")}
+        "effective_disturbance", "desired_force", "penetration", "tube_deviation", "tube_bound")}
     return replace(base, time=np.arange(float(len(force_x))), force=force, **short, **changes)
 
 
@@ -300,9 +296,49 @@ def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():
 
 def test_the_table_of_a_run_without_settling_and_samples_is_printable():
     empty = dict.fromkeys(("mpc_time", "mpc_status", "mpc_terminal_slack", "mpc_violation",
-                           "step_seconds"), np.zeros(0))
+                           "mpc_refused", "step_seconds"), np.zeros(0))
     summary = summarise(pressing([0.0, 0.0], wall_time_s=0.0, **empty))
     assert summary["mpc"]["step_ms"] == dict.fromkeys(("p50", "p95", "p99", "max"))
     assert summary["mpc"]["worst_violation"] is None
     assert summary["real_time_factor"] is None
     assert "never settled" in format_summary(summary)
+
+
+def test_the_events_are_in_the_summary_and_in_the_table():
+    record = synthetic_record()
+    status = np.zeros_like(record.mpc_status)
+    status[50] = 1.0
+    summary = summarise(replace(record, mpc_status=status))
+    assert [event["kind"] for event in summary["events"]] == ["contact", "settled", "solver_failed"]
+    assert summary["events"][-1] == {
+        "time_s": pytest.approx(10.0), "until_s": pytest.approx(10.2), "kind": "solver_failed",
+        "text": "the solver failed"}
+    assert summary["events"][0]["until_s"] is None
+    text = format_summary(summary)
+    first, second, third = text[text.index("\nevents ") + 1:].splitlines()
+    assert first == "events        10.00 s to 10.20 s  the solver failed"
+    assert second.startswith(" " * 14 + "2.02 s to the end   contact, ")
+    settled = summary["force"]["settling_time_s"]
+    assert third.startswith(f"{'':<14}{f'{settled:.2f} s':<20}force within 2 N")
+
+
+def test_what_alarms_comes_first_and_the_rest_is_counted():
+    record = synthetic_record()
+    d = np.zeros_like(record.disturbance)
+    d[::20] = 1.0
+    summary = summarise(replace(record, disturbance=d))
+    number = len(summary["events"])
+    assert number > EVENT_LINES
+    text = format_summary(summary)
+    block = text[text.index("\nevents ") + 1:].splitlines()
+    assert len(block) == EVENT_LINES
+    assert block[0] == ("events        0.00 s to 0.02 s    disturbance above its bound of 0.1, "
+                        "at most 3.16")
+    assert all("disturbance above" in line for line in block[:-1])
+    assert block[-1].strip() == f"... and {number - EVENT_LINES + 1} more in summary.json"
+
+
+def test_a_run_without_events_has_none():
+    record = synthetic_record(1.0)
+    assert summarise(record)["events"] == []
+    assert "events        none" in format_summary(summarise(record))

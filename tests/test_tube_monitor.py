@@ -1,11 +1,13 @@
 """`control.tube_monitor` alone; `test_tube_in_contact` has it on the full dynamics."""
 
+import logging
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from uvms_drake.alarm import LOGGER
 from uvms_drake.certificate.conditions import LemmaConstants
 from uvms_drake.certificate.tubes import (
     resolved_preimage_tube,
@@ -17,6 +19,7 @@ from uvms_drake.control.tube_monitor import (
     ALARMS,
     FIELDS,
     REPORT_FIELDS,
+    SAID,
     TubeMonitor,
     deviation,
 )
@@ -170,7 +173,7 @@ def test_under_transpose_the_bounds_are_those_of_the_comparison_system(model, st
 
 
 @pytest.mark.parametrize("period", [0.01, 0.0])
-def test_exits_are_counted_and_the_first_one_is_dated(model, states, period):
+def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, period, caplog):
     """Out of the set-wise tube twice, and of the disturbance's bound three times."""
     rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
 
@@ -185,10 +188,15 @@ def test_exits_are_counted_and_the_first_one_is_dated(model, states, period):
     simulator, monitor, context = scripted(
         model, radii={"position": 0.001, "r": 1.0}, state=state, nominal=lambda t: rest,
         disturbance=disturbance, period=period)
+    caplog.set_level(logging.WARNING, LOGGER.name)
+    alarm = monitor.GetOutputPort("alarm")
     simulator.AdvanceTo(0.25)
+    np.testing.assert_array_equal(alarm.Eval(context), [0.0, 0.0, 0.0])
     report = report_of(monitor, context)
     assert report["set_exits"] == report["trajectory_exits"] == 0.0
     assert report["set_first_exit"] == report["trajectory_first_exit"] == np.inf
+    simulator.AdvanceTo(0.45)
+    np.testing.assert_array_equal(alarm.Eval(context), [1.0, 1.0, 1.0])
     simulator.AdvanceTo(1.2)
     report = report_of(monitor, context)
     assert report["set_exits"] == 2.0
@@ -199,6 +207,10 @@ def test_exits_are_counted_and_the_first_one_is_dated(model, states, period):
     assert report["disturbance_exits"] == 3.0
     assert report["disturbance_first_exit"] == pytest.approx(0.04, abs=0.011)
     assert report["worst_disturbance"] == pytest.approx(1.5)
+    for name, text in zip(ALARMS, SAID, strict=True):
+        said = [message for message in caplog.messages if message.endswith(f" s: {text}")]
+        assert len(said) == report[f"{name}_exits"]
+        assert said[0] == f"t = {report[f'{name}_first_exit']:g} s: {text}"
 
 
 def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):
@@ -244,7 +256,8 @@ def test_its_ports_are_the_documented_ones_and_the_disturbance_feeds_none_throug
     monitor = TubeMonitor(model, LAW, D_BOUND, {})
     outputs = [monitor.get_output_port(i) for i in range(monitor.num_output_ports())]
     assert {port.get_name(): port.size() for port in outputs} == {
-        "deviation": 6, "bound": 6, "ratio": 12, "report": 19, "e_y": 10, "r": 10}
+        "deviation": 6, "bound": 6, "ratio": 12, "report": 19, "alarm": 3, "e_y": 10,
+        "r": 10}
     disturbance = monitor.GetInputPort("disturbance").get_index()
     for port in outputs:
         assert not monitor.HasDirectFeedthrough(disturbance, port.get_index())

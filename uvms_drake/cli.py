@@ -19,6 +19,7 @@ from typing import NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from uvms_drake import __version__
+from uvms_drake.alarm import LOGGER
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
     Certificate,
@@ -28,7 +29,7 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.output import output_folder
-from uvms_drake.progress import ProgressLine
+from uvms_drake.progress import ProgressLine, alarms_above
 from uvms_drake.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 from uvms_drake.scenario import (
     Scenario,
@@ -37,9 +38,8 @@ from uvms_drake.scenario import (
     scenario_source,
     shipped_scenarios,
 )
-from uvms_drake.summary import format_summary, summarise
 
-# What takes long to import (simulation, figures, replay) is imported where it is used.
+# What takes long to import (simulation, summary, figures, replay) is imported where it is used.
 
 PROGRAM = "uvms-drake"
 MAIN_SCENARIO = "girona500_contact"
@@ -66,7 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: The arguments, without the program's name; the process's own if it is None.
     """
-    logging.getLogger("drake").setLevel(logging.WARNING)
+    for logger in (logging.getLogger("drake"), LOGGER):
+        logger.setLevel(logging.WARNING)
     try:
         args = make_parser().parse_args(argv)
         return args.command(args)
@@ -278,6 +279,7 @@ def list_errata(args: argparse.Namespace) -> int:
     def progress(what: str) -> None:
         print(f"drawing {what} ...", file=sys.stderr)
 
+    LOGGER.setLevel(logging.ERROR)  # What is drawn goes wrong on purpose.
     if args.output is None:
         errata = all_errata()
     else:
@@ -371,7 +373,7 @@ def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
 
 
 def _simulate(scenario: Scenario, source: str, show: bool, certified: bool) -> Record:
-    """Returns the record of a run, with progress on stderr."""
+    """Returns the record of a run, with progress and alarms on stderr."""
     from uvms_drake.simulation import simulate
 
     meshcat = stop = None
@@ -383,13 +385,16 @@ def _simulate(scenario: Scenario, source: str, show: bool, certified: bool) -> R
         meshcat = Meshcat()
         stop = stop_button(meshcat)
         print(f"watch at {meshcat.web_url()}", file=sys.stderr)
-    with closing(ProgressLine(scenario.duration, sys.stderr)) as progress, reported_in(source):
+    with (closing(ProgressLine(scenario.duration, sys.stderr)) as progress, alarms_above(progress),
+          reported_in(source)):
         return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
                         stop=stop, realtime_rate=1.0 if show else None)
 
 
 def write_data(record: Record, folder: Path) -> str:
     """Writes the data of a run into a folder and returns its summary as text."""
+    from uvms_drake.summary import format_summary, summarise
+
     summary = summarise(record)
     save_record(record, folder)
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)

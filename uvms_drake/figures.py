@@ -34,7 +34,7 @@ from uvms_drake.paper_figures import (
 )
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario
-from uvms_drake.summary import input_names, settling_index
+from uvms_drake.signals import input_names, settling_index
 
 UNCERTIFIED = "run without a certificate"
 

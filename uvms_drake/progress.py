@@ -1,7 +1,12 @@
 """How far a simulation has come, on a terminal or in a log file."""
 
+import logging
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TextIO
+
+from uvms_drake.alarm import LOGGER
 
 REFRESH_PERIOD = 0.2  # s of wall time, on a terminal
 LINES = 5  # in all, in a log file
@@ -38,9 +43,38 @@ class ProgressLine:
             self._stream.write(f"{text}\n")
         self._stream.flush()
 
+    def say(self, text: str) -> None:
+        """Writes a line that stays; the next report goes below it."""
+        self.close()
+        self._stream.write(f"{text}\n")
+        self._stream.flush()
+
     def close(self) -> None:
         """Takes the line away, so that what comes next has it."""
         if self._is_open:
             self._stream.write("\r\033[K")
             self._stream.flush()
             self._is_open = False
+
+
+class _Above(logging.Handler):
+    """Lets a `ProgressLine` say what is logged."""
+
+    def __init__(self, line: ProgressLine):
+        super().__init__()
+        self._line = line
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Says the message."""
+        self._line.say(self.format(record))
+
+
+@contextmanager
+def alarms_above(line: ProgressLine) -> Iterator[None]:
+    """Lets the progress line say, inside the block, what the package's logger warns of."""
+    handler = _Above(line)
+    LOGGER.addHandler(handler)
+    try:
+        yield
+    finally:
+        LOGGER.removeHandler(handler)

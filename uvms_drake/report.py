@@ -11,9 +11,10 @@ import uvms_drake
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, read_certificate
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.errors import InvalidParameter, ScenarioError
+from uvms_drake.events import ALARMING
 from uvms_drake.record import SCENARIO_FILE, Record, load_record
 from uvms_drake.scenario import dump_scenario
-from uvms_drake.summary import summarise
+from uvms_drake.summary import span, summarise
 
 STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --soft: #5a5f66; --rule: #d5d9de; --blue: #0072b2; }
@@ -107,13 +108,15 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
         figures: PNG files to put in.
         certificate: Of the run, if it has one.
     """
-    scenario, summary = record.scenario, summarise(record)
+    scenario = record.scenario
+    summary: dict[str, Any] = summarise(record)
     title = html.escape(scenario.name)
     parts = [
         f"<h1>{title}</h1>",
         f'<p class="lead">{html.escape(" ".join(scenario.description.split()))}</p>',
         _verdict(certificate),
         "<h2>Key numbers</h2>", f'<div class="columns">{_run(summary)}{_limits(summary)}</div>',
+        "<h2>Events</h2>", _events(summary["events"]),
         "<h2>Figures</h2>",
         f'<div class="figures">{"".join(_figure(path) for path in figures)}</div>'
         if figures else "<p>Made without figures.</p>",
@@ -186,6 +189,16 @@ def _limits(summary: dict[str, Any]) -> str:
     return ("<table><thead><tr><th>limit</th>"
             + "".join(f'<th class="number">{name}</th>' for name in ("is", "worst", "margin"))
             + f"<th></th></tr></thead><tbody>{''.join(rows)}</tbody></table>")
+
+
+def _events(events: list[dict[str, Any]]) -> str:
+    if not events:
+        return "<p>None.</p>"
+    rows = []
+    for event in events:
+        mark = ' class="violated"' if event["kind"] in ALARMING else ""
+        rows.append(f"<tr><th>{span(event)}</th><td{mark}>{html.escape(event['text'])}</td></tr>")
+    return f"<table>{''.join(rows)}</table>"
 
 
 def _figure(path: Path) -> str:

@@ -71,10 +71,10 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     `JointBrake` in `tau`, `SolverFaults` at the port `fault`. All else, the logs too, sees the true
     state and the commanded τ.
 
-    The output ports are those of `LOGGED`, `plan`, `report`, `solve_seconds` and `tube_report`; see
-    `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and their kinematic counterparts. Each of
-    the logged ports has a VectorLogSink named `log.<port>`; `report` and `solve_seconds` have one
-    of the sampling period.
+    The output ports are those of `LOGGED`, `plan`, `report`, `solve_seconds`, `tube_report` and
+    `tube_alarm`; see `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and their kinematic
+    counterparts. Each of the logged ports has a VectorLogSink named `log.<port>`; `report` and
+    `solve_seconds` have one of the sampling period.
 
     Args:
         scenario: Everything the run depends on.
@@ -95,13 +95,13 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             ports["desired_force"] = ports.pop("accepted_force")
         Illustration.AddToBuilder(builder, meshcat, scenario, certified=certified, **ports)
     logged = LOGGED[scenario.motion]
-    for name in (*logged, "plan", "report", "solve_seconds", "tube_report"):
+    for name in (*logged, "plan", "report", "solve_seconds", "tube_report", "tube_alarm"):
         if name.startswith("tube_"):
             port = monitor.GetOutputPort(name.removeprefix("tube_"))
         else:
             port = (uvms if uvms.HasOutputPort(name) else controller).GetOutputPort(name)
         builder.ExportOutput(port, name)
-        if name not in ("plan", "tube_report"):
+        if name not in ("plan", "tube_report", "tube_alarm"):
             period = scenario.log_period if name in logged else scenario.mpc.time_step
             LogVectorOutput(port, builder, period).set_name(f"log.{name}")
     station = builder.Build()

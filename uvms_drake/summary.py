@@ -14,13 +14,14 @@ import uvms_drake
 from uvms_drake.control.ancillary import task_error
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
 from uvms_drake.control.tube_monitor import REPORT_FIELDS
+from uvms_drake.events import ALARMING, events
 from uvms_drake.record import Record
+from uvms_drake.signals import constraint_signals, disturbance_above, settling_index
 
 LAST_SECONDS = 5.0
 """Length of the window at the end over which the force is averaged [s]."""
-
-BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
-"""Relative and absolute [m/s², rad/s²]: what rounding leaves of a disturbance of exactly d̃."""
+EVENT_LINES = 12
+"""Largest number of lines for events in the table for a terminal."""
 
 
 def summarise(record: Record) -> dict[str, object]:
@@ -41,6 +42,8 @@ def summarise(record: Record) -> dict[str, object]:
         "constraints": summarise_constraints(record),
         "disturbance": summarise_disturbance(record),
         "tube": summarise_tube(record),
+        "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
+                    "text": event.text} for event in events(record)],
     }
     return jsonable(summary)
 
@@ -96,49 +99,11 @@ def summarise_force(record: Record) -> dict[str, object]:
     }
 
 
-def settling_index(error: np.ndarray, tolerance: float) -> int | None:
-    """Returns the first sample from which on `error` (T,) stays within `tolerance`, or None."""
-    outside = np.flatnonzero(error > tolerance)
-    first = int(outside[-1]) + 1 if len(outside) else 0
-    return first if first < len(error) else None
-
-
 def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
     """Returns by how much the force along the desired one (T,) exceeded it before it settled."""
     stop = len(normal) if settled is None else settled + 1
     excess = max(float(np.max(normal[:stop])) - desired, 0.0)
     return {"newton": excess, "percent": 100.0 * excess / desired if desired > 0.0 else None}
-
-
-def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
-    """Returns for each constraint g(t) ≤ limit the signal g (T,) and the limit, by name.
-
-    The lower joint limits q_min ≤ q are the exception: there the signal must stay above.
-    """
-    limits, zeta, config = record.scenario.limits, record.zeta, record.config
-    signals = {
-        "nu1": (np.linalg.norm(zeta[:, :3], axis=1), limits.nu1),
-        "nu2": (np.linalg.norm(zeta[:, 3:6], axis=1), limits.nu2),
-        "qdot": (np.linalg.norm(zeta[:, 6:], axis=1), limits.qdot),
-    }
-    for i, (lower, upper) in enumerate(zip(record.joint_lower, record.joint_upper, strict=True)):
-        signals[f"q{i + 1}_min"] = (config[:, 6 + i], lower)
-        signals[f"q{i + 1}_max"] = (config[:, 6 + i], upper)
-    signals["roll"] = (np.abs(config[:, 3]), limits.roll)
-    signals["pitch"] = (np.abs(config[:, 4]), limits.pitch)
-    signals["tip_pitch"] = (np.abs(record.chi[:, 4]), limits.tip_pitch)
-    names = input_names(record.num_joints)
-    for key, inputs, bounds in (("u", record.u, limits.u), ("tau", record.tau, limits.tau)):
-        if bounds is not None and not record.scenario.kinematic:
-            for name, values, limit in zip(names, inputs.T, bounds, strict=True):
-                signals[f"{key}_{name}"] = (np.abs(values), limit)
-    return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}
-
-
-def input_names(num_joints: int) -> list[str]:
-    """Returns the names of the 6 + n accelerations."""
-    return ["surge", "sway", "heave", "roll", "pitch", "yaw",
-            *(f"q{i + 1}" for i in range(num_joints))]
 
 
 def summarise_constraints(record: Record) -> dict[str, object]:
@@ -158,10 +123,9 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     `worst` is of the effective disturbance, with all that the controller does not know about;
     `applied` of the simulated one alone. `exceeded` counts the separate times of being above.
     """
-    bound = record.scenario.disturbance.bound
-    effective = np.linalg.norm(record.effective_disturbance, axis=1)
-    above = effective > (1.0 + BOUND_SLACK) * bound + BOUND_FLOOR
-    return {"bound": bound, "worst": np.max(effective),
+    above = disturbance_above(record)
+    return {"bound": record.scenario.disturbance.bound,
+            "worst": np.max(np.linalg.norm(record.effective_disturbance, axis=1)),
             "applied": np.max(np.linalg.norm(record.disturbance, axis=1)),
             "exceeded": np.count_nonzero(np.diff(above.astype(int), prepend=0) > 0)}
 
@@ -215,7 +179,8 @@ def format_summary(summary: dict) -> str:
     """Returns the summary as a table for a terminal."""
     return "\n".join([
         *_format_run(summary), "", *_format_force(summary["force"]), "",
-        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary)])
+        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary), "",
+        *_format_events(summary["events"])])
 
 
 def _format_run(summary: dict) -> list[str]:
@@ -277,6 +242,26 @@ def _format_robustness(summary: dict) -> list[str]:
            else f"{tube['exits_along_the_run']} along the run"),
         f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
     ]
+
+
+def _format_events(events: list[dict]) -> list[str]:
+    """Returns the lines of the events, what is alarming first and each part in order of time."""
+    if not events:
+        return [f"{'events':<14}none"]
+    ordered = sorted(events, key=lambda event: event["kind"] not in ALARMING)
+    shown = ordered if len(events) <= EVENT_LINES else ordered[: EVENT_LINES - 1]
+    lines = [f"{span(event):<18}  {event['text']}" for event in shown]
+    if len(shown) < len(events):
+        lines.append(f"... and {len(events) - len(shown)} more in summary.json")
+    return [f"{'events' if i == 0 else '':<14}{line}" for i, line in enumerate(lines)]
+
+
+def span(event: dict) -> str:
+    """Returns when an event of a summary was."""
+    start, end = event["time_s"], event["until_s"]
+    if end == start:
+        return f"{start:.2f} s"
+    return f"{start:.2f} s to " + ("the end" if end is None else f"{end:.2f} s")
 
 
 def _number(value: float | None, spec: str) -> str:

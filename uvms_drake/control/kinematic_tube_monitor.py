@@ -77,6 +77,7 @@ class KinematicTubeMonitor(TubeMonitor):
         - bound
         - ratio
         - report
+        - alarm
         - e_y
         - r
         - e
@@ -84,7 +85,7 @@ class KinematicTubeMonitor(TubeMonitor):
     - `state`: (𝔮, ζ) (2(6+n)), in the paper's order, ζ as it is commanded.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)); 𝔮̄ is continuous, ζ̄ may jump where it is planned anew.
     - `disturbance`: the simulated w (6), so that ‖w‖₂ > w̃ is noticed; unconnected means unknown.
-    - `deviation` (6), `bound` (6), `ratio` (12), `report`, `e_y` (6+n), `r` (6+n): see
+    - `deviation` (6), `bound` (6), `ratio` (12), `report`, `alarm` (3), `e_y` (6+n), `r` (6+n): see
       `TubeMonitor`. 𝔯 is zero where ζ is what the law commands, and zero is its trajectory-wise
       bound; where it is above, the bounds of the others have no ground.
     - `e` (6): 𝔢 = χ − χ̄, for a `TaskAdversary`.

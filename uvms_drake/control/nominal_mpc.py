@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.alarm import warn
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
@@ -40,6 +41,9 @@ the plan's objective, s of the terminal set, largest violation of a limit (in it
 programs solved, 1 if a new desired force was asked for and is refused. A dropped sample leaves all
 but the first two."""
 
+TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
+           DROPPED: "the sample was dropped"}
+"""What is said of a status at the first of the samples in a row that have it."""
 
 NOTHING: Solution = Solution(None, None, 0, converged=False)
 """What a solver that did not even start has found."""
@@ -87,9 +91,10 @@ class NominalMpc(LeafSystem):
 
     If a solve fails, or takes longer than the problem's deadline, the last plan continued by the
     terminal controller takes its place. If a sampling instant is dropped, the last plan goes on as
-    it is, and where it ends, by the terminal controller. `report` says which. All but the first
-    plan can be made to fail by the port `fault`. Without a first plan there is nothing to fall back
-    to: `RunFailed`.
+    it is, and where it ends, by the terminal controller. `report` says which, and the logger
+    `uvms_drake` at the first of the samples in a row where it is so. All but the first plan can be
+    made to fail by the port `fault`. Without a first plan there is nothing to fall back to:
+    `RunFailed`.
 
     A measured state that is not finite is none: there is no first plan from it, and a problem with
     the initial state `measured` plans from the nominal state instead.
@@ -247,6 +252,7 @@ class NominalMpc(LeafSystem):
             plan = ocp.continued(plan)
         report = memory.report.copy()
         report[:2] = now, DROPPED
+        self._say(now, DROPPED, memory)
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
             memory, plan=plan, report=report, solve_seconds=time.perf_counter() - started))
         return EventStatus.Succeeded()
@@ -328,10 +334,16 @@ class NominalMpc(LeafSystem):
         report = np.array([now, float(status), value.cost, value.terminal_slack,
                            value.violation, solution.iterations,
                            float(not np.array_equal(old.asked, old.force))])
+        self._say(now, status, old)
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
             old, plan=plan, solves=old.solves + 1, report=report,
             solve_seconds=time.perf_counter() - started))
         return EventStatus.Succeeded()
+
+    def _say(self, now: float, status: int, old: MpcMemory) -> None:
+        """Says on the logger that a sample came to nothing, unless the one before it did so too."""
+        if status not in (SOLVED, old.report[1]):
+            warn(now, TROUBLE[status])
 
     def _evaluate_plan(self, context, nominal):
         last_sample = float(self._recall(context).report[0])

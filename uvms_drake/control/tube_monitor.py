@@ -13,6 +13,7 @@ while the robot is in the constraint set, and says how much of the distance is d
 
 import math
 from collections.abc import Mapping
+from itertools import compress
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -26,6 +27,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.alarm import warn
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved, motion, task_error
 from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
@@ -36,6 +38,9 @@ FIELDS = ("task", "position", "orientation", "joints", "z", "r")
 
 ALARMS = ("set", "trajectory", "disturbance")
 """What can be left: the set-wise bound, the trajectory-wise bound, and ‖d‖₂ ≤ d̃."""
+
+SAID = ("left the tube (set-wise)", "left the bound along the run", "disturbance above its bound")
+"""What is said of each of `ALARMS` when it is left."""
 
 REPORT_FIELDS = (
     *(f"{alarm}_exits" for alarm in ALARMS), *(f"{alarm}_first_exit" for alarm in ALARMS),
@@ -111,12 +116,20 @@ def _gains_and_growth(J_x: np.ndarray, turning: np.ndarray) -> tuple[np.ndarray,
     return np.array([*np.sqrt([whole, *blocks]), 1.0, 1.0]), float(mu)
 
 
+def beyond(norms: np.ndarray, bounds: np.ndarray | float, slack: float, floor: float
+           ) -> np.ndarray:
+    """Returns whether each norm is above (1 + slack) bound + floor, of any shape."""
+    return norms > (1.0 + slack) * bounds + floor
+
+
 def _norm2(x: np.ndarray) -> float:
     return math.sqrt(x @ x)
 
 
 class TubeMonitor(LeafSystem):
     """Compares real and nominal motion with the tube at every sample; counts what leaves it.
+
+    It warns of each exit on the logger `uvms_drake`, see `uvms_drake.alarm`.
 
     .. pydrake_system::
 
@@ -130,6 +143,7 @@ class TubeMonitor(LeafSystem):
         - bound
         - ratio
         - report
+        - alarm
         - e_y
         - r
 
@@ -140,6 +154,7 @@ class TubeMonitor(LeafSystem):
     - `bound` (6): the trajectory-wise bounds of `FIELDS`; inf where there is none.
     - `ratio` (12): `deviation` over the set-wise, then over the trajectory-wise bounds.
     - `report`: `REPORT_FIELDS`, as of the last sample.
+    - `alarm` (3): 1 for each of `ALARMS` that was left at the last sample, 0 for the others.
     - `e_y` (6+n), `r` (6+n): 𝔢_y and 𝔯, for a disturbance that is aimed at them.
 
     The continuous state is R, the E_b of task, position, orientation and joints, and W
@@ -225,6 +240,8 @@ class TubeMonitor(LeafSystem):
             ("ratio", 2 * len(FIELDS), self._ratios, bound),
             ("report", len(REPORT_FIELDS),
              lambda c: c.get_discrete_state_vector().value()[len(ALARMS):], {self.xd_ticket()}),
+            ("alarm", len(ALARMS),
+             lambda c: c.get_discrete_state_vector().value()[: len(ALARMS)], {self.xd_ticket()}),
             ("e_y", size, lambda c: self._deviation.Eval(c).e_y, now),
             ("r", size, lambda c: self._deviation.Eval(c).r, now),
         ):
@@ -272,13 +289,15 @@ class TubeMonitor(LeafSystem):
         outside, exits, first, worst = np.split(old, [3, 6, 9])
         norms = np.tile(self._deviation.Eval(context).norms, 2)
         bounds = np.concatenate([self._radii, self._bounds(context)])
-        beyond = norms > (1.0 + self._slack) * bounds + self._floor
+        left_parts = beyond(norms, bounds, self._slack, self._floor)
         d = 0.0
         if self._disturbance_port.HasValue(context):
             d = float(np.linalg.norm(self._disturbance_port.Eval(context)))
-        is_outside = np.array([np.any(beyond[:6]), np.any(beyond[6:]),
-                               d > (1.0 + self._slack) * self._d_bound + FLOOR])
+        is_outside = np.array([np.any(left_parts[:6]), np.any(left_parts[6:]),
+                               beyond(d, self._d_bound, self._slack, FLOOR)])
         left = is_outside & (outside == 0.0)
+        for text in compress(SAID, left):
+            warn(context.get_time(), text)
         ratios = np.append(norms / np.maximum(bounds, self._floor),
                            d / max(self._d_bound, FLOOR))
         discrete_state.set_value(np.concatenate([

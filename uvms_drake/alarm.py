@@ -1,0 +1,13 @@
+"""Says what is alarming while it happens, on the logger `uvms_drake`.
+
+Python prints the warnings of a logger without handlers on stderr.
+"""
+
+import logging
+
+LOGGER = logging.getLogger("uvms_drake")
+
+
+def warn(time: float, text: str) -> None:
+    """Warns of what has begun at a simulated time [s]; for events that change a state."""
+    LOGGER.warning("t = %g s: %s", time, text)
