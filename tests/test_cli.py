@@ -151,13 +151,20 @@ def test_the_output_defaults_to_a_folder_named_after_the_scenario(tmp_path, caps
     assert (tmp_path / "out" / "girona500_bilateral" / "log.npz").is_file()
 
 
-def test_the_scenarios_are_listed_with_a_line_each(capsys):
+def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     assert main(["scenarios"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [
-        "girona500_bilateral", "girona500_contact", "paper_dynamic", "paper_dynamic_resolved",
-        "paper_kinematic", "paper_kinematic_certified"]
-    assert all(len(line.split()) > 5 for line in lines)
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == ["scenario", "motion", "law", "description"]
+    assert [line.split()[:3] for line in lines] == [
+        ["girona500_bilateral", "dynamic", "resolved"],
+        ["girona500_contact", "dynamic", "resolved"],
+        ["paper_dynamic", "dynamic", "transpose"],
+        ["paper_dynamic_resolved", "dynamic", "resolved"],
+        ["paper_kinematic", "kinematic", "transpose"],
+        ["paper_kinematic_certified", "kinematic", "resolved"]]
+    assert all(len(line.split()) > 7 for line in lines)
+    starts = {line.index(line.split(maxsplit=3)[3]) for line in (header, *lines)}
+    assert len(starts) == 1
 
 
 @pytest.mark.parametrize("args", [

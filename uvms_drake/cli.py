@@ -95,8 +95,8 @@ def make_parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_campaign(commands)
     _add_errata(commands)
-    scenarios = commands.add_parser("scenarios", help="list the shipped scenarios",
-                                    allow_abbrev=False)
+    scenarios = commands.add_parser(
+        "scenarios", help="list the shipped scenarios with motion and law", allow_abbrev=False)
     scenarios.set_defaults(command=list_scenarios)
     return parser
 
@@ -285,12 +285,15 @@ def list_errata(args: argparse.Namespace) -> int:
 
 
 def list_scenarios(args: argparse.Namespace) -> int:
-    """Prints the shipped scenarios with a line each."""
+    """Prints the shipped scenarios: a line each with motion, law and description."""
     del args
-    shipped = shipped_scenarios()
-    width = max(len(name) for name in shipped)
-    for name in shipped:
-        print(f"{name:<{width}}  {' '.join(load_scenario(name).description.split())}")
+    rows = [("scenario", "motion", "law", "description")]
+    for name in shipped_scenarios():
+        scenario = load_scenario(name)
+        rows.append((name, scenario.motion, scenario.law, " ".join(scenario.description.split())))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(f"{x:<{w}}" for x, w in zip(row, widths, strict=True)).rstrip())
     return 0
 
 

@@ -103,6 +103,11 @@ class Scenario:
         """Whether the velocity is the input."""
         return self.motion == "kinematic"
 
+    @property
+    def law(self) -> str:
+        """The ancillary law: `resolved` or `transpose`."""
+        return type(self.ancillary).__name__.lower()
+
 
 def shipped_scenarios() -> dict[str, Path]:
     """Returns the files of the scenarios that come with the package, by name."""

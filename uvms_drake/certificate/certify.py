@@ -68,8 +68,7 @@ def certify(scenario: Scenario) -> Certificate:
     constants = constants_of(scenario, model, declared)
     paper = paper_radii if scenario.kinematic else _paper
     draft = Certificate(
-        scenario=scenario.name, motion=scenario.motion,
-        law=type(scenario.ancillary).__name__.lower(),
+        scenario=scenario.name, motion=scenario.motion, law=scenario.law,
         k=scenario.ancillary.k, sigma=scenario.ancillary.sigma,
         d_bound=scenario.disturbance.bound, constants=tuple(constants.values()),
         paper=paper(scenario, constants), **fingerprint(scenario))
