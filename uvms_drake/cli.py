@@ -28,7 +28,7 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.output import output_folder
-from uvms_drake.progress import ProgressLine
+from uvms_drake.progress import ProgressLine, announce_certifying
 from uvms_drake.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 from uvms_drake.scenario import (
     Scenario,
@@ -361,8 +361,7 @@ def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
                                 "make it again for this scenario, or use another --output")
             certificate = None
         if certificate is None:
-            print("certifying (half a minute, the first time) ...", file=sys.stderr)
-            certificate = replace(certified_once(scenario), made_by="run")
+            certificate = replace(certified_once(scenario, announce_certifying), made_by="run")
     if not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
     return certificate

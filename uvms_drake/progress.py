@@ -1,10 +1,16 @@
-"""How far a simulation has come, on a terminal or in a log file."""
+"""What a command is busy with, on a terminal or in a log file."""
 
+import sys
 import time
 from typing import TextIO
 
 REFRESH_PERIOD = 0.2  # s of wall time, on a terminal
 LINES = 5  # in all, in a log file
+
+
+def announce_certifying() -> None:
+    """Says on stderr that a certificate is being computed."""
+    print("certifying (half a minute, the first time) ...", file=sys.stderr, flush=True)
 
 
 class ProgressLine:
