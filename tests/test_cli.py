@@ -200,7 +200,8 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--set", "limits.nu1=0.001"], "limits.nu1 = 0.001: must be "),
     (["--set", "limits.u.0=-1"], "limits.u = [-1."),
     (["--set", "tube.e=-1"], "tube.e = -1.0: must be zero or positive"),
-    (["--set", "mpc.horizon=0"], "mpc.horizon = 0: must be "),
+    (["--set", "mpc.horizon=0"], "with --set mpc.horizon=0 --set duration=0.2: mpc.horizon = 0"),
+    (["--set", "surface.dissipation=1e9"], "mpc.time_step = 0.2: must be such that the loop"),
     (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
     (["--set", "task.force=[-5, 0, 0, 0, 0, 0]"], "task.force = [-5., 0., 0., 0., 0., 0.]: must"),
 ])

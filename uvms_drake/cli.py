@@ -107,7 +107,8 @@ def _take_scenario(command: argparse.ArgumentParser) -> None:
                          help="name of a shipped scenario or a YAML file (default: %(default)s)")
     command.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
                          dest="overrides",
-                         help="any value of the scenario, in YAML; can be repeated")
+                         help="any value of the scenario, in YAML, such as limits.u.0=0.2; can be "
+                              "repeated")
 
 
 def _add_run(commands: argparse._SubParsersAction) -> None:
@@ -118,8 +119,8 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     run.add_argument("--output", type=Path, metavar="DIR",
                      help="where to write (default: out/<scenario>); files of a former run in it "
                           "are replaced or deleted, others left alone")
-    run.add_argument("--seed", metavar="N", help="the scenario's seed")
-    run.add_argument("--duration", metavar="S", help="the scenario's duration [s]")
+    run.add_argument("--seed", metavar="N", help="short for --set seed=N")
+    run.add_argument("--duration", metavar="S", help="short for --set duration=S [s]")
     run.add_argument("--meshcat", action="store_true",
                      help="show the run in a browser, in real time")
     run.add_argument("--uncertified", action="store_true",
