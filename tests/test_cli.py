@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -440,10 +441,24 @@ def test_a_stale_certificate_is_refused(committed, capsys):
     text = path.read_text(encoding="utf-8")
     assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
     assert capsys.readouterr().err == (
-        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; "
-        "make it again for this scenario, or use another --output\n")
+        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
+        "another --output, or make it again: uvms-drake certify girona500_contact --set "
+        f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
     assert [item.name for item in committed.iterdir()] == ["certificate.json"]
     assert path.read_text(encoding="utf-8") == text
+
+
+def test_the_command_that_the_refusal_names_makes_the_certificate_again(
+        certified, tmp_path, capsys):
+    file, folder = tmp_path / "my wall.yaml", tmp_path / "my run"
+    file.write_text(dump_scenario(load_scenario("girona500_contact")), encoding="utf-8")
+    assert main(["certify", str(file), "--output", str(folder)]) == 0
+    args = [str(file), *FEW, "--set", "disturbance=!RandomDisturbance {bound: 0.09, bandwidth: 2}"]
+    assert run_in(folder, *args) == 1
+    program, *words = shlex.split(capsys.readouterr().err.split(" make it again: ")[1])
+    assert program == "uvms-drake"
+    assert main(words) == 0
+    assert run_in(folder, *args) == 0
 
 
 def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(

@@ -8,6 +8,7 @@ import argparse
 import json
 import logging
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -35,6 +36,7 @@ from uvms_drake.scenario import (
     load_scenario,
     reported_in,
     scenario_source,
+    set_options,
     shipped_scenarios,
 )
 from uvms_drake.summary import format_summary, summarise
@@ -323,7 +325,9 @@ def run_scenario(args: argparse.Namespace) -> int:
     certificate = None
     with output_folder(output, owned) as folder:
         if not args.uncertified:
-            certificate = _certificate(scenario, source, output / CERTIFICATE_FILE)
+            again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
+                                "--output", str(output)])
+            certificate = _certificate(scenario, source, output / CERTIFICATE_FILE, again)
             write_certificate(certificate, folder)
             scenario = certificate.applied_to(scenario)
             print("certified: the force is off by less than "
@@ -344,11 +348,12 @@ def scenario_overrides(args: argparse.Namespace) -> list[str]:
     return [*args.overrides, *(f"{key}={value}" for key, value in named if value is not None)]
 
 
-def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
+def _certificate(scenario: Scenario, source: str, path: Path, again: str) -> Certificate:
     """Returns the certificate of a run: the one in its folder if it is fit, else a new one.
 
-    One that `certify` has written is a commitment: if it no longer fits, the run is refused. One
-    that a former run has written is that run's, and makes room for a new one.
+    One that `certify` has written is a commitment: if it no longer fits, the run is refused, and
+    the command `again` named, which makes it for this scenario. One that a former run has written
+    is that run's, and makes room for a new one.
     """
     from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.table import verdict
@@ -359,7 +364,7 @@ def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
         if certificate is not None and (changed := stale_reason(certificate, scenario)):
             if certificate.made_by == "certify":
                 raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
-                                "make it again for this scenario, or use another --output")
+                                f"use another --output, or make it again: {again}")
             certificate = None
         if certificate is None:
             certificate = replace(certified_once(scenario, announce_certifying), made_by="run")
