@@ -91,8 +91,19 @@ def test_the_force_bound_is_reached_by_some_state_in_the_tube_and_exceeded_by_no
 
 def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypatch):
     monkeypatch.setattr("uvms_drake.certificate.certify.certify", lambda _: pytest.fail("computed"))
-    again = certified_once(load_scenario("girona500_contact", ["seed=5", "duration=3"]))
+    again = certified_once(load_scenario("girona500_contact", ["seed=5", "duration=3"]),
+                           announce=lambda: pytest.fail("announced"))
     assert again.to_data() == certificate.to_data()
+
+
+def test_it_is_announced_before_it_is_computed(certificate, scenario, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    order = []
+    monkeypatch.setattr("uvms_drake.certificate.certify.certify",
+                        lambda _: order.append("computed") or certificate)
+    for _ in range(2):
+        certified_once(scenario, announce=lambda: order.append("announced"))
+    assert order == ["announced", "computed"]
 
 
 @pytest.mark.parametrize(("overrides", "begins"), [

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -151,13 +152,20 @@ def test_the_output_defaults_to_a_folder_named_after_the_scenario(tmp_path, caps
     assert (tmp_path / "out" / "girona500_bilateral" / "log.npz").is_file()
 
 
-def test_the_scenarios_are_listed_with_a_line_each(capsys):
+def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     assert main(["scenarios"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [
-        "girona500_bilateral", "girona500_contact", "paper_dynamic", "paper_dynamic_resolved",
-        "paper_kinematic", "paper_kinematic_certified"]
-    assert all(len(line.split()) > 5 for line in lines)
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == ["scenario", "motion", "law", "description"]
+    assert [line.split()[:3] for line in lines] == [
+        ["girona500_bilateral", "dynamic", "resolved"],
+        ["girona500_contact", "dynamic", "resolved"],
+        ["paper_dynamic", "dynamic", "transpose"],
+        ["paper_dynamic_resolved", "dynamic", "resolved"],
+        ["paper_kinematic", "kinematic", "transpose"],
+        ["paper_kinematic_certified", "kinematic", "resolved"]]
+    assert all(len(line.split()) > 7 for line in lines)
+    starts = {line.index(line.split(maxsplit=3)[3]) for line in (header, *lines)}
+    assert len(starts) == 1
 
 
 @pytest.mark.parametrize("args", [
@@ -193,7 +201,8 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--set", "limits.nu1=0.001"], "limits.nu1 = 0.001: must be "),
     (["--set", "limits.u.0=-1"], "limits.u = [-1."),
     (["--set", "tube.e=-1"], "tube.e = -1.0: must be zero or positive"),
-    (["--set", "mpc.horizon=0"], "mpc.horizon = 0: must be "),
+    (["--set", "mpc.horizon=0"], "with --set mpc.horizon=0 --set duration=0.2: mpc.horizon = 0"),
+    (["--set", "surface.dissipation=1e9"], "mpc.time_step = 0.2: must be such that the loop"),
     (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
     (["--set", "task.force=[-5, 0, 0, 0, 0, 0]"], "task.force = [-5., 0., 0., 0., 0., 0.]: must"),
 ])
@@ -325,6 +334,11 @@ def test_the_written_scenario_of_a_certified_run_runs_again_to_the_same_log(
         assert (tmp_path / name).read_bytes() == (output / name).read_bytes(), name
 
 
+def test_a_certificate_from_the_cache_is_not_announced_as_computed(certified, tmp_path, capsys):
+    assert run_in(tmp_path / "elsewhere") == 0
+    assert capsys.readouterr().err.startswith("certified: ")
+
+
 def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
     assert main(["certify", "--output", str(tmp_path / "out")]) == 0
     out, err = capsys.readouterr()
@@ -366,8 +380,7 @@ def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
     assert run_in(tmp_path / "out", *VOID, *FEW) == 1
     out, err = capsys.readouterr()
     assert out == ""
-    first, last = err.splitlines()
-    assert first.startswith("certifying (")
+    last = err.splitlines()[-1]
     assert last.startswith("uvms-drake: error: ")
     assert ": void: tube in limits.u[" in last
     assert last.endswith("; --uncertified runs anyway")
@@ -428,10 +441,24 @@ def test_a_stale_certificate_is_refused(committed, capsys):
     text = path.read_text(encoding="utf-8")
     assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
     assert capsys.readouterr().err == (
-        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; "
-        "make it again for this scenario, or use another --output\n")
+        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
+        "another --output, or make it again: uvms-drake certify girona500_contact --set "
+        f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
     assert [item.name for item in committed.iterdir()] == ["certificate.json"]
     assert path.read_text(encoding="utf-8") == text
+
+
+def test_the_command_that_the_refusal_names_makes_the_certificate_again(
+        certified, tmp_path, capsys):
+    file, folder = tmp_path / "my wall.yaml", tmp_path / "my run"
+    file.write_text(dump_scenario(load_scenario("girona500_contact")), encoding="utf-8")
+    assert main(["certify", str(file), "--output", str(folder)]) == 0
+    args = [str(file), *FEW, "--set", "disturbance=!RandomDisturbance {bound: 0.09, bandwidth: 2}"]
+    assert run_in(folder, *args) == 1
+    program, *words = shlex.split(capsys.readouterr().err.split(" make it again: ")[1])
+    assert program == "uvms-drake"
+    assert main(words) == 0
+    assert run_in(folder, *args) == 0
 
 
 def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(

@@ -155,7 +155,8 @@ def test_a_declared_radius_is_nothing_to_it_but_that_there_is_one(scenario):
 def test_the_table_names_everything(certificate):
     text = format_certificate(certificate)
     assert text.splitlines()[0] == (
-        f"{NAME}: kinematic motion, law resolved, σ = {certificate.sigma:g} 1/s, w̃ = 0.4899")
+        f"{NAME}: kinematic motion, law resolved, σ = {certificate.sigma:g} 1/s, w̃ = 0.4899 m/s, "
+        "rad/s")
     for condition in certificate.conditions:
         assert condition.name in text
     assert text.endswith(f"certified: all {len(certificate.conditions)} conditions hold")

@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.scenario`."""
 
 import dataclasses
+import shlex
 import types
 import typing
 
@@ -157,15 +158,24 @@ def test_private_top_level_keys_are_room_for_anchors(tmp_path):
     ("simulator.integration_scheme=euler", "must be one of"),
     ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be positive"),
     ("name=a/b", "name = 'a/b': must be usable as the name of a folder"),
-    ("seed", "override 'seed': must be key.path=value"),
-    ("a..b=1", "override 'a..b=1': must be key.path=value"),
-    ("seed=[1", "override 'seed=[1': must be key.path=value with a YAML value"),
-    ("seed=1\nduration: 2", "must be key.path=value with a YAML value"),
+    ("seed", "--set = 'seed': must be key.path=value"),
+    ("a..b=1", "--set = 'a..b=1': must be key.path=value"),
+    ("seed=[1", "seed = '[1': must be a YAML value"),
+    ("seed=1\nduration: 2", "seed = '1\\nduration: 2': must be a YAML value"),
 ])
-def test_a_bad_override_is_one_line_with_the_file_and_what_is_allowed(override, expected):
-    text = error_of("girona500_contact", [override])
-    assert text.startswith(f"{scenario_path('girona500_contact')} with overrides: ")
-    assert expected in text
+def test_a_bad_override_is_one_line_with_the_file_the_option_and_what_is_allowed(
+        override, expected):
+    text = error_of("girona500_contact", ["log_period=0.05", override])
+    option = shlex.quote(" ".join(override.split()))
+    source = f"{scenario_path('girona500_contact')} with --set log_period=0.05 --set {option}: "
+    assert text.startswith(source)
+    assert expected in text.removeprefix(source)
+
+
+def test_a_bad_override_is_named_where_it_makes_another_value_bad():
+    assert error_of("girona500_contact", ["duration=0.001"]) == (
+        f"{scenario_path('girona500_contact')} with --set duration=0.001: "
+        "log_period = 0.02: must be at most the duration, 0.001 s")
 
 
 def test_a_mistake_in_the_file_is_reported_without_mention_of_overrides(tmp_path):

@@ -1,5 +1,6 @@
 """Tests of `uvms_drake.certificate.table`; the whole table is looked at in test_certify."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.conditions import Condition
+from uvms_drake.certificate.constants import QUANTITIES, Constant
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
+from uvms_drake.control.limits import TubeRadii
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})
@@ -31,3 +34,21 @@ def test_a_number_that_is_none_fails_without_an_amount():
 def test_every_advice_is_given(beginning):
     line = verdict(replace(EMPTY, conditions=(Condition(beginning + "...", 1.0, "<", 0.0),)))
     assert line.endswith(HELP[beginning])
+
+
+def test_every_constant_and_radius_has_a_unit():
+    constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25) for name in QUANTITIES)
+    tube = TubeRadii(*[2.5] * 10, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
+    text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
+    for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):
+        assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
+    for name, unit in (("e", "m, rad"), ("nu2", "rad/s"), ("roll", "rad"), ("z", "m/s, rad/s")):
+        assert re.search(rf"^  {name} +2[.]5 {unit}$", text, re.MULTILINE)
+    assert re.search(r"^  u +0[.]5, 0[.]25 m/s², rad/s²$", text, re.MULTILINE)
+    assert re.search(r"^  tau +8 N, N m$", text, re.MULTILINE)
+
+
+def test_radii_that_a_motion_has_not_are_not_in_the_table():
+    tube = TubeRadii(*[2.5] * 10, u=np.zeros(0), tau=None)
+    lines = format_certificate(replace(EMPTY, tube=tube)).splitlines()
+    assert not any(line.startswith(("  u ", "  tau ")) for line in lines)

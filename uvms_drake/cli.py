@@ -8,6 +8,7 @@ import argparse
 import json
 import logging
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -29,13 +30,14 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.output import output_folder
-from uvms_drake.progress import ProgressLine, alarms_above
+from uvms_drake.progress import ProgressLine, alarms_above, announce_certifying
 from uvms_drake.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 from uvms_drake.scenario import (
     Scenario,
     load_scenario,
     reported_in,
     scenario_source,
+    set_options,
     shipped_scenarios,
 )
 
@@ -96,8 +98,8 @@ def make_parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_campaign(commands)
     _add_errata(commands)
-    scenarios = commands.add_parser("scenarios", help="list the shipped scenarios",
-                                    allow_abbrev=False)
+    scenarios = commands.add_parser(
+        "scenarios", help="list the shipped scenarios with motion and law", allow_abbrev=False)
     scenarios.set_defaults(command=list_scenarios)
     return parser
 
@@ -108,7 +110,8 @@ def _take_scenario(command: argparse.ArgumentParser) -> None:
                          help="name of a shipped scenario or a YAML file (default: %(default)s)")
     command.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
                          dest="overrides",
-                         help="any value of the scenario, in YAML; can be repeated")
+                         help="any value of the scenario, in YAML, such as limits.u.0=0.2; can be "
+                              "repeated")
 
 
 def _add_run(commands: argparse._SubParsersAction) -> None:
@@ -119,8 +122,8 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     run.add_argument("--output", type=Path, metavar="DIR",
                      help="where to write (default: out/<scenario>); files of a former run in it "
                           "are replaced or deleted, others left alone")
-    run.add_argument("--seed", metavar="N", help="the scenario's seed")
-    run.add_argument("--duration", metavar="S", help="the scenario's duration [s]")
+    run.add_argument("--seed", metavar="N", help="short for --set seed=N")
+    run.add_argument("--duration", metavar="S", help="short for --set duration=S [s]")
     run.add_argument("--meshcat", action="store_true",
                      help="show the run in a browser, in real time")
     run.add_argument("--uncertified", action="store_true",
@@ -187,8 +190,8 @@ def _add_campaign(commands: argparse._SubParsersAction) -> None:
                                "declares")
     campaign.add_argument("--model-error", type=float, default=0.2, metavar="E",
                           help="largest relative error of the model that is drawn, as far as the "
-                               "disturbance's bound covers it; 0 for a controller that knows robot, "
-                               "surface and water exactly (default: %(default)s)")
+                               "disturbance's bound covers it; 0 for a controller that knows "
+                               "robot, surface and water exactly (default: %(default)s)")
     campaign.add_argument("--outside", action="store_true",
                           help="in every run one thing happens that the theory does not cover: "
                                "sensor faults, a stuck joint, a disturbance, current or error of "
@@ -292,12 +295,15 @@ def list_errata(args: argparse.Namespace) -> int:
 
 
 def list_scenarios(args: argparse.Namespace) -> int:
-    """Prints the shipped scenarios with a line each."""
+    """Prints the shipped scenarios: a line each with motion, law and description."""
     del args
-    shipped = shipped_scenarios()
-    width = max(len(name) for name in shipped)
-    for name in shipped:
-        print(f"{name:<{width}}  {' '.join(load_scenario(name).description.split())}")
+    rows = [("scenario", "motion", "law", "description")]
+    for name in shipped_scenarios():
+        scenario = load_scenario(name)
+        rows.append((name, scenario.motion, scenario.law, " ".join(scenario.description.split())))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(f"{x:<{w}}" for x, w in zip(row, widths, strict=True)).rstrip())
     return 0
 
 
@@ -326,7 +332,9 @@ def run_scenario(args: argparse.Namespace) -> int:
     certificate = None
     with output_folder(output, owned) as folder:
         if not args.uncertified:
-            certificate = _certificate(scenario, source, output / CERTIFICATE_FILE)
+            again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
+                                "--output", str(output)])
+            certificate = _certificate(scenario, source, output / CERTIFICATE_FILE, again)
             write_certificate(certificate, folder)
             scenario = certificate.applied_to(scenario)
             print("certified: the force is off by less than "
@@ -347,11 +355,12 @@ def scenario_overrides(args: argparse.Namespace) -> list[str]:
     return [*args.overrides, *(f"{key}={value}" for key, value in named if value is not None)]
 
 
-def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
+def _certificate(scenario: Scenario, source: str, path: Path, again: str) -> Certificate:
     """Returns the certificate of a run: the one in its folder if it is fit, else a new one.
 
-    One that `certify` has written is a commitment: if it no longer fits, the run is refused. One
-    that a former run has written is that run's, and makes room for a new one.
+    One that `certify` has written is a commitment: if it no longer fits, the run is refused, and
+    the command `again` named, which makes it for this scenario. One that a former run has written
+    is that run's, and makes room for a new one.
     """
     from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.table import verdict
@@ -362,11 +371,10 @@ def _certificate(scenario: Scenario, source: str, path: Path) -> Certificate:
         if certificate is not None and (changed := stale_reason(certificate, scenario)):
             if certificate.made_by == "certify":
                 raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
-                                "make it again for this scenario, or use another --output")
+                                f"use another --output, or make it again: {again}")
             certificate = None
         if certificate is None:
-            print("certifying (half a minute, the first time) ...", file=sys.stderr)
-            certificate = replace(certified_once(scenario), made_by="run")
+            certificate = replace(certified_once(scenario, announce_certifying), made_by="run")
     if not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
     return certificate

@@ -1,6 +1,7 @@
-"""How far a simulation has come, on a terminal or in a log file."""
+"""What a command is busy with, on a terminal or in a log file."""
 
 import logging
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,11 @@ from uvms_drake.alarm import LOGGER
 
 REFRESH_PERIOD = 0.2  # s of wall time, on a terminal
 LINES = 5  # in all, in a log file
+
+
+def announce_certifying() -> None:
+    """Says on stderr that a certificate is being computed."""
+    print("certifying (half a minute, the first time) ...", file=sys.stderr, flush=True)
 
 
 class ProgressLine:

@@ -5,6 +5,7 @@ file and changed by overrides such as `surface.stiffness=2000`.
 """
 
 import difflib
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -109,6 +110,11 @@ class Scenario:
         """Whether the velocity is the input."""
         return self.motion == "kinematic"
 
+    @property
+    def law(self) -> str:
+        """The ancillary law: `resolved` or `transpose`."""
+        return type(self.ancillary).__name__.lower()
+
 
 def shipped_scenarios() -> dict[str, Path]:
     """Returns the files of the scenarios that come with the package, by name."""
@@ -131,7 +137,12 @@ def scenario_path(name_or_path: str) -> Path:
 def scenario_source(name_or_path: str, overrides: Sequence[str] = ()) -> str:
     """Returns where a scenario's values come from, for messages about them."""
     path = scenario_path(name_or_path)
-    return f"{path} with overrides" if overrides else str(path)
+    return f"{path} with {shlex.join(set_options(overrides))}" if overrides else str(path)
+
+
+def set_options(overrides: Sequence[str]) -> list[str]:
+    """Returns the words of a command line that make the overrides, each in one line."""
+    return [word for text in overrides for word in ("--set", " ".join(text.split()))]
 
 
 def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
@@ -171,19 +182,19 @@ def apply_overrides(raw: object, overrides: Sequence[str]) -> object:
     """Returns raw data with `key.path=value` texts put in; what they mean is not checked here."""
     for text in overrides:
         path, equals, value = text.partition("=")
-        if not equals or not all(path.split(".")):
-            raise ScenarioError(f"override {text!r}: must be key.path=value")
-        raw = _replaced(raw, path.split("."), _override_value(text, value))
+        require(bool(equals and all(path.split("."))), "--set", text, "key.path=value")
+        raw = _replaced(raw, path.split("."), _override_value(path, value))
     return raw
 
 
-def _override_value(text: str, value: str) -> object:
+def _override_value(key: str, value: str) -> object:
     try:
         data = parse_yaml(f"v: {value}")
     except ScenarioError:
         data = None
     if not isinstance(data, dict) or list(data) != ["v"]:
-        raise ScenarioError(f"override {text!r}: must be key.path=value with a YAML value")
+        raise InvalidParameter(
+            key, value, "a YAML value (in quotes, if it is text with : or brackets)")
     return data["v"]
 
 

@@ -142,7 +142,7 @@ def summarise_tube(record: Record) -> dict[str, object]:
     report = dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
     return {
         "certified": bool(record.certified),
-        "law": type(record.scenario.ancillary).__name__.lower(),
+        "law": record.scenario.law,
         "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")),
         "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")),
         "exits": int(report["set_exits"]),

@@ -24,6 +24,7 @@ from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.certificate.table import verdict
 from uvms_drake.errors import RunFailed, require
 from uvms_drake.output import output_folder
+from uvms_drake.progress import announce_certifying
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario, load_scenario, reported_in, scenario_source
 from uvms_drake.simulation import simulate
@@ -73,8 +74,7 @@ def run_campaign(args: argparse.Namespace) -> int:
 
 
 def _certificate(scenario: Scenario, source: str) -> Certificate:
-    print("certifying (half a minute, the first time) ...", file=sys.stderr)
-    certificate = certified_once(scenario)
+    certificate = certified_once(scenario, announce_certifying)
     if not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
     return certificate

@@ -7,6 +7,7 @@ to go on with: then the certificate is void, and says which condition failed fir
 on the scenario's motion: `resolved_radii_of` and `_transpose`, or `kinematic.kinematic_radii`.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -69,8 +70,7 @@ def certify(scenario: Scenario) -> Certificate:
     constants = constants_of(scenario, model, declared)
     paper = paper_radii if scenario.kinematic else _paper
     draft = Certificate(
-        scenario=scenario.name, motion=scenario.motion,
-        law=type(scenario.ancillary).__name__.lower(),
+        scenario=scenario.name, motion=scenario.motion, law=scenario.law,
         k=scenario.ancillary.k, sigma=scenario.ancillary.sigma,
         d_bound=scenario.disturbance.bound, constants=tuple(constants.values()),
         paper=paper(scenario, constants), **fingerprint(scenario))
@@ -137,10 +137,18 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
     return model
 
 
-def certified_once(scenario: Scenario) -> Certificate:
-    """Returns the certificate of a scenario, from the cache if nothing has changed since."""
-    data = cached({"certificate": fingerprint(scenario)},
-                  lambda: certify(scenario).to_data())
+def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: None) -> Certificate:
+    """Returns the certificate of a scenario, from the cache if nothing has changed since.
+
+    Args:
+        scenario: What to certify.
+        announce: Called first if the certificate has to be computed, which takes long.
+    """
+    def compute() -> dict:
+        announce()
+        return certify(scenario).to_data()
+
+    data = cached({"certificate": fingerprint(scenario)}, compute)
     return replace(Certificate.from_data(data), scenario=scenario.name)
 
 

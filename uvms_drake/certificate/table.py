@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.conditions import Condition
 from uvms_drake.certificate.constants import Constant
@@ -28,6 +30,18 @@ HELP = {
 }
 """What would make a failed condition hold, by how its name begins."""
 
+UNITS = {
+    "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
+    "Jx_inv_max": "-", "J_dot_max": "1/s", "L_c": "1/s", "L_c_chi": "1/s", "L_1": "1/s²",
+    "L_1_chi": "1/s²", "L_2": "1/s",
+    "e": "m, rad", "position": "m", "orientation": "rad", "joints": "rad", "z": "m/s, rad/s",
+    "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "roll": "rad", "pitch": "rad",
+    "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
+    "printed radius": "m, rad", "corrected radius": "m, rad", "comparison system radius": "m, rad",
+    "radius of resolved": "m, rad", "smallest k": "1/s", "at σ": "1/s", "smallest σ": "1/s"}
+"""Of constants, radii, ultimate bounds and what the paper's Lemma gives; metres and radians mixed,
+as in the paper, so that a gain from velocities to velocities has none."""
+
 
 def format_certificate(certificate: Certificate) -> str:
     """Returns the certificate as text."""
@@ -40,15 +54,16 @@ def format_certificate(certificate: Certificate) -> str:
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
         "", "the paper's Lemma with these constants",
-        *(f"  {name:<32}{value:>12.4g}" for name, value in certificate.paper.items()),
+        *(f"  {name:<32}{value:>12.4g} {UNITS[name]}"
+          for name, value in certificate.paper.items()),
         "", verdict(certificate)])
 
 
 def _gains(certificate: Certificate) -> str:
     if certificate.motion == "kinematic":
-        return f"σ = {certificate.sigma:g} 1/s, w̃ = {certificate.d_bound:.4g}"
+        return f"σ = {certificate.sigma:g} 1/s, w̃ = {certificate.d_bound:.4g} m/s, rad/s"
     return (f"k = {certificate.k:g} 1/s, σ = {certificate.sigma:g} 1/s, "
-            f"d̃ = {certificate.d_bound:g}")
+            f"d̃ = {certificate.d_bound:g} m/s², rad/s²")
 
 
 def verdict(certificate: Certificate) -> str:
@@ -71,9 +86,9 @@ def _help(condition: Condition) -> str:
 
 
 def _constant_row(constant: Constant) -> str:
-    return (f"  {constant.name:<20}{constant.value:>12.4g}  {constant.how}, "
-            f"{constant.samples} {'samples' if constant.how == 'estimated' else 'boxes'}, "
-            f"worst seen {constant.sampled_value:.4g}")
+    states = "samples" if constant.how == "estimated" else "boxes"
+    return (f"  {constant.name:<20}{constant.value:>12.4g} {UNITS[constant.name]:<5} "
+            f"{constant.how}, {constant.samples} {states}, worst seen {constant.sampled_value:.4g}")
 
 
 def _condition_row(condition: Condition) -> str:
@@ -85,13 +100,15 @@ def _condition_row(condition: Condition) -> str:
 def _tube_rows(certificate: Certificate) -> list[str]:
     if certificate.tube is None:
         return ["  none"]
-    rows = []
-    for name, value in vars(certificate.tube).items():
-        numbers = value if isinstance(value, float) else None
-        text = f"{numbers:>12.4g}" if numbers is not None else "  " + ", ".join(
-            f"{x:.3g}" for x in (value if value is not None else ()))
-        rows.append(f"  {name:<20}{text}")
-    return rows
+    radii = {name: value for name, value in vars(certificate.tube).items()
+             if value is not None and np.size(value)}
+    return [f"  {name:<20}{_radius(value)} {UNITS[name]}" for name, value in radii.items()]
+
+
+def _radius(value: float | np.ndarray) -> str:
+    if isinstance(value, float):
+        return f"{value:>12.4g}"
+    return "  " + ", ".join(f"{x:.3g}" for x in value)
 
 
 def _terminal_rows(certificate: Certificate) -> list[str]:
@@ -103,6 +120,5 @@ def _terminal_rows(certificate: Certificate) -> list[str]:
 
 
 def _bound_rows(certificate: Certificate) -> list[str]:
-    units = {"position": "m", "orientation": "rad", "force": "N"}
-    return [f"ultimate bound of the {name:<12}{value:>11.4g} {units[name]}"
+    return [f"ultimate bound of the {name:<12}{value:>11.4g} {UNITS[name]}"
             for name, value in certificate.bounds.items()]
