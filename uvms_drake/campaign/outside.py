@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.campaign.unknowns import Unknowns
-from uvms_drake.faults import ExcessDisturbance, FrozenState, LostState, StuckJoint
+from uvms_drake.faults import ExcessDisturbance, Fault, FrozenState, LostState, StuckJoint
 from uvms_drake.scenario import Scenario
 
 FAULT_SECONDS = 0.5
@@ -29,7 +29,7 @@ FACTORS = (1.5, 2.0, 5.0)
 Step = Callable[[Scenario, float, np.random.Generator], Scenario]
 
 
-def _faulty(fault: object) -> Callable[[Scenario], Scenario]:
+def _faulty(fault: Fault) -> Callable[[Scenario], Scenario]:
     return lambda scenario: replace(scenario, faults=[*scenario.faults, fault])
 
 
@@ -60,7 +60,7 @@ def _misplaced(scenario: Scenario, largest: float, rng: np.random.Generator) -> 
 
 
 def _model(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
-    return Unknowns(*(largest * rng.uniform(-1.0, 1.0, 4))).put_into(scenario)
+    return Unknowns(*(largest * rng.uniform(-1.0, 1.0, 4)).tolist()).put_into(scenario)
 
 
 def _current(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:

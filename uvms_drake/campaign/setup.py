@@ -97,7 +97,8 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         model_error: As of `Campaign`.
         outside: As of `Campaign`.
     """
-    applied, walls = scenario, ()
+    applied = scenario
+    walls: tuple[Wall, ...] = ()
     targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
     if certificate is not None:
         applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate)

@@ -18,7 +18,7 @@ from uvms_drake.scenario import Scenario
 
 SHARE = 0.5
 """Of d̃, left to what is unknown."""
-PREDICTED = 0.7
+PREDICTED = 0.9
 """Of that, what may be predicted along the plan; the robot in its tube is not on it."""
 LIKELY = 0.4
 """Probability that a quantity is unknown in a run."""
@@ -65,7 +65,7 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
     """
     unknown = rng.uniform(size=len(Unknowns._fields)) < LIKELY
     unknown[rng.integers(len(unknown))] = True
-    relative = list(largest * rng.uniform(-1.0, 1.0, 5))
+    relative = (largest * rng.uniform(-1.0, 1.0, 5)).tolist()
     vectors = [size * rng.uniform() * direction / np.linalg.norm(direction)
                for size, direction in zip((LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT),
                                           rng.normal(size=(3, 3)), strict=True)]

@@ -76,8 +76,10 @@ def with_wall(scenario: Scenario, wall: Wall) -> Scenario:
 def _with_surface(scenario: Scenario, stiffness: float, tilt: float) -> Scenario:
     """Returns the scenario with a surface that is stiffer, and turned with 𝔉_des."""
     surface, task = scenario.surface, scenario.task
-    surface = replace(surface, stiffness=stiffness * np.asarray(surface.stiffness)
-                      if isinstance(surface, BilateralSpring) else stiffness * surface.stiffness)
+    if isinstance(surface, BilateralSpring):
+        surface = replace(surface, stiffness=stiffness * np.asarray(surface.stiffness))
+    else:
+        surface = replace(surface, stiffness=stiffness * surface.stiffness)
     if tilt and isinstance(surface, UnilateralPlane):
         normal = np.asarray(surface.normal, dtype=float)
         R = RotationMatrix(AngleAxis(tilt, _horizontal_in(normal))).matrix()
