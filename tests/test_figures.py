@@ -156,6 +156,16 @@ def test_torques_get_a_panel_if_there_are_any(record):
     assert len(FIGURES["force.png"](replace(record, force=force)).axes) == len(without.axes) + 1
 
 
+def test_the_force_after_the_first_contact_is_drawn_if_there_was_an_approach(record):
+    labels = [axis.get_ylabel() for axis in axes_of("force.png", record)]
+    assert labels == ["force [N]", "penetration [mm]", "force [N]"]
+    from_inside = replace(record, penetration=record.penetration + 0.01)
+    axes = axes_of("force.png", from_inside)
+    assert [axis.get_ylabel() for axis in axes] == labels[:2]
+    assert axes[-1].get_xlabel() == "time [s]"
+    assert "first contact" not in texts_of(axes[0].figure)
+
+
 def bands(axis):
     """Returns label and range of the bands of an axis."""
     return [(band.get_label(), *np.percentile(band.get_paths()[0].vertices[:, 1], [0, 100]))

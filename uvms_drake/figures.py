@@ -87,28 +87,30 @@ def draw_task_error(record: Record) -> Figure:
 
 
 def draw_force(record: Record) -> Figure:
-    """Draws 𝔉 and the penetration, and once more the force from first contact to settling."""
-    torque = bool(np.any(record.force[:, 3:]))
-    figure, axes = panels(4 if torque else 3, 5.4 if torque else 4.2, sharex=False)
-    _draw_wrench(axes[0], record, slice(0, 3), "$F_{}$")
-    _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
-    axes[0].set_ylabel("force [N]")
-    axes[-1].set_ylabel("force [N]")
+    """Draws 𝔉 and the penetration, and after an approach the force from contact to settling."""
+    torque, approach = bool(np.any(record.force[:, 3:])), not record.penetration[0] > 0.0
+    rows = 2 + torque + approach
+    figure, axes = panels(rows, 0.6 + 1.2 * rows, sharex=False)
+    whole = axes[: 2 + torque]
+    _draw_wrench(whole[0], record, slice(0, 3), "$F_{}$")
+    _draw_tolerance(whole[0], record, slice(0, 3))
+    whole[0].set_ylabel("force [N]")
     if torque:
-        _draw_wrench(axes[1], record, slice(3, 6), "$M_{}$")
-        axes[1].set_ylabel("torque [N m]")
-        _draw_tolerance(axes[1], record, slice(3, 6))
-        axes[1].legend(ncols=4, loc="best")
-    axes[-2].plot(record.time, 1e3 * record.penetration)
-    axes[-2].set_ylabel("penetration [mm]")
-    axes[-2].set_xlabel("time [s]")
-    _draw_tolerance(axes[0], record, slice(0, 3))
-    axes[-1].set_xlim(*_impact_window(record))
-    axes[-1].set_title("from the first contact to settling")
-    for axis in axes[:-1]:
-        axis.sharex(axes[0])
-    for axis in axes[:-2]:
+        _draw_wrench(whole[1], record, slice(3, 6), "$M_{}$")
+        _draw_tolerance(whole[1], record, slice(3, 6))
+        whole[1].set_ylabel("torque [N m]")
+        whole[1].legend(ncols=4, loc="best")
+    whole[-1].plot(record.time, 1e3 * record.penetration)
+    whole[-1].set_ylabel("penetration [mm]")
+    whole[-1].set_xlabel("time [s]")
+    for axis in whole[:-1]:
+        axis.sharex(whole[-1])
         axis.tick_params(labelbottom=False)
+    if approach:
+        _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
+        axes[-1].set_ylabel("force [N]")
+        axes[-1].set_xlim(*_impact_window(record))
+        axes[-1].set_title("from the first contact to settling")
     legend_above(figure, axes[0], 5)
     return figure
 
