@@ -68,3 +68,11 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "step_seconds": 0.03 + 0.01 * np.sin(7.0 * mpc_time) ** 2,
     }
     return replace(Record(scenario=scenario, wall_time_s=10.0, **arrays), **changes)
+
+
+def desiring(wrench: list[float], record: Record) -> Record:
+    """Returns the record with this 𝔉_des (6,) [N, N m], and a torque on the surface."""
+    force = record.force.copy()
+    force[:, 3] = 0.5
+    desired = np.tile(np.asarray(wrench, dtype=float), (len(record.time), 1))
+    return replace(record, force=force, desired_force=desired)

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from synthetic import synthetic_record
+from synthetic import desiring, synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import TubeRadii
@@ -154,6 +154,34 @@ def test_torques_get_a_panel_if_there_are_any(record):
     force[:, 4] = 0.5
     without = FIGURES["force.png"](record)
     assert len(FIGURES["force.png"](replace(record, force=force)).axes) == len(without.axes) + 1
+
+
+def test_the_force_after_the_first_contact_is_drawn_if_there_was_an_approach(record):
+    labels = [axis.get_ylabel() for axis in axes_of("force.png", record)]
+    assert labels == ["force [N]", "penetration [mm]", "force [N]"]
+    from_inside = replace(record, penetration=record.penetration + 0.01)
+    axes = axes_of("force.png", from_inside)
+    assert [axis.get_ylabel() for axis in axes] == labels[:2]
+    assert axes[-1].get_xlabel() == "time [s]"
+    assert "first contact" not in texts_of(axes[0].figure)
+
+
+def bands(axis):
+    """Returns label and range of the bands of an axis."""
+    return [(band.get_label(), *np.percentile(band.get_paths()[0].vertices[:, 1], [0, 100]))
+            for band in axis.collections if isinstance(band, PolyCollection)]
+
+
+@pytest.mark.parametrize(("wrench", "force", "torque"), [
+    ([20, 0, 0, 0, 0, 0], [("$\\pm$2 N", 18, 22)], []),
+    ([-20, 0, 0, 0, 0, 0], [("$\\pm$2 N", -22, -18)], []),
+    ([0, 0, 0, 0, 5, 0], [], [("$\\pm$2 N m", 3, 7)]),
+    ([0, 20, 0, 5, 7, 0], [("$\\pm$2 N, N m", 18, 22)], [("$\\pm$2 N, N m", 3, 7), ("_", 5, 9)]),
+])
+def test_the_tolerance_is_about_what_is_desired_in_its_unit(record, wrench, force, torque):
+    axes = axes_of("force.png", desiring(wrench, record))
+    assert bands(axes[0]) == force
+    assert bands(axes[1]) == torque
 
 
 def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import synthetic_record
+from synthetic import desiring, synthetic_record
 
 from uvms_drake.certificate.certificate import Certificate, write_certificate
 from uvms_drake.certificate.conditions import Condition
@@ -95,6 +95,16 @@ def test_a_force_that_never_settled_and_a_run_without_plans_are_no_trouble(recor
                     mpc_status=np.zeros(0), mpc_terminal_slack=np.zeros(0),
                     mpc_violation=np.zeros(0), mpc_refused=np.zeros(0), step_seconds=np.zeros(0))
     assert "never" in format_report(never, [], None)
+
+
+@pytest.mark.parametrize(("wrench", "text"), [
+    ([0, 0, 20, 0, 0, 0], "20 N"), ([0, 0, 0, 0.6, 0, 0.8], "1 N m"),
+    ([3, 0, 0, 0, 4, 0], "5 N, N m")])
+def test_the_desired_force_and_its_error_have_their_unit(record, wrench, text):
+    report = format_report(desiring(wrench, record), [], None)
+    unit = text.split(maxsplit=1)[1]
+    assert f"<th>desired force</th><td>{text}</td>" in report
+    assert re.search(rf"<th>force error at the end</th><td>[\d.]+ {unit}</td>", report)
 
 
 def test_a_run_is_loaded_with_its_certificate(record, tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import synthetic_record
+from synthetic import desiring, synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
@@ -99,6 +99,18 @@ def test_a_force_of_zero_has_no_direction():
     force = summarise(replace(record, desired_force=nothing))["force"]
     assert force["peak_normal"] is None
     assert force["overshoot"]["percent"] is None
+
+
+@pytest.mark.parametrize(("wrench", "unit"), [
+    ([20, 0, 0, 0, 0, 0], "N"), ([0, 0, 0, 0, 1, 0], "N m"), ([20, 0, 0, 0, 1, 0], "N, N m"),
+    ([0, 0, 0, 0, 0, 0], "N")])
+def test_errors_are_in_the_unit_of_what_is_desired(wrench, unit):
+    summary = summarise(desiring(wrench, synthetic_record()))
+    text = format_summary(summary)
+    assert f"error {summary['force']['final_error_norm']:.3g} {unit} at the end\n" in text
+    assert f"error {summary['force']['last_5_s']['mean_error_norm']:.3g} {unit} on average" in text
+    assert ("N at its peak" in text) == ("normal off by" in text) == (wrench[0] > 0)
+    assert ("no force desired, " in text) == (wrench[0] == 0)
 
 
 def test_settling_index():

@@ -34,7 +34,7 @@ from uvms_drake.paper_figures import (
 )
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario
-from uvms_drake.signals import input_names, settling_index
+from uvms_drake.signals import input_names, settling_index, wrench_unit
 
 UNCERTIFIED = "run without a certificate"
 
@@ -87,30 +87,30 @@ def draw_task_error(record: Record) -> Figure:
 
 
 def draw_force(record: Record) -> Figure:
-    """Draws 𝔉 and the penetration, and once more the force from first contact to settling."""
-    torque = bool(np.any(record.force[:, 3:]))
-    figure, axes = panels(4 if torque else 3, 5.4 if torque else 4.2, sharex=False)
-    _draw_wrench(axes[0], record, slice(0, 3), "$F_{}$")
-    _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
-    axes[0].set_ylabel("force [N]")
-    axes[-1].set_ylabel("force [N]")
+    """Draws 𝔉 and the penetration, and after an approach the force from contact to settling."""
+    torque, approach = bool(np.any(record.force[:, 3:])), not record.penetration[0] > 0.0
+    rows = 2 + torque + approach
+    figure, axes = panels(rows, 0.6 + 1.2 * rows, sharex=False)
+    whole = axes[: 2 + torque]
+    _draw_wrench(whole[0], record, slice(0, 3), "$F_{}$")
+    _draw_tolerance(whole[0], record, slice(0, 3))
+    whole[0].set_ylabel("force [N]")
     if torque:
-        _draw_wrench(axes[1], record, slice(3, 6), "$M_{}$")
-        axes[1].set_ylabel("torque [N m]")
-        axes[1].legend(ncols=4, loc="best")
-    axes[-2].plot(record.time, 1e3 * record.penetration)
-    axes[-2].set_ylabel("penetration [mm]")
-    axes[-2].set_xlabel("time [s]")
-    magnitude = np.linalg.norm(record.desired_force[:, :3], axis=1)
-    tolerance = record.scenario.task.force_tolerance
-    axes[0].fill_between(record.time, magnitude - tolerance, magnitude + tolerance, color=BLUE,
-                         alpha=0.12, linewidth=0, label=f"$\\pm${tolerance:g} N")
-    axes[-1].set_xlim(*_impact_window(record))
-    axes[-1].set_title("from the first contact to settling")
-    for axis in axes[:-1]:
-        axis.sharex(axes[0])
-    for axis in axes[:-2]:
+        _draw_wrench(whole[1], record, slice(3, 6), "$M_{}$")
+        _draw_tolerance(whole[1], record, slice(3, 6))
+        whole[1].set_ylabel("torque [N m]")
+        whole[1].legend(ncols=4, loc="best")
+    whole[-1].plot(record.time, 1e3 * record.penetration)
+    whole[-1].set_ylabel("penetration [mm]")
+    whole[-1].set_xlabel("time [s]")
+    for axis in whole[:-1]:
+        axis.sharex(whole[-1])
         axis.tick_params(labelbottom=False)
+    if approach:
+        _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
+        axes[-1].set_ylabel("force [N]")
+        axes[-1].set_xlim(*_impact_window(record))
+        axes[-1].set_title("from the first contact to settling")
     legend_above(figure, axes[0], 5)
     return figure
 
@@ -118,8 +118,17 @@ def draw_force(record: Record) -> Figure:
 def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
     for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True):
         axis.plot(record.time, force, color=color, label=name.format(letter))
-    for goal in np.unique(record.desired_force[:, part], axis=1).T:
-        axis.plot(record.time, goal, **{**LIMIT, "label": "desired"})
+    for i, goal in enumerate(np.unique(record.desired_force[:, part], axis=1).T):
+        axis.plot(record.time, goal, **{**LIMIT, "label": "_" if i else "desired"})
+
+
+def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
+    """Draws within what the components of 𝔉_des that are not zero count as settled."""
+    tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
+    goals = record.desired_force[:, part]
+    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
+        axis.fill_between(record.time, goal - tolerance, goal + tolerance, color=BLUE, alpha=0.12,
+                          linewidth=0, label="_" if i else f"$\\pm${tolerance:g} {unit}")
 
 
 def draw_velocities(record: Record) -> Figure:

@@ -2,6 +2,7 @@
 
 import base64
 import html
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from uvms_drake.errors import InvalidParameter, ScenarioError
 from uvms_drake.events import ALARMING
 from uvms_drake.record import SCENARIO_FILE, Record, load_record
 from uvms_drake.scenario import dump_scenario
+from uvms_drake.signals import wrench_unit
 from uvms_drake.summary import span, summarise
 
 STYLE = """
@@ -58,7 +60,8 @@ summary { cursor: pointer; color: var(--blue); }
 
 CAPTIONS = {
     "task_error.png": "Task error χ − χ_des, and the same close to zero with the tube.",
-    "force.png": "Force on the surface, penetration, and the force from first contact to settling.",
+    "force.png": "Force on the surface and penetration; after an approach, also the force from "
+                 "first contact to settling.",
     "velocities.png": "Velocities of vehicle and joints with their limits.",
     "joints.png": "Joint angles with their limits.",
     "inputs.png": "Acceleration commands with their limits.",
@@ -152,11 +155,11 @@ def _run(summary: dict[str, Any]) -> str:
     force, mpc, tube = summary["force"], summary["mpc"], summary["tube"]
     disturbance, overshoot = summary["disturbance"], force["overshoot"]
     task, ratio, step = summary["task_error"], tube["worst_ratio"], mpc["step_ms"]
-    desired = sum(x * x for x in force["desired"][:3]) ** 0.5
+    desired, unit = math.hypot(*force["desired"]), wrench_unit(force["desired"])
     rows = [
-        ("desired force", f"{desired:.4g} N"),
+        ("desired force", f"{desired:.4g} {unit}"),
         ("force settled after", _number(force["settling_time_s"], ".2f", "s", "never")),
-        ("force error at the end", f"{force['final_error_norm']:.3g} N"),
+        ("force error at the end", f"{force['final_error_norm']:.3g} {unit}"),
         ("largest force", _number(force["peak_normal"], ".4g", "N")),
         ("impact overshoot", "started in contact" if overshoot is None
          else _number(overshoot["percent"], ".3g", "%")),

@@ -57,7 +57,7 @@ class Task:
     posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """q_des [rad], resolves the redundancy of vehicle and arm."""
     force_tolerance: float = 2.0
-    """‖𝔉 − 𝔉_des‖₂ below which the force counts as settled [N]."""
+    """‖𝔉 − 𝔉_des‖₂ below which the force counts as settled [N, N m]."""
 
 
 @dataclass

@@ -1,4 +1,6 @@
-"""What is looked for in the signals of a run: limits, and the instant of settling."""
+"""What is looked for in the signals of a run: limits, units, and the instant of settling."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,6 +46,12 @@ def input_names(num_joints: int) -> list[str]:
     """Returns the names of the 6 + n accelerations."""
     return ["surge", "sway", "heave", "roll", "pitch", "yaw",
             *(f"q{i + 1}" for i in range(num_joints))]
+
+
+def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
+    """Returns the unit of 𝔉 and its errors by what 𝔉_des (6,) has: a force, a torque or both."""
+    force, torque = np.any(desired[:3]), np.any(desired[3:])
+    return "N, N m" if force and torque else "N m" if torque else "N"
 
 
 def settling_index(error: np.ndarray, tolerance: float) -> int | None:

@@ -16,7 +16,12 @@ from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
 from uvms_drake.control.tube_monitor import REPORT_FIELDS
 from uvms_drake.events import ALARMING, events
 from uvms_drake.record import Record
-from uvms_drake.signals import constraint_signals, disturbance_above, settling_index
+from uvms_drake.signals import (
+    constraint_signals,
+    disturbance_above,
+    settling_index,
+    wrench_unit,
+)
 
 LAST_SECONDS = 5.0
 """Length of the window at the end over which the force is averaged [s]."""
@@ -203,14 +208,18 @@ def _format_run(summary: dict) -> list[str]:
 def _format_force(force: dict) -> list[str]:
     settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
                if force["settling_time_s"] is not None else "never settled within the tolerance")
-    overshoot, last = force["overshoot"], force["last_5_s"]
+    overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
     impact = "started in contact" if overshoot is None else (
         f"impact overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
+    peak, off = "no force desired", ""
+    if force["peak_normal"] is not None:
+        peak = f"normal {force['peak_normal']:.4g} N at its peak"
+        off = f", normal off by {last['worst_normal_error']:.3g} N at most"
     return [
-        f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} N at the end",
-        f"{'':<14}normal {_number(force['peak_normal'], '.4g')} N at its peak, {impact}",
-        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} N on "
-        f"average, normal off by {last['worst_normal_error']:.3g} N at most",
+        f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} {unit} at the end",
+        f"{'':<14}{peak}, {impact}",
+        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} {unit} on "
+        f"average{off}",
     ]
 
 
