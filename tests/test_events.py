@@ -98,7 +98,7 @@ def test_without_a_bound_along_the_run_none_is_left():
 
 
 def test_a_disturbance_above_its_bound_is_measured_by_its_norm():
-    pair = changed("disturbance", slice(-3, None), [0.3, -0.4] + 8 * [0.0])
+    pair = changed("effective_disturbance", slice(-3, None), [0.3, -0.4] + 8 * [0.0])
     assert of_kind(pair, "disturbance_exceeded") == [Event(
         pytest.approx(3.96), None, "disturbance_exceeded",
         "disturbance above its bound of 0.1, at most 0.5")]
@@ -133,7 +133,7 @@ def test_a_refused_force_is_an_event_that_does_not_alarm():
 
 
 def test_events_are_in_order():
-    record = changed("disturbance", [10, 100, 190], 1.0)
+    record = changed("effective_disturbance", [10, 100, 190], 1.0)
     starts = [event.start for event in events(record)]
     assert starts == sorted(starts)
     assert len(starts) > 3

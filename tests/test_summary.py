@@ -338,7 +338,7 @@ def test_what_alarms_comes_first_and_the_rest_is_counted():
     record = synthetic_record()
     d = np.zeros_like(record.disturbance)
     d[::20] = 1.0
-    summary = summarise(replace(record, disturbance=d))
+    summary = summarise(replace(record, effective_disturbance=d))
     number = len(summary["events"])
     assert number > EVENT_LINES
     text = format_summary(summary)

@@ -43,7 +43,8 @@ def check_model_error(error: ModelError) -> None:
 
 def scaled_inertias(sdf: str, factor: float) -> str:
     """Returns the text of an SDFormat file with its masses and inertias multiplied."""
-    return INERTIAL.sub(lambda found: f"<{found[1]}>{float(found[2]) * float(factor)!r}</{found[1]}>", sdf)
+    return INERTIAL.sub(
+        lambda found: f"<{found[1]}>{float(factor * float(found[2]))!r}</{found[1]}>", sdf)
 
 
 def scaled_hydrodynamics(parameters: HydrodynamicParameters, error: ModelError,
