@@ -56,10 +56,12 @@ def draw_ratios(results: Results, certified: bool) -> Figure:
         if points:
             axis.plot(*np.array(points).T, color=color, label=label, **DOT)
     axis.axvline(1.0, **{**LIMIT, "label": tube_label(certified)})
-    if max(axis.get_xlim()) > 10.0:
+    low, high = axis.get_xlim()
+    if high > 10.0:
         _log(axis)
+        axis.set_xlim(0.8 * max(low, 0.1), 1.25 * high)
     else:
-        axis.set_xlim(0.0, 1.05 * max(1.0, *axis.get_xlim()))
+        axis.set_xlim(0.0, 1.05 * max(1.0, high))
     axis.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds])
     axis.set_xlabel("worst deviation of a run over its bound")
     figure.legend(ncols=3, loc="outside upper center")
@@ -89,9 +91,9 @@ def draw_proportion(results: Results) -> Figure:
         axis.set_yscale("log")
         axis.yaxis.set_major_locator(LogLocator())
         axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    low, high = min(*axis.get_xlim(), *axis.get_ylim()), max(*axis.get_xlim(), *axis.get_ylim())
-    ends = [max(low, 1e-3), high]
+    ends = [min(*axis.get_xlim(), *axis.get_ylim()), max(*axis.get_xlim(), *axis.get_ylim())]
     axis.plot(ends, ends, **{**LIMIT, "label": r"$D/\tilde{d}$"})
+    axis.margins(0.02)
     axis.set_xlabel(r"largest disturbance of a run over its bound, $D/\tilde{d}$")
     axis.set_ylabel("deviation over bound along the run")
     figure.legend(ncols=3, loc="outside upper center")
@@ -109,7 +111,7 @@ def draw_margins(results: Results) -> Figure:
         axis.plot(values, np.full(len(values), row), color=BLUE, **{**DOT, "alpha": 0.25})
         axis.plot(min(values), row, color=ORANGE, marker="|", markersize=5)
     axis.axvline(0.0, **LIMIT)
-    axis.set_xlim(right=1.0)
+    axis.set_xlim(left=max(axis.get_xlim()[0], -1.0), right=1.0)
     axis.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     axis.tick_params(axis="y", labelsize=5.5)
     axis.set_xlabel("smallest margin of a run over the constraint's size")

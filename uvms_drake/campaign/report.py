@@ -63,7 +63,8 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
         "by_disturbance": _grouped(done, lambda result: result["disturbance"]),
         "by_fault": _grouped(done, lambda result: ", ".join(result["faults"]) or "none"),
         "by_outside": _grouped(done, lambda result: result["outside"]),
-        "worst": [_replay(result) for result in sorted(results, key=_badness)[:WORST]],
+        "worst": [_replay(result) for result in sorted(
+            results, key=_reached if campaign.outside else _badness)[:WORST]],
         "results": results,
     }
 
@@ -113,6 +114,13 @@ def _badness(result: Result) -> tuple[float, ...]:
         return (-1.0, 0.0, 0.0, 0.0, result["index"])
     left = result["exits_set"] + result["exits_trajectory"] + (not result["finite"])
     return (0.0, -left, -result["violations"], -(result["ratio_set"] or 0.0), result["index"])
+
+
+def _reached(result: Result) -> tuple[float, ...]:
+    """Returns a key that sorts the runs to the front that raised, or went furthest."""
+    if result["error"] is not None:
+        return (-1.0, 0.0, result["index"])
+    return (0.0, -(result["ratio_set"] or 0.0), result["index"])
 
 
 def _replay(result: Result) -> dict[str, Any]:
