@@ -46,6 +46,7 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "u": 0.2 * decay * np.cos(3.0 * time)[:, None] * np.ones(10) - 0.03 * wave,
         "tau": 100.0 * wave,
         "state_lost": np.zeros(len(time)),
+        "input_limited": np.zeros(len(time)),
         "force": np.hstack([press[:, None], np.zeros((len(time), 5))]),
         "desired_force": np.tile([20.0, 0.0, 0.0, 0.0, 0.0, 0.0], (len(time), 1)),
         "penetration": press / 1000.0,

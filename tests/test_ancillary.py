@@ -10,11 +10,13 @@ from uvms_drake.control.ancillary import (
     AncillaryFeedback,
     Resolved,
     Transpose,
+    limited_input,
     motion,
     resolved_command,
     task_error,
     transpose_command,
 )
+from uvms_drake.control.limits import Limits
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.contact import UnilateralPlane, make_surface_law
@@ -23,6 +25,7 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
 K, SIGMA = 13.0, 4.0  # 1/s
+U_LIMIT = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])  # m/s² (3), rad/s² (7)
 
 
 def resolved_input(*arguments) -> np.ndarray:
@@ -278,6 +281,86 @@ def test_without_a_measurement_the_command_is_the_plans_own(model, states, confi
             feedback.GetOutputPort("u").Eval(context), nominal_input, atol=1e-9)
         np.testing.assert_allclose(
             feedback.GetOutputPort("tau").Eval(context), M @ nominal_input, rtol=1e-9, atol=1e-8)
+
+
+def commands(model, states, size: float):
+    """Yields M of the robot and random u up to `size` times the limits, and τ = M u."""
+    rng = np.random.default_rng(30)
+    for state in states["free"]:
+        M = model.mass_matrix(model.kinematics(state[:10]))
+        u = size * U_LIMIT * rng.uniform(-1.0, 1.0, size=10)
+        yield M, u, M @ u
+
+
+def test_each_acceleration_is_cut_to_its_limit_and_the_force_follows(model, states):
+    for M, u, tau in commands(model, states, 3.0):
+        cut_u, cut_tau, limited = limited_input(u, tau, M, U_LIMIT)
+        beyond = np.abs(u) > U_LIMIT
+        assert limited
+        assert 0 < np.count_nonzero(beyond) < 10
+        np.testing.assert_array_equal(cut_u[~beyond], u[~beyond])
+        np.testing.assert_array_equal(cut_u[beyond], (np.sign(u) * U_LIMIT)[beyond])
+        np.testing.assert_allclose(cut_tau, M @ cut_u, rtol=1e-12)
+
+
+def test_each_force_is_cut_to_its_limit_and_the_acceleration_follows(model, states):
+    for M, u, tau in commands(model, states, 3.0):
+        within_u = M @ np.clip(u, -U_LIMIT, U_LIMIT)
+        tau_limit = np.abs(within_u) * np.tile([0.5, 2.0], 5)
+        cut_u, cut_tau, limited = limited_input(u, tau, M, U_LIMIT, tau_limit)
+        assert limited
+        np.testing.assert_allclose(cut_tau, within_u * np.tile([0.5, 1.0], 5), rtol=1e-12)
+        np.testing.assert_allclose(M @ cut_u, cut_tau, rtol=1e-9, atol=1e-9)
+
+
+def test_a_command_within_the_limits_is_passed_on_bit_for_bit(model, states):
+    for M, u, tau in commands(model, states, 0.9):
+        for tau_limit in (None, 1.001 * np.abs(tau)):
+            cut_u, cut_tau, limited = limited_input(u, tau, M, U_LIMIT, tau_limit)
+            assert cut_u is u
+            assert cut_tau is tau
+            assert not limited
+
+
+@pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
+def test_the_system_says_whether_a_limit_cuts_its_command(model, states, config):
+    """With limits on either side of what the law commands, of u and of τ."""
+    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
+    nominal_input = acceleration - model.drift(nominal[:10], nominal[10:])
+
+    def outputs(limits):
+        feedback = AncillaryFeedback(model, config, limits)
+        context = feedback.CreateDefaultContext()
+        for name, value in (("state", state), ("nominal_state", nominal),
+                            ("nominal_acceleration", acceleration),
+                            ("nominal_input", nominal_input)):
+            feedback.GetInputPort(name).FixValue(context, value)
+        return [feedback.GetOutputPort(name).Eval(context).copy()
+                for name in ("u", "tau", "limited")]
+
+    u, tau, limited = outputs(None)
+    assert limited == 0.0
+    wide, tight = 1.001 * np.abs(u), 0.5 * np.abs(u)
+    for limits in (Limits(u=wide), Limits(u=wide, tau=1.001 * np.abs(tau))):
+        for value, expected in zip(outputs(limits), (u, tau, 0.0), strict=True):
+            np.testing.assert_array_equal(value, expected)
+    cut_u, cut_tau, limited = outputs(Limits(u=tight))
+    assert limited == 1.0
+    np.testing.assert_allclose(cut_u, 0.5 * u, rtol=1e-12)
+    np.testing.assert_allclose(cut_tau, 0.5 * tau, rtol=1e-9)
+    cut_u, cut_tau, limited = outputs(Limits(u=wide, tau=0.5 * np.abs(tau)))
+    assert limited == 1.0
+    np.testing.assert_allclose(cut_u, 0.5 * u, rtol=1e-9)
+    np.testing.assert_allclose(cut_tau, 0.5 * tau, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("limits", "key"), [
+    (Limits(u=U_LIMIT[:6]), "limits.u"), (Limits(u=-U_LIMIT), "limits.u"),
+    (Limits(u=U_LIMIT, tau=np.zeros(10)), "limits.tau")])
+def test_a_limit_that_has_no_meaning_is_named(model, limits, key):
+    with pytest.raises(InvalidParameter) as caught:
+        AncillaryFeedback(model, Resolved(), limits)
+    assert caught.value.key == key
 
 
 @pytest.mark.parametrize("law", [Resolved, Transpose])

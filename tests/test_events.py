@@ -113,6 +113,12 @@ def test_a_violated_limit_is_named(channel, value, text):
         Event(pytest.approx(1.0), pytest.approx(1.08), "limit_violated", text)]
 
 
+def test_a_limited_command_is_an_event_that_alarms():
+    assert of_kind(changed("input_limited", [50, 53], 1.0), "input_limited") == [Event(
+        pytest.approx(1.0), pytest.approx(1.08), "input_limited", "the command is limited")]
+    assert "input_limited" in ALARMING
+
+
 @pytest.mark.parametrize(("status", "kind", "text"), [
     (1.0, "solver_failed", "the solver failed"), (2.0, "solver_late", "the solver was too late"),
     (3.0, "sample_dropped", "the sample was dropped")])

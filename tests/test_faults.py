@@ -11,17 +11,19 @@ a control period is dropped               The last plan goes on by itself, where
                                           terminal controller. Inside the theory: no exit, and the
                                           next plan starts where it is then. `mpc_status` is 3.
 the measured state is not a number        Outside: the command is the plan's own, without feedback,
-for 0.5 s                                 and `state_lost` says when. Finite; back in the tube when
-                                          the fault is over.
+for 0.5 s                                 and `state_lost` says when. Finite; no command exceeds
+                                          `limits.u`; back in the tube when the fault is over.
 the measured state is not a number at     There is no first plan: one line.
 t = 0
 the measured state is frozen for 0.5 s    Outside: the monitor notes an exit, with its time. Finite;
-                                          back in the tube when the fault is over.
+                                          no command exceeds `limits.u`, and `input_limited` says
+                                          when they cut it; back in the tube when the fault is over.
 ‖d‖ = 1.5, 2, 5 times d̃                   Outside: ‖d‖ > d̃ is noted at the sample at which it is
                                           first. The tube is proportional to d̃, so the deviation
                                           stays within as many times the trajectory-wise bound.
 a wall 10 times as stiff as modelled      Outside: an exit is noted when contact is made. Finite.
-a joint is stuck                          Outside: an exit is noted after it sticks. Finite.
+a joint is stuck                          Outside: an exit is noted after it sticks. Finite; no
+                                          command exceeds `limits.u`.
 ========================================  ==========================================================
 
 The monitor, the logs and the adversary see the true state. What is outside of the theory voids the
@@ -100,6 +102,10 @@ def ends_at_the_task(record) -> bool:
 def assert_tube_kept(record, report) -> None:
     assert report["set_exits"] == report["trajectory_exits"] == 0.0
     assert ends_at_the_task(record)
+
+
+def assert_no_command_exceeds_the_limits(record) -> None:
+    assert np.all(np.abs(record.u) <= record.scenario.limits.u)
 
 
 # Faults of the solver ----------------------------------------------------------------------------
@@ -199,6 +205,7 @@ def test_a_lost_measurement_is_overcome():
     assert start < report["set_first_exit"] < start + 0.5
     deviation = record.deviation_of("position")
     assert np.all(deviation[record.time > start + 2.0] < record.scenario.tube.position)
+    assert_no_command_exceeds_the_limits(record)
     assert ends_at_the_task(record)
 
 
@@ -235,7 +242,11 @@ def test_a_frozen_measurement_is_noted_and_overcome(said):
     assert f"t = {left.start:g} s: left the tube (set-wise)" in said()
     deviation = record.deviation_of("position")
     assert np.max(deviation) > 3.0 * record.scenario.tube.position
-    assert np.all(deviation[record.time > start + 2.0] < record.scenario.tube.position)
+    assert np.all(deviation[record.time > start + 2.5] < record.scenario.tube.position)
+    assert_no_command_exceeds_the_limits(record)
+    limited = [event for event in events(record) if event.kind == "input_limited"]
+    assert start < limited[0].start < start + 0.5
+    assert limited[-1].end is not None
     assert not np.any(record.state_lost)
     assert ends_at_the_task(record)
 
@@ -288,6 +299,7 @@ def test_a_stuck_joint_is_noted(joint):
     q = record.state[:, 6 + joint]
     assert np.ptp(q[record.time > start + 0.5]) < 0.02
     assert start < report["set_first_exit"] < np.inf
+    assert_no_command_exceeds_the_limits(record)
     assert np.max(np.abs(record.state)) < 10.0
 
 

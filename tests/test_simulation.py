@@ -34,7 +34,8 @@ class Breaks(LeafSystem):
 def logs_of(record):
     logs = {field.name: getattr(record, field.name) for field in fields(record)
             if field.name not in ("scenario", "wall_time_s")}
-    return logs | {"accepted_force": record.desired_force, "lost": record.state_lost[:, None]}
+    return logs | {"accepted_force": record.desired_force, "lost": record.state_lost[:, None],
+                   "limited": record.input_limited[:, None]}
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +46,10 @@ def record():
 def test_the_record_has_all_signals_at_all_samples(record):
     np.testing.assert_allclose(record.time, np.arange(151) * 0.01, atol=1e-12)
     for name in ("state", "nominal_state", "chi", "chi_nominal", "nominal_input", "u", "tau",
-                 "state_lost", "force", "penetration", "disturbance", "acceleration",
-                 "effective_disturbance"):
+                 "state_lost", "input_limited", "force", "penetration", "disturbance",
+                 "acceleration", "effective_disturbance"):
         assert len(getattr(record, name)) == 151
-    assert record.penetration.ndim == record.state_lost.ndim == 1
+    assert record.penetration.ndim == record.state_lost.ndim == record.input_limited.ndim == 1
     assert record.state.shape[1] == 20
     for field in fields(record):
         if field.name not in ("scenario", "tube_report"):
@@ -96,6 +97,7 @@ def test_with_kinematic_motion_the_effective_disturbance_is_the_one_of_the_tip()
     assert np.max(np.abs(record.disturbance)) > 0.0
     np.testing.assert_array_equal(record.effective_disturbance, record.disturbance)
     assert record.acceleration.shape == (len(record.time), 0)
+    np.testing.assert_array_equal(record.input_limited, np.zeros(len(record.time)))
 
 
 def test_the_joint_limits_are_those_in_force(record):

@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.record import Record
@@ -162,6 +163,42 @@ def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
         closer.penetration[deeper], closer.chi[deeper, 0] + 0.005, atol=1e-12)
     first = [record.time[np.argmax(record.penetration > 0.0)] for record in (closer, known)]
     assert first[0] < first[1]
+
+
+def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
+    """Bit for bit, with a law that is told the limits and with one that is not."""
+    scenario = load_scenario(
+        "girona500_contact", ["start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"])
+    told = []
+
+    def without_limits(ocp, ancillary, targets, limits):
+        told.append(limits)
+        return make_tube_mpc(ocp, ancillary, targets)
+
+    limited = logs_of(scenario, 2.0)
+    monkeypatch.setattr("uvms_drake.station.make_tube_mpc", without_limits)
+    assert_identical(limited, logs_of(scenario, 2.0))
+    assert told == [scenario.limits]
+    assert np.all(limited["limited"] == 0.0)
+
+
+@pytest.mark.parametrize(("law", "scheme", "limited"), [
+    ("Transpose {k: 10000, sigma: 11.5, joints: true}", "radau3", False),
+    ("Resolved {k: 20, sigma: 5}", "implicit_euler", False),
+    ("Resolved {k: 20, sigma: 5}", "runge_kutta3", True)])
+def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limited):
+    """By the command of a robot that is far from the plan, on the way."""
+    scenario = load_scenario("paper_dynamic", [
+        "mpc.horizon=8", f"ancillary=!{law}", f"simulator.integration_scheme={scheme}"])
+    station = make_station(scenario)
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    initialize(station, context, scenario)
+    simulator.Initialize()
+    scenario.start.eta[0] += 0.1
+    initialize(station, context, scenario)
+    u, flag = (station.GetOutputPort(name).Eval(context) for name in ("u", "limited"))
+    assert bool(flag) == limited == bool(np.max(np.abs(u) / scenario.limits.u) <= 1.0)
 
 
 # Repeatability -----------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ GAP = 0.1
 """Shortest interruption of what is logged that makes two events of it [s]."""
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
-            "solver_late", "sample_dropped", "state_lost")
+            "solver_late", "sample_dropped", "state_lost", "input_limited")
 """Kinds that are not as planned; the others are `contact`, `settled` and `force_refused`."""
 
 MPC_KINDS = {FAILED: "solver_failed", LATE: "solver_late", DROPPED: "sample_dropped"}
@@ -96,6 +96,8 @@ def _logged(record: Record) -> Iterator[_Signal]:
     yield _Signal("disturbance_exceeded", disturbance_above(record),
                   lambda when: f"{SAID[2]} of {bound:.3g}, at most {np.max(d[when]):.3g}")
     yield _Signal("state_lost", record.state_lost > 0.0, lambda when: "the measured state is lost")
+    yield _Signal("input_limited", record.input_limited > 0.0,
+                  lambda when: "the command is limited")
     for name, (signal, limit) in constraint_signals(record).items():
         excess = limit - signal if name.endswith("_min") else signal - limit
         yield _Signal("limit_violated", excess > 0.0, partial(_limit_text, name, excess))

@@ -42,6 +42,8 @@ class Record:
     """τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
     state_lost: np.ndarray
     """1 where the measured state was not finite and the command was the plan's own, else 0 (T,)."""
+    input_limited: np.ndarray
+    """1 where a limit cut the command, else 0 (T,); 0 if the motion is kinematic."""
     force: np.ndarray
     """𝔉, exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
     surface's law gives for the pose."""

@@ -127,6 +127,7 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
         still = np.zeros_like(chi)
         logs = logs | {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
                  "tau": np.empty((len(chi), 0)), "acceleration": np.empty((len(chi), 0)),
+                 "limited": np.zeros(len(chi)),
                  "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1))}
     derived = {
         "desired_force": logs["accepted_force"],
@@ -140,7 +141,8 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
         "certified": np.array(certified),
     }
     arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1),
-              "state_lost": logs["lost"].reshape(-1)}
+              "state_lost": logs["lost"].reshape(-1),
+              "input_limited": logs["limited"].reshape(-1)}
     known = {f.name for f in fields(Record)}
     return Record(scenario=scenario, wall_time_s=wall_time,
                   **{name: value for name, value in arrays.items() if name in known})
@@ -152,7 +154,7 @@ def effective_disturbance(model: UvmsModel, state: np.ndarray, u: np.ndarray,
 
     The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
     the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
-    else.
+    else. 𝔲 is what is sent: what a limit cuts off the law's command is not in it.
 
     Args:
         model: The controller's.

@@ -4,7 +4,8 @@ Nothing is raised and every number stays finite; whatever leaves its bound is in
 time. Where the measurement is right the theory says more: the tube is proportional to d̃, so if
 what disturbs the robot is D at most, the deviation stays within max(1, D/d̃) times its bound along
 the run. So it is for a disturbance that is too large, and for everything that the controller does
-not know: that acts as a disturbance too.
+not know: that acts as a disturbance too. It is so as long as the law's command is sent as it is;
+nothing is promised of a run in which a limit cut it.
 """
 
 from collections.abc import Callable

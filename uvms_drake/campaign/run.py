@@ -82,7 +82,8 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     that was at most 1. `margin` is the smallest of `margins`, and `constraint` its name. `noted` is
     what the log says, each with the time at which it says so first. `within_at_end` is whether the
     robot is in its tube at the end, `proportional` whether the deviation stayed within D/d̃ times
-    its bound, None where nothing promises it. `finite` is whether all logged signals are.
+    its bound, None where nothing promises it, as where a limit cut the command. `finite` is whether
+    all logged signals are.
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
@@ -106,6 +107,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "within_at_end": within_at_end(record),
         "proportional": None if (
             size is None or ratio is None or variation.outside in MEASURED_WRONG
+            or "input_limited" in noted
         ) else bool(ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
     }

@@ -21,18 +21,22 @@ angles are compared modulo 2π. Two laws:
 u of (eq:dynamics) is a generalised acceleration: f carries M⁻¹ inside, u stands beside it. What
 goes to thrusters and joints is τ = M(𝔮) u, with the full inertia including added mass. For the law
 `resolved` that is the inverse dynamics at ζ̇_ref − k𝔯, and neither f nor M is needed.
+
+An actuator saturates, and so does the command, where it is told the robot's input limits. What the
+certificate covers stays within them, so there nothing is cut and the above is exact.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, ValueProducer
 
+from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.errors import require
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
@@ -66,12 +70,16 @@ AncillaryConfig = Resolved | Transpose
 
 @dataclass(frozen=True)
 class Command:
-    """What a law commands; it gives one of the two, and the other follows when it is asked for."""
+    """What a law commands; it gives one of u and τ, and the rest follows when it is asked for."""
 
     u: Callable[[], np.ndarray]
     """u (6+n,) [m/s² (3), rad/s² (3+n)]."""
     tau: Callable[[], np.ndarray]
     """τ = M(𝔮) u (6+n,) [N (3), N m (3+n)]."""
+    M: Callable[[], np.ndarray]
+    """M(𝔮) (6+n, 6+n)."""
+    limited: bool = False
+    """Whether a limit has cut it."""
 
 
 class Motion(NamedTuple):
@@ -130,7 +138,8 @@ def resolved_command(model: UvmsModel, state: np.ndarray, nominal_state: np.ndar
     zeta_ref_dot = now.inverse @ (acceleration - sigma * error_rate - J_dot @ zeta_ref)
     measured = now.kinematics.at(0)
     tau = model.inverse_dynamics(measured, zeta, zeta_ref_dot - k * (zeta - zeta_ref))
-    return Command(u=lambda: np.linalg.solve(model.mass_matrix(measured), tau), tau=lambda: tau)
+    M = cache(lambda: model.mass_matrix(measured))
+    return Command(u=lambda: np.linalg.solve(M(), tau), tau=lambda: tau, M=M)
 
 
 def transpose_command(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray,
@@ -152,7 +161,46 @@ def transpose_command(model: UvmsModel, state: np.ndarray, nominal_state: np.nda
     error = task_error(*now.y)[rows]
     z = now.zeta[0] - now.zeta[1]
     u = nominal_input - k * z - k * sigma * now.J_x[1, rows].T @ error
-    return Command(u=lambda: u, tau=lambda: model.mass_matrix(now.kinematics.at(0)) @ u)
+    M = cache(lambda: model.mass_matrix(now.kinematics.at(0)))
+    return Command(u=lambda: u, tau=lambda: M() @ u, M=M)
+
+
+def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.ndarray,
+                  tau_limit: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Returns u and τ cut to their limits, and whether they are cut.
+
+    First u ← clip(u, ±u_limit) and τ = M u, one component at a time, then likewise
+    τ ← clip(τ, ±τ_limit) and u = M⁻¹τ. What exceeds no limit is returned as it is. τ is what is
+    sent: where its own limits cut it, u follows from it and may be beyond those of u.
+
+    Args:
+        u: (6+n,) [m/s² (3), rad/s² (3+n)].
+        tau: M u (6+n,) [N (3), N m (3+n)].
+        M: (6+n, 6+n).
+        u_limit: Of |uᵢ| (6+n,).
+        tau_limit: Of |τᵢ| (6+n,); None if forces are not limited.
+    """
+    limited = False
+    if (np.abs(u) > u_limit).any():
+        u, limited = np.clip(u, -u_limit, u_limit), True
+        tau = M @ u
+    if tau_limit is not None and (np.abs(tau) > tau_limit).any():
+        tau, limited = np.clip(tau, -tau_limit, tau_limit), True
+        u = np.linalg.solve(M, tau)
+    return u, tau, limited
+
+
+def _cut(command: Command, u_limit: np.ndarray, tau_limit: np.ndarray | None) -> Command:
+    """Returns what `limited_input` leaves of a command."""
+    u, tau, limited = limited_input(command.u(), command.tau(), command.M(), u_limit, tau_limit)
+    return Command(lambda: u, lambda: tau, command.M, limited)
+
+
+def _input_limits(limits: Limits, num_joints: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Returns the limits of |uᵢ| and |τᵢ| (6+n,), or raises."""
+    check_limits(limits, num_joints)
+    tau = None if limits.tau is None else np.asarray(limits.tau, dtype=float)
+    return np.asarray(limits.u, dtype=float), tau
 
 
 def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
@@ -182,6 +230,7 @@ class AncillaryFeedback(LeafSystem):
         - u
         - tau
         - lost
+        - limited
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
@@ -191,22 +240,27 @@ class AncillaryFeedback(LeafSystem):
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
     - `lost` (1): 1 while the measured state is not finite, else 0.
+    - `limited` (1): 1 while a limit cuts the command, else 0.
 
     It has no state. In place of a measured state that is not finite the law takes the nominal one,
-    so that the command is the plan's own, without feedback.
+    so that the command is the plan's own, without feedback. `u` and `tau` are what the limits leave
+    of the law's command, see `limited_input`.
 
     Args:
         model: The controller's model of the robot and of the surface.
         config: The law and its gains.
+        limits: Those of the real robot, of which the ones of u and τ are read; None: the law's
+            command is passed on as it is.
     """
 
-    def __init__(self, model: UvmsModel, config: AncillaryConfig):
+    def __init__(self, model: UvmsModel, config: AncillaryConfig, limits: Limits | None = None):
         super().__init__()
         for key in ("k", "sigma"):
             value = getattr(config, key)
             require(bool(0.0 < value < np.inf), key, value, "positive")
         self._model = model
         self._config = config
+        self._limits = None if limits is None else _input_limits(limits, model.num_joints)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         acceleration = self.DeclareVectorInputPort("nominal_acceleration", model.size)
@@ -225,12 +279,14 @@ class AncillaryFeedback(LeafSystem):
         self.DeclareVectorOutputPort("tau", model.size, self._calc_tau, given)
         self.DeclareVectorOutputPort(
             "lost", 1, self._calc_lost, {self.input_port_ticket(self._state_port.get_index())})
+        self.DeclareVectorOutputPort("limited", 1, self._calc_limited, given)
 
     def _calc_command(self, context, command):
         state, nominal = self._state_port.Eval(context), self._nominal_state_port.Eval(context)
-        command.set_value(self._law(
+        wanted = self._law(
             self._model, nominal if is_lost(state) else state, nominal,
-            self._forward_port.Eval(context), *astuple(self._config)))
+            self._forward_port.Eval(context), *astuple(self._config))
+        command.set_value(wanted if self._limits is None else _cut(wanted, *self._limits))
 
     def _calc_u(self, context, output):
         output.SetFromVector(self._command.Eval(context).u())
@@ -241,10 +297,13 @@ class AncillaryFeedback(LeafSystem):
     def _calc_lost(self, context, output):
         output.SetFromVector([float(is_lost(self._state_port.Eval(context)))])
 
+    def _calc_limited(self, context, output):
+        output.SetFromVector([float(self._command.Eval(context).limited)])
+
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AncillaryConfig, *,
                      nominal: LeafSystem, state: OutputPort | None = None,
-                     name: str = "ancillary") -> "AncillaryFeedback":
+                     limits: Limits | None = None, name: str = "ancillary") -> "AncillaryFeedback":
         """Adds the feedback and connects it to a system with a `NominalMpc`'s output ports.
 
         Args:
@@ -253,9 +312,10 @@ class AncillaryFeedback(LeafSystem):
             config: The law and its gains.
             nominal: Gives nominal_state, nominal_acceleration and nominal_input.
             state: Gives (𝔮, ζ); left to the caller if None.
+            limits: Those of the real robot; None: the command is not limited.
             name: Name of the system.
         """
-        feedback = AncillaryFeedback(model, config)
+        feedback = AncillaryFeedback(model, config, limits)
         builder.AddNamedSystem(name, feedback)
         for port in ("nominal_state", "nominal_acceleration", "nominal_input"):
             builder.Connect(nominal.GetOutputPort(port), feedback.GetInputPort(port))

@@ -7,12 +7,13 @@ from uvms_drake.control.ancillary import AncillaryConfig, AncillaryFeedback
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc, Targets
 from uvms_drake.control.scp import SequentialConvexSolver
 
 
 def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
-                  targets: Targets | None = None) -> Diagram:
+                  targets: Targets | None = None, limits: Limits | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
@@ -34,6 +35,7 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
         - tau
         - u
         - lost
+        - limited
         - nominal_state
         - nominal_input
         - plan
@@ -45,12 +47,15 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
+    - `limited`: 1 while a limit cuts what the law commands, else 0 (1).
     - the others: see `NominalMpc`.
 
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
         ancillary: The feedback law and its gains.
         targets: Makes the problem of another desired force; None if it stays as it is.
+        limits: Those of the real robot, which `u` and `tau` keep to; None: the law's command is
+            passed on as it is.
     """
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
@@ -58,13 +63,14 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured, targets=targets)
     feedback = AncillaryFeedback.AddToBuilder(
-        builder, ocp.model, ancillary, nominal=mpc, state=measured)
+        builder, ocp.model, ancillary, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportOutput(feedback.GetOutputPort("tau"), "tau")
     builder.ExportOutput(feedback.GetOutputPort("u"), "u")
     builder.ExportOutput(feedback.GetOutputPort("lost"), "lost")
+    builder.ExportOutput(feedback.GetOutputPort("limited"), "limited")
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     if targets is not None:
