@@ -33,8 +33,9 @@ from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter, RunFailed
+from uvms_drake.problem import start_state
 from uvms_drake.scenario import Scenario, load_scenario
-from uvms_drake.station import make_station, start_state
+from uvms_drake.station import make_station
 from uvms_drake.summary import jsonable
 
 LITTLE = Effort(warm_up=1, steps=4, first_plans=2, instants=3, rounds=2, simulated=3.0,

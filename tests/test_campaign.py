@@ -40,9 +40,10 @@ from uvms_drake.faults import COVERED
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance
+from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import dump_scenario, load_scenario
 from uvms_drake.simulation import simulate
-from uvms_drake.station import MONITOR_SLACK, make_ocp, start_state
+from uvms_drake.station import MONITOR_SLACK
 from uvms_drake.summary import summarise
 
 RUNS = 6

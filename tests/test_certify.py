@@ -16,8 +16,8 @@ from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.certificate.terminal_set import check_terminal
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.problem import make_ocp
 from uvms_drake.scenario import Scenario, load_scenario
-from uvms_drake.station import make_ocp
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -28,8 +28,8 @@ def reaches(path: Path, package: str) -> bool:
 
 
 @pytest.mark.parametrize(("part", "forbidden"), [
-    ("plant", ("control", "station", "scenario", "simulation", "summary", "record")),
-    ("control", ("plant", "station", "scenario", "simulation", "summary", "record")),
+    ("plant", ("control", "station", "problem", "scenario", "simulation", "summary", "record")),
+    ("control", ("plant", "station", "problem", "scenario", "simulation", "summary", "record")),
     ("model", ("plant", "control", "station", "scenario", "simulation", "summary", "record")),
 ])
 def test_a_part_knows_only_what_stands_below_it(part, forbidden):

@@ -6,9 +6,9 @@ import pytest
 from uvms_drake.campaign.induced import predicted_disturbance
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import load_scenario
 from uvms_drake.simulation import simulate
-from uvms_drake.station import make_ocp, start_state
 
 CALM = ["duration=3.2", "disturbance.bound=0"]
 

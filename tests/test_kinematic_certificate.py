@@ -41,8 +41,8 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
+from uvms_drake.problem import make_kinematic_ocp, start_state
 from uvms_drake.scenario import Scenario, load_scenario
-from uvms_drake.station import make_kinematic_ocp, start_state
 
 NAME = "paper_kinematic_certified"
 STEP = 0.01

@@ -14,8 +14,8 @@ from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.problem import make_kinematic_ocp
 from uvms_drake.scenario import load_scenario
-from uvms_drake.station import make_kinematic_ocp
 
 SIGMA = 3.0
 

@@ -13,8 +13,8 @@ from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.problem import make_kinematic_ocp
 from uvms_drake.scenario import load_scenario
-from uvms_drake.station import make_kinematic_ocp
 
 H = 0.1  # s
 SCENARIO = load_scenario("paper_kinematic")

@@ -6,10 +6,11 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.problem import retargeted_ocp
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario, load_scenario
 from uvms_drake.simulation import make_record
-from uvms_drake.station import initialize, make_station, read_logs, retargeted_ocp
+from uvms_drake.station import initialize, make_station, read_logs
 from uvms_drake.summary import summarise
 
 FORCES = ((10.0, 30.0), (16.0, 40.0), (17.0, 25.0))

@@ -8,11 +8,12 @@ from uvms_drake.control.ancillary import task_error
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.errors import InvalidParameter
 from uvms_drake.plant.disturbance import RandomDisturbance
+from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario, load_scenario
 from uvms_drake.signals import constraint_signals
 from uvms_drake.simulation import simulate
-from uvms_drake.station import LOGGED, initialize, make_ocp, make_station, read_logs, start_state
+from uvms_drake.station import LOGGED, initialize, make_station, read_logs
 
 SHORT = ["mpc.horizon=8"]
 WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",

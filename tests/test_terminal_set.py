@@ -21,8 +21,8 @@ from uvms_drake.control.limits import NominalLimits
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.terminal import INFLATION, terminal_ingredients
+from uvms_drake.problem import make_ocp
 from uvms_drake.scenario import load_scenario
-from uvms_drake.station import make_ocp
 
 FRESH = 10_000
 

@@ -54,9 +54,10 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import Scenario
 from uvms_drake.simulation import simulate
-from uvms_drake.station import initialize, make_ocp, make_station, start_state
+from uvms_drake.station import initialize, make_station
 from uvms_drake.summary import jsonable
 
 BENCH_FILE = "bench.json"

@@ -9,28 +9,28 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
 
-from uvms_drake.certificate.reach import largest_force, pressed_force, ultimate_bounds
-from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.control.ancillary import Transpose
-from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
-from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
+from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.nominal_mpc import REPORT_FIELDS, Targets
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.errors import require, vector, within
 from uvms_drake.fault_systems import FaultySensor, JointBrake, SolverFaults
 from uvms_drake.faults import COVERED, FrozenState, LostState, StuckJoint, excess
-from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.surface_error import displaced
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, TaskAdversary
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.kinematic_plant import make_kinematic_plant, set_configuration
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.problem import (
+    make_dynamic_ocp,
+    make_kinematic_ocp,
+    retargeted_ocp,
+    start_state,
+    within_declared_set,
+)
 from uvms_drake.scenario import Scenario
 from uvms_drake.visual.controls import DisturbanceSlider, ForceSlider
 from uvms_drake.visual.illustration import Illustration
@@ -288,106 +288,6 @@ def set_wise_radii(scenario: Scenario) -> dict[str, float]:
     radii = {"task": tube.e, "position": tube.position, "orientation": tube.orientation,
              "joints": joints, "z": tube.z}
     return {field: radius for field, radius in radii.items() if radius is not None}
-
-
-def make_ocp(scenario: Scenario) -> Ocp:
-    """Returns the nominal MPC's problem, with a model that is the controller's own.
-
-    Raises:
-        InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
-    """
-    return make_kinematic_ocp(scenario) if scenario.kinematic else make_dynamic_ocp(scenario)
-
-
-def make_kinematic_ocp(scenario: Scenario) -> KinematicOcp:
-    """Returns the problem of a scenario with kinematic motion; see `make_ocp`."""
-    model, y_des, limits = _task(scenario)
-    with within("mpc"):
-        return KinematicOcp(model, scenario.mpc, y_des, limits)
-
-
-def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
-    """Returns the problem of a scenario with dynamic motion; see `make_ocp`."""
-    model, y_des, limits = _task(scenario)
-    with within("mpc"):
-        ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
-    require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
-            f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
-    return ocp
-
-
-def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
-    """Returns the problem of another desired force (6,), with a terminal set of its own.
-
-    The tube stays the scenario's: it holds for the forces of the declared set.
-
-    Raises:
-        InvalidParameter: The force is larger, or cannot be held within the limits.
-    """
-    settings = scenario.certificate
-    other = replace(scenario, task=replace(scenario.task, force=force))
-    with within("task"):
-        vector("force", force, 6)
-        ocp = make_dynamic_ocp(other)
-        largest = largest_force(scenario, ocp.model)
-        largest -= ultimate_bounds(scenario.tube, other, ocp.model)["force"]
-        require(bool(np.linalg.norm(force[:3]) <= largest), "force", force,
-                f"at most {largest:.4g} N, what the tube holds for")
-    radius, _ = largest_radius(ocp, settings.terminal_samples, settings.seed)
-    return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)))
-
-
-def within_declared_set(scenario: Scenario, model: UvmsModel, force: np.ndarray, plan: Plan
-                        ) -> bool:
-    """Returns whether the robot, in its tube about a plan, presses no harder than declared."""
-    other = replace(scenario, task=replace(scenario.task, force=force))
-    pressed = pressed_force(model, plan) + ultimate_bounds(scenario.tube, other, model)["force"]
-    return pressed <= largest_force(scenario, model)
-
-
-def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
-    """Returns the controller's model, y_des (6+n,), and the limits that the tube leaves."""
-    with within("surface"):
-        surface = make_surface_law(scenario.surface)
-    model = UvmsModel.load(scenario.model, surface)
-    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper,
-                     accelerations=not scenario.kinematic)
-    task = scenario.task
-    with within("task"):
-        force = vector("force", task.force, 6)
-        pose = None if task.pose is None else vector("pose", task.pose, 6)
-        posture = vector("posture", task.posture, model.num_joints)
-        y_des = np.concatenate([surface.pose_for(force, pose), posture])
-        config = model.configuration(y_des)
-        _check_configuration("pose", "posture", config, y_des, limits)
-    return model, y_des, limits
-
-
-def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
-    """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
-
-    Raises:
-        InvalidParameter: The start is outside of the nominal limits.
-    """
-    with within("start"):
-        eta = vector("eta", scenario.start.eta, 6)
-        q = vector("q", scenario.start.q, ocp.model.num_joints)
-        config = np.concatenate([eta, q])
-        _check_configuration("eta", "q", config, ocp.model.task_pose(config), ocp.limits)
-    return np.concatenate([config, np.zeros_like(config)])
-
-
-def _check_configuration(pose_key: str, joint_key: str, config: np.ndarray, y: np.ndarray,
-                         limits: NominalLimits) -> None:
-    """Raises unless a configuration 𝔮 and its y = (χ, q) are within the nominal limits."""
-    q, eta = config[6:], config[:6]
-    require(bool(np.all((limits.q_lower <= q) & (q <= limits.q_upper))), joint_key, q,
-            f"within the joint limits less the tube, {limits.q_lower} to {limits.q_upper}")
-    for name, angle, limit in (("roll", eta[3], limits.roll), ("pitch", eta[4], limits.pitch)):
-        require(abs(angle) <= limit, pose_key, eta,
-                f"such that the vehicle's {name}, {angle:.3g}, is within ±{limit:.3g}")
-    require(abs(y[4]) <= limits.tip_pitch, pose_key, eta,
-            f"such that the tip's pitch, {y[4]:.3g}, is within ±{limits.tip_pitch:.3g}")
 
 
 def initialize(station: Diagram, context: Context, scenario: Scenario) -> None:

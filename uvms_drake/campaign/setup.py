@@ -17,9 +17,9 @@ from uvms_drake.campaign.walls import Wall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.problem import retargeted_ocp
 from uvms_drake.scenario import Scenario, dump_scenario
 from uvms_drake.schema import load_typed
-from uvms_drake.station import retargeted_ocp
 
 FORCES = (0.5, 0.75, 1.0, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of

@@ -29,8 +29,8 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
+from uvms_drake.problem import make_ocp, start_state, within_declared_set
 from uvms_drake.scenario import Scenario, Start
-from uvms_drake.station import make_ocp, start_state, within_declared_set
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """How far the vehicle starts from the scenario's start, at most [m, rad]."""

@@ -50,8 +50,8 @@ from uvms_drake.errors import InvalidParameter, require, vector, within
 from uvms_drake.faults import uncovered
 from uvms_drake.model.contact import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import Scenario
-from uvms_drake.station import make_ocp, start_state
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
 """Constants that decide the tube of `resolved`, by block of rows."""

@@ -24,8 +24,8 @@ from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.problem import make_dynamic_ocp
 from uvms_drake.scenario import Scenario
-from uvms_drake.station import make_dynamic_ocp
 
 LAWS: tuple[AncillaryConfig, ...] = (
     Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),
