@@ -36,7 +36,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_drake import station
 from uvms_drake.alarm import LOGGER
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import assumptions
@@ -58,7 +57,6 @@ from uvms_drake.faults import (
     StuckJoint,
     check_faults,
 )
-from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.scenario import dump_scenario, load_scenario
 from uvms_drake.simulation import simulate
 from uvms_drake.station import make_station
@@ -278,13 +276,8 @@ def test_an_adversary_above_its_bound_is_noted_too():
     assert record.scenario.disturbance.bound == 0.1
 
 
-def test_a_wall_that_is_stiffer_than_modelled_is_noted(monkeypatch):
-    def plant(*, surface, **others):
-        return make_uvms_plant(
-            surface=replace(surface, stiffness=10.0 * surface.stiffness), **others)
-
-    monkeypatch.setattr(station, "make_uvms_plant", plant)
-    record, report = run(scenario_of(4.0))
+def test_a_wall_that_is_stiffer_than_modelled_is_noted():
+    record, report = run(scenario_of(4.0, overrides=["surface_error.stiffness=10"]))
     contact = record.time[np.argmax(record.penetration > 0.0)]
     assert contact > 0.2
     assert contact <= report["set_first_exit"] < contact + 0.5

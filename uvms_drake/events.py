@@ -15,7 +15,12 @@ import numpy as np
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, TROUBLE
 from uvms_drake.control.tube_monitor import FIELDS, SAID, beyond
 from uvms_drake.record import Record
-from uvms_drake.signals import constraint_signals, disturbance_above, settling_index
+from uvms_drake.signals import (
+    constraint_signals,
+    disturbance_above,
+    settling_index,
+    wrench_unit,
+)
 from uvms_drake.station import MONITOR_SLACK, monitor_floor, set_wise_radii
 
 GAP = 0.1
@@ -94,7 +99,8 @@ def _logged(record: Record) -> Iterator[_Signal]:
     yield _deviation("tube_left", SAID[0], record, set_wise)
     yield _deviation("bound_left", SAID[1], record, record.tube_bound)
     yield _Signal("disturbance_exceeded", disturbance_above(record),
-                  lambda when: f"{SAID[2]} of {bound:.3g}, at most {np.max(d[when]):.3g}")
+                  lambda when: f"all that disturbs above its bound of {bound:.3g}, at most "
+                               f"{np.max(d[when]):.3g}")
     yield _Signal("state_lost", record.state_lost > 0.0, lambda when: "the measured state is lost")
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command is limited")
@@ -147,4 +153,5 @@ def _settled(record: Record) -> Iterator[Event]:
     if index is not None:
         time = float(record.time[index])
         yield Event(time, time, "settled",
-                    f"force within {tolerance:g} N of the desired one, for good")
+                    f"force within {tolerance:g} {wrench_unit(record.desired_force[-1])} of the "
+                    "desired one, for good")

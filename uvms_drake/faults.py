@@ -72,7 +72,7 @@ class LostState:
 
 @dataclass
 class StuckJoint:
-    """A brake holds a joint where it was at `start`, for good."""
+    """A brake, a stiff spring with a damper, holds a joint about where it was at `start`."""
 
     joint: int = 0
     """Index of the joint, from 0."""

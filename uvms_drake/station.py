@@ -238,6 +238,8 @@ def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Mes
     """Adds plant, controller and monitor of kinematic motion, connected."""
     require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
             "zero where there is no water (motion: kinematic)")
+    require(scenario.model_error.size == 0.0, "model_error", scenario.model_error,
+            "left out where the velocity is the input (motion: kinematic)")
     require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
             "left out where there is no contact (motion: kinematic)")
     ocp = make_kinematic_ocp(scenario)

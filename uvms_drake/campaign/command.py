@@ -16,7 +16,7 @@ from uvms_drake.campaign.report import (
     summarise_campaign,
     summarise_wall,
 )
-from uvms_drake.campaign.setup import Campaign, make_campaign
+from uvms_drake.campaign.setup import Campaign, make_campaign, require_same_code
 from uvms_drake.campaign.store import RunLog, read_indices, read_setup, run_log
 from uvms_drake.campaign.vary import vary
 from uvms_drake.certificate.certificate import Certificate, write_certificate
@@ -43,20 +43,23 @@ def run_campaign(args: argparse.Namespace) -> int:
     require(args.seed >= 0, "--seed", args.seed, "zero or positive")
     require(args.workers is None or args.workers >= 1, "--workers", args.workers, "at least 1")
     require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
+    require(args.model_error > 0.0 or not args.outside, "--model-error", args.model_error,
+            "above 0 with --outside")
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, args.overrides)
     kind = "outside" if args.outside else "campaign"
     output = args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
     pool = (cluster_pool(args.scheduler) if args.scheduler is not None
-            else local_pool(args.workers or len(os.sched_getaffinity(0))))
+            else local_pool(args.workers or _cores()))
     with reported_in(source):
+        require(not scenario.faults, "faults", [type(fault).__name__ for fault in scenario.faults],
+                "left out: a campaign draws them")
+        require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
+                "left out: no run could be repeated")
         check_inputs(scenario)
         certificate = None if args.uncertified else _certificate(scenario, source)
-        if certificate is not None:
-            print("certifying surfaces and desired forces (a minute, the first time) ...",
-                  file=sys.stderr)
-        campaign = make_campaign(
-            scenario, args.seed, certificate, args.model_error, outside=args.outside)
+        campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
+                                 outside=args.outside, announce=announce_certifying)
         vary(campaign, 0)
     with run_log(output, campaign) as log:
         try:
@@ -103,11 +106,20 @@ def _write(output: Path, summary: dict[str, Any], wall: dict[str, Any],
         make_campaign_figures(summary, wall, folder)
 
 
+def _cores() -> int:
+    """Returns how many cores this process may use; macOS tells only how many there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def replayed(folder: Path, index: int) -> Record:
-    """Returns the record of a run of the campaign in a folder, simulated once more."""
+    """Returns the record of a run of the campaign in a folder, simulated once more.
+
+    It has no certificate: that of the campaign is of another start, force and disturbance.
+    """
     campaign, done = read_setup(folder), read_indices(folder)
     require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
-    return simulate(vary(campaign, index).scenario, certified=campaign.certified)
+    require_same_code(campaign)
+    return simulate(vary(campaign, index).scenario)
 
 
 class CampaignProgress:

@@ -75,12 +75,12 @@ def _kind(result: Mapping[str, Any]) -> str:
 def draw_proportion(results: Results) -> Figure:
     """Draws each run's worst deviation over its bound against all that disturbed it, over d̃.
 
-    Below the line is what the theory says: the tube is proportional to the disturbance.
+    Below the line is what the theory says: the tube is proportional to the disturbance. It is not
+    promised where the measured state is wrong or a limit cut the command.
     """
     figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
     axis = figure.subplots()
-    for promised, label, color in ((True, "law acts on the deviation", BLUE),
-                                   (False, "measured state is wrong", ORANGE)):
+    for promised, label, color in ((True, "promised", BLUE), (False, "not promised", ORANGE)):
         points = [(result["worst_disturbance"], result["ratio_trajectory"]) for result in results
                   if (result["proportional"] is not None) == promised
                   and result["worst_disturbance"] and result["ratio_trajectory"]]

@@ -1,4 +1,4 @@
-"""What the controller does not know amounts to a disturbance; its size before a run."""
+"""What the controller does not know amounts to a disturbance; an estimate before a run."""
 
 import numpy as np
 
@@ -14,31 +14,31 @@ WITHIN = 3
 
 
 def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: DynamicOcp) -> float:
-    """Returns the largest ‖ζ̇ − f(𝔮̄, ζ̄) − ū‖₂ [m/s², rad/s²] on a plan, without d itself.
+    """Returns the largest ‖ζ̇ − f(𝔮̄, ζ̄) − ū‖₂ [m/s², rad/s²] at points of a plan, without d itself.
 
     ζ̇ is that of the simulated robot, with the errors of model and surface and the current of the
-    scenario, in the plan's state under its command τ = M(𝔮̄)ū. The last point is the end of the
-    plan at rest, where the robot stays.
+    scenario, in the plan's state under its command τ = M(𝔮̄)ū. The last point is the task at rest,
+    where the robot stays.
 
     Args:
         scenario: Of dynamic motion.
         plan: Nominal trajectory.
         ocp: Its problem, with the controller's model.
     """
-    config, zeta, zeta_dot = _points(plan)
     model = ocp.model
+    config, zeta, zeta_dot = _points(plan, model.configuration(ocp.y_des))
     u = zeta_dot - model.drift(config, zeta)
     tau = (model.mass_matrix(model.kinematics(config)) @ u[..., None])[..., 0]
     induced = _accelerations(scenario, np.hstack([config, zeta]), tau) - zeta_dot
     return float(np.max(np.linalg.norm(induced, axis=1)))
 
 
-def _points(plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns 𝔮̄, ζ̄ and ζ̄̇ (K, 6+n) of a plan, and at last its end at rest."""
+def _points(plan: DynamicPlan, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns 𝔮̄, ζ̄ and ζ̄̇ (K, 6+n) of a plan, and at last those of the `goal` 𝔮 at rest."""
     steps = np.linspace(0.0, len(plan.zeta_dot), WITHIN * len(plan.zeta_dot) + 1)
     points = [plan.at(plan.start_time + plan.time_step * step) for step in steps]
     rest = np.zeros_like(plan.zeta[-1])
-    config, zeta, zeta_dot = zip(*points, (plan.config[-1], rest, rest), strict=True)
+    config, zeta, zeta_dot = zip(*points, (goal, rest, rest), strict=True)
     return np.array(config), np.array(zeta), np.array(zeta_dot)
 
 

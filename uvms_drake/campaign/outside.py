@@ -1,10 +1,11 @@
 """What happens outside of the bounds: one thing a run, each with what is promised of it.
 
-Nothing is raised and every number stays finite; whatever leaves its bound is in the log with its
-time. Where the measurement is right the theory says more: the tube is proportional to d̃, so if
-what disturbs the robot is D at most, the deviation stays within max(1, D/d̃) times its bound along
-the run. So it is for a disturbance that is too large, and for everything that the controller does
-not know: that acts as a disturbance too. It is so as long as the law's command is sent as it is;
+Nothing shall be raised and every number stay finite; whatever leaves its bound is in the log with
+its time. Where there is a bound along the run (the law `resolved`, and kinematic motion) and the
+measurement is right, the theory says more: that bound is proportional to d̃, so if what disturbs
+the robot is D at most, the deviation stays within max(1, D/d̃) times its bound. So it is for a
+disturbance that is too large, and for everything that the controller does not know: that acts as a
+disturbance too. It is so as long as the law's command is sent as it is;
 nothing is promised of a run in which a limit cut it.
 """
 
@@ -74,6 +75,7 @@ def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
     return float(rng.uniform(EARLIEST, LATEST) * scenario.duration)
 
 
+STUCK = "joint stuck"
 MEASURED_WRONG = ("state frozen", "state lost")
 """The law then acts on something else than the deviation, so the tube does not scale."""
 
@@ -81,13 +83,15 @@ _ALL_MOTIONS: dict[str, Step] = {
     "state frozen": _frozen, "state lost": _lost,
     **{f"d of {factor:g} bounds": _excess(factor) for factor in FACTORS}}
 _DYNAMIC: dict[str, Step] = {
-    "joint stuck": _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
+    STUCK: _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
     "surface misplaced": _misplaced, "model wrong": _model, "current": _current}
 
 
 def kinds_outside(scenario: Scenario) -> tuple[str, ...]:
     """Returns what can happen in a scenario."""
-    return (*_ALL_MOTIONS, *(() if scenario.kinematic else _DYNAMIC))
+    dynamic = () if scenario.kinematic else _DYNAMIC
+    return (*_ALL_MOTIONS, *(kind for kind in dynamic
+                             if kind != STUCK or np.size(scenario.start.q) > 0))
 
 
 def step_outside(kind: str, scenario: Scenario, largest: float, rng: np.random.Generator

@@ -16,6 +16,8 @@ from uvms_drake.errors import InvalidParameter, RunFailed
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """So that a worker takes one core; BLAS reads it when it is loaded."""
+NAMED = 8
+"""Runs that are named in an error."""
 RESTARTS = 3
 """How often in a row the workers may die without a single run coming back."""
 CONNECT_SECONDS = 10
@@ -29,18 +31,21 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
     """Yields (index, what `run_one` returns) for each index once, in the order they come back.
 
     A run raises nothing, so that an error is the workers'. Then those that have not come back are
-    run again by new workers.
+    run again by new workers, those first that were last, so that a run that takes its worker with
+    it comes last.
 
     Raises:
         RunFailed: The workers die again and again.
     """
-    waiting, fruitless = set(indices), 0
+    waiting, fruitless, first = set(indices), 0, 0
     while waiting:
         before, reason = len(waiting), ""
         with pool() as executor:
             futures: dict[Future, int] = {}
             try:
-                for index in sorted(waiting):
+                order = sorted(waiting, key=lambda index: (index < first, index))
+                first = order[1] if len(order) > 1 else 0
+                for index in order:
                     futures[executor.submit(run_one, campaign, index)] = index
             except BrokenProcessPool as error:  # One has died already; the others are looked at.
                 reason = str(error)
@@ -54,7 +59,9 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
                 yield futures[future], result
         fruitless = fruitless + 1 if len(waiting) == before else 0
         if fruitless > RESTARTS:
-            raise RunFailed(f"the workers die before any run comes back: {reason}")
+            named = ", ".join(str(index) for index in sorted(waiting)[:NAMED])
+            raise RunFailed(f"the workers die before any run comes back (of {len(waiting)} runs: "
+                            f"{named}{', ...' if len(waiting) > NAMED else ''}): {reason}")
 
 
 def local_pool(workers: int) -> Pool:

@@ -8,10 +8,10 @@ import numpy as np
 
 from uvms_drake.alarm import LOGGER
 from uvms_drake.campaign.outside import MEASURED_WRONG
-from uvms_drake.campaign.setup import Campaign
+from uvms_drake.campaign.setup import Campaign, require_same_code
 from uvms_drake.campaign.vary import Variation, kind_of, vary
 from uvms_drake.certificate.reach import largest_force
-from uvms_drake.control.nominal_mpc import FAILED
+from uvms_drake.control.nominal_mpc import FAILED, SOLVED
 from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.fault_systems import solver_fault
 from uvms_drake.faults import COVERED
@@ -24,9 +24,10 @@ from uvms_drake.station import set_wise_radii
 from uvms_drake.summary import jsonable, summarise
 
 DECLARED_FORCE = "force"
-"""Constraint ‖𝔉‖ of the declared set; no limit of the MPC sees to it."""
+"""Constraint ‖𝔉‖ of the declared set, at rest; no limit of the MPC sees to it."""
 PROPORTION = 1.05
-"""How far the deviation may be beyond D/d̃ times its bound: D is known at the logged samples."""
+"""How far the deviation may be beyond D/d̃ times its bound: a tolerance, since D is known at the
+logged samples only."""
 STEP_EDGES_MS = np.logspace(-1.0, 4.0, 101)
 """Edges of the histogram of the MPC's steps [ms]."""
 
@@ -36,7 +37,11 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
 
     Whatever is raised is a result too, as text under `error`. The process says nothing of alarms
     from here on: those of many runs, some of them in other machines' logs, tell nobody anything.
+
+    Raises:
+        RunFailed: This process has other files or versions than the campaign was made with.
     """
+    require_same_code(campaign)
     LOGGER.setLevel(logging.ERROR)
     started = time.perf_counter()
     result: dict[str, Any] = {"index": index, "error": None, "outside": None}
@@ -44,9 +49,9 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
     try:
         variation = vary(campaign, index)
         result |= drawn(variation)
-        record = simulate(variation.scenario, certified=campaign.certified)
+        record = simulate(variation.scenario)
         result |= outcome(record, variation)
-        steps = 1e3 * record.step_seconds
+        steps = 1e3 * record.step_seconds[record.mpc_status == SOLVED]
     except Exception as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
     counts, _ = np.histogram(np.clip(steps, *STEP_EDGES_MS[[0, -1]]), STEP_EDGES_MS)
@@ -80,10 +85,12 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
 
     `worst_disturbance` is D/d̃, D the largest norm of all that disturbs, and `inside` is whether
     that was at most 1. `margin` is the smallest of `margins`, and `constraint` its name. `noted` is
-    what the log says, each with the time at which it says so first. `within_at_end` is whether the
-    robot is in its tube at the end, `proportional` whether the deviation stayed within D/d̃ times
-    its bound, None where nothing promises it, as where a limit cut the command. `finite` is whether
-    all logged signals are.
+    what the log says, each with the time at which it says so first. `limited` is whether a limit
+    cut the command. `within_at_end` is whether the robot is in its tube at the end, `proportional`
+    whether the deviation stayed within max(1, D/d̃) times its bound, None where nothing promises it:
+    where there is no such bound, and outside of the bounds where the measured state is wrong or a
+    limit cut the command. `logged` is whether an exit of the tube is in the log. `finite` is
+    whether all logged signals are.
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
@@ -94,9 +101,12 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     noted: dict[str, float] = {}
     for event in summary["events"]:
         noted.setdefault(event["kind"], event["time_s"])
-    ratio = tube["worst_ratio"]["trajectory"]
+    ratio, limited = tube["worst_ratio"]["trajectory"], "input_limited" in noted
+    unpromised = variation.outside is not None and (
+        limited or variation.outside in MEASURED_WRONG)
     return {
-        "induced": float(np.max(np.linalg.norm(induced, axis=1))),
+        "induced": None if size is None else float(
+            np.max(np.linalg.norm(induced, axis=1)) / disturbance["bound"]),
         "worst_disturbance": size, "inside": disturbance["exceeded"] == 0,
         "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory": ratio,
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
@@ -104,11 +114,11 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "violations": sum(margin < 0.0 for margin in margins.values()),
         "force_error": force["final_error_norm"], "settling_time_s": force["settling_time_s"],
         "mpc_failures": own_failures(record), "noted": noted,
+        "terminal_slack": summary["mpc"]["worst_terminal_slack"], "limited": limited,
         "within_at_end": within_at_end(record),
-        "proportional": None if (
-            size is None or ratio is None or variation.outside in MEASURED_WRONG
-            or "input_limited" in noted
-        ) else bool(ratio <= PROPORTION * max(1.0, size)),
+        "logged": (tube["exits"] > 0) == ("tube_left" in noted),
+        "proportional": None if size is None or ratio is None or unpromised else bool(
+            ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
     }
 
@@ -152,6 +162,7 @@ def relative_margins(record: Record, constraints: dict[str, Any], declared: Scen
     if not record.scenario.kinematic:
         model = UvmsModel.load(declared.model, make_surface_law(declared.surface))
         largest = largest_force(declared, model)
-        pressed = float(np.max(np.linalg.norm(record.force[:, :3], axis=1)))
+        at_rest = model.surface.force(record.chi, np.zeros_like(record.chi))
+        pressed = float(np.max(np.linalg.norm(at_rest[:, :3], axis=1)))
         out[DECLARED_FORCE] = (largest - pressed) / largest
     return out

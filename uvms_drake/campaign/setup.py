@@ -6,6 +6,7 @@ two campaigns are the same if their `identity` is.
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -16,7 +17,7 @@ from pydrake.common.yaml import yaml_load_data
 from uvms_drake.campaign.walls import Wall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
-from uvms_drake.errors import InvalidParameter
+from uvms_drake.errors import InvalidParameter, RunFailed
 from uvms_drake.problem import retargeted_ocp
 from uvms_drake.scenario import Scenario, dump_scenario
 from uvms_drake.schema import load_typed
@@ -86,8 +87,23 @@ def _parsed(text: str) -> Scenario:
     return load_typed(Scenario, yaml_load_data(text))
 
 
+def require_same_code(campaign: Campaign) -> None:
+    """Raises `RunFailed` unless program and robot are those that a campaign was made with."""
+    now = _code(campaign.base)
+    for key, what in (("source", "this package"), ("versions", "a version"),
+                      ("files", "a file of the robot")):
+        if now[key] != getattr(campaign, key):
+            raise RunFailed(f"{what} is not as it was when the campaign was made")
+
+
+def _code(scenario: Scenario) -> dict[str, Any]:
+    prints = fingerprint(scenario)
+    return {"files": prints["files"], "versions": prints["versions"], "source": source_digest()}
+
+
 def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None,
-                  model_error: float = 0.0, outside: bool = False) -> Campaign:
+                  model_error: float = 0.0, outside: bool = False,
+                  announce: Callable[[], None] = lambda: None) -> Campaign:
     """Returns the campaign of a scenario.
 
     Args:
@@ -96,19 +112,19 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         certificate: One that holds for the scenario; None if its declared tube is taken.
         model_error: As of `Campaign`.
         outside: As of `Campaign`.
+        announce: Called before a certificate has to be computed, which takes long.
     """
     applied = scenario
     walls: tuple[Wall, ...] = ()
     targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
     if certificate is not None:
-        applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate)
+        applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate, announce)
         targets = tuple(target for index, wall in enumerate(walls)
                         for target in _targets_on(with_wall(applied, wall), index))
-    prints = fingerprint(scenario)
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
         model_error=model_error, outside=outside, walls=walls, targets=targets,
-        files=prints["files"], versions=prints["versions"], source=source_digest())
+        **_code(scenario))
 
 
 def _targets_on(scenario: Scenario, wall: int) -> list[Target]:

@@ -67,16 +67,8 @@ def run_log(folder: Path, campaign: Campaign) -> Iterator[RunLog]:
     path = folder / SETUP_FILE
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            same = read_setup(folder).identity == campaign.identity
-            _require(same, folder, "a folder without another campaign in it")
-        else:
-            _require(not (folder / RUNS_FILE).exists(), folder,
-                     f"a folder without a {RUNS_FILE} of unknown origin")
-            text = json.dumps(asdict(campaign), indent=1, ensure_ascii=False)
-            draft = path.with_suffix(".part")
-            draft.write_text(text + "\n", encoding="utf-8")
-            os.replace(draft, path)
+        _require(path.exists() or not (folder / RUNS_FILE).exists() or _is_empty(folder), folder,
+                 f"a folder without a {RUNS_FILE} of unknown origin")
         (folder / RUNS_FILE).touch()
         file = (folder / RUNS_FILE).open("r+b")
     except OSError as error:
@@ -87,7 +79,20 @@ def run_log(folder: Path, campaign: Campaign) -> Iterator[RunLog]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             _require(False, folder, "a folder that no other process is working in")
+        if path.exists():
+            same = read_setup(folder).identity == campaign.identity
+            _require(same, folder, "a folder without another campaign in it")
+        else:
+            text = json.dumps(asdict(campaign), indent=1, ensure_ascii=False)
+            draft = path.with_suffix(".part")
+            draft.write_text(text + "\n", encoding="utf-8")
+            os.replace(draft, path)
         yield RunLog(file)
+
+
+def _is_empty(folder: Path) -> bool:
+    """Returns whether no run is in a folder: its command ended before there was a setup."""
+    return (folder / RUNS_FILE).stat().st_size == 0
 
 
 def read_setup(folder: Path) -> Campaign:

@@ -1,8 +1,9 @@
-"""What the controller does not know and d̃ covers: errors of robot and surface, and a current.
+"""What the controller does not know, about as large as d̃ covers: errors, and a current.
 
-All of it acts as a disturbance, and ‖J_x⁻¹J̇_x‖ and the rest of the tube do not mind where d comes
-from. So what is drawn is made smaller until what it induces along the first plan takes no more than
-a share of d̃; the disturbance itself has the rest. What it induces in the run is measured.
+All of it acts as a disturbance, and the tube does not mind where d comes from. So errors of robot
+and surface and a current are made smaller until what they induce takes no more than a share of d̃;
+the disturbance itself has the rest. That is an estimate, along the first plan; what is induced in
+the run is measured, and a run in which it was too much is not counted as one inside of the bounds.
 """
 
 from dataclasses import replace
@@ -19,7 +20,7 @@ from uvms_drake.scenario import Scenario
 SHARE = 0.5
 """Of d̃, left to what is unknown."""
 PREDICTED = 0.9
-"""Of that, what may be predicted along the plan; the robot in its tube is not on it."""
+"""Of that, what may be predicted along the first plan; the robot is in a tube about later ones."""
 LIKELY = 0.4
 """Probability that a quantity is unknown in a run."""
 LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT = 0.01, 0.05, 0.1
@@ -75,7 +76,9 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
 
 def with_unknowns(scenario: Scenario, ocp: DynamicOcp, plan: DynamicPlan, largest: float,
                   rng: np.random.Generator) -> Scenario:
-    """Returns the scenario with what is unknown to the controller, as large as d̃ covers.
+    """Returns the scenario with what is unknown to the controller, about as large as d̃ covers.
+
+    If nothing that is drawn can be made small enough, it is the scenario as it came.
 
     Args:
         scenario: All known.
@@ -86,9 +89,9 @@ def with_unknowns(scenario: Scenario, ocp: DynamicOcp, plan: DynamicPlan, larges
     """
     room = PREDICTED * SHARE * scenario.disturbance.bound
     unknowns, scale = draw_unknowns(largest, rng), 1.0
-    scenario = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
+    shared = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
     for _ in range(ATTEMPTS):
-        candidate = unknowns.put_into(scenario, scale)
+        candidate = unknowns.put_into(shared, scale)
         induced = predicted_disturbance(candidate, plan, ocp)
         if induced <= room:
             return candidate

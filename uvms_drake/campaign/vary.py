@@ -16,6 +16,7 @@ from uvms_drake.campaign.outside import kinds_outside, step_outside
 from uvms_drake.campaign.setup import Campaign, with_target
 from uvms_drake.campaign.unknowns import with_unknowns
 from uvms_drake.campaign.walls import moved, turns_freely
+from uvms_drake.certificate.certify import between_knots
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
@@ -111,8 +112,8 @@ def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
 def first_plan(ocp: Ocp, start: np.ndarray, declared: Scenario, force: np.ndarray) -> Plan | None:
     """Returns the first plan, if what the certificate asks of it holds from here.
 
-    Within the limits, into the terminal set and, if forces act at all, pressing no harder than the
-    declared set reaches.
+    Within the limits, also between its knots, into the terminal set and, if forces act at all,
+    pressing no harder than the declared set reaches.
     """
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
@@ -120,6 +121,8 @@ def first_plan(ocp: Ocp, start: np.ndarray, declared: Scenario, force: np.ndarra
     if plan is None or value is None:
         return None
     if value.violation > FEASIBLE or value.terminal_slack > REACHED:
+        return None
+    if between_knots(ocp, plan) > FEASIBLE:
         return None
     pressed = declared.kinematic or within_declared_set(declared, ocp.model, force, plan)
     return plan if pressed else None
@@ -157,7 +160,7 @@ def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
 
 def _shared(scenario: Scenario, ocp: Ocp, plan: Plan, largest: float, rng: np.random.Generator
             ) -> Scenario:
-    """Returns the scenario, or with something unknown that d̃ covers too."""
+    """Returns the scenario, or with something unknown for which d̃ has to be enough too."""
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
     if not (wanted and isinstance(ocp, DynamicOcp) and isinstance(plan, DynamicPlan)):
         return scenario

@@ -5,6 +5,7 @@ faces makes no difference: a translation and a turn about the vertical of everyt
 dynamics, limits and tube as they are.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,7 +40,8 @@ class Wall:
     """ε of the terminal set at the scenario's desired force."""
 
 
-def walls_of(scenario: Scenario, certificate: Certificate) -> tuple[Wall, ...]:
+def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[], None]
+             ) -> tuple[Wall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
     A spring is not tilted, and where no forces act there is the scenario's own alone.
@@ -47,6 +49,7 @@ def walls_of(scenario: Scenario, certificate: Certificate) -> tuple[Wall, ...]:
     Args:
         scenario: As it is loaded.
         certificate: One that holds for it.
+        announce: As of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
     for stiffness, tilt in () if scenario.kinematic else OTHER_WALLS:
@@ -54,7 +57,7 @@ def walls_of(scenario: Scenario, certificate: Certificate) -> tuple[Wall, ...]:
             continue
         other = _with_surface(scenario, stiffness, tilt)
         try:
-            found = certified_once(other)
+            found = certified_once(other, announce)
         except InvalidParameter:  # The task cannot be held there.
             continue
         if found.certified:
@@ -98,12 +101,15 @@ def _horizontal_in(normal: np.ndarray) -> np.ndarray:
 
 def turns_freely(scenario: Scenario) -> bool:
     """Returns whether a turn about the vertical makes no difference to the nominal MPC either."""
-    x, y = np.asarray(scenario.mpc.weight_y, dtype=float)[:2]
-    return bool(x == y)
+    mpc = scenario.mpc
+    weights = [mpc.weight_y] if mpc.terminal_weight is None else [mpc.weight_y, mpc.terminal_weight]
+    return all(bool(x == y) for x, y in (np.asarray(weight, dtype=float)[:2] for weight in weights))
 
 
 def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
-    """Returns the scenario with everything in it turned about the vertical, then shifted.
+    """Returns the scenario with all that is in Σ_I turned about the vertical, then shifted.
+
+    A disturbance is in the robot's coordinates and stays; w of kinematic motion is one in Σ_I.
 
     Args:
         scenario: Any.
@@ -124,10 +130,13 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
         B[:3, :3] = R
         surface = replace(surface, stiffness=B @ np.asarray(surface.stiffness) @ B.T,
                           equilibrium=pose(surface.equilibrium))
-    task = scenario.task
+    task, error = scenario.task, scenario.surface_error
     force = np.asarray(task.force, dtype=float).copy()
     force[:3] = R @ force[:3]
+    error = replace(error, shift=R @ np.asarray(error.shift, dtype=float),
+                    turn=R @ np.asarray(error.turn, dtype=float))
     return replace(
-        scenario, surface=surface, current=R @ np.asarray(scenario.current, dtype=float),
+        scenario, surface=surface, surface_error=error,
+        current=R @ np.asarray(scenario.current, dtype=float),
         start=replace(scenario.start, eta=pose(scenario.start.eta)),
         task=replace(task, force=force, pose=None if task.pose is None else pose(task.pose)))

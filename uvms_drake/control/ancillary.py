@@ -22,8 +22,9 @@ u of (eq:dynamics) is a generalised acceleration: f carries M⁻¹ inside, u sta
 goes to thrusters and joints is τ = M(𝔮) u, with the full inertia including added mass. For the law
 `resolved` that is the inverse dynamics at ζ̇_ref − k𝔯, and neither f nor M is needed.
 
-An actuator saturates, and so does the command, where it is told the robot's input limits. What the
-certificate covers stays within them, so there nothing is cut and the above is exact.
+An actuator saturates, and so does the command, where it is told the robot's input limits. Inside
+of what the certificate covers, and as far as the estimated radii of the input hold, the command is
+within them; so there nothing is cut and the above is exact.
 """
 
 import math

@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.alarm import warn
 from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.ocp import Evaluation, Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.errors import InvalidParameter, RunFailed
@@ -61,6 +61,11 @@ class Targets(NamedTuple):
     """Returns the problem of another 𝔉_des; raises `InvalidParameter` if there is none."""
     accepts: Callable[[np.ndarray, Plan], bool]
     """Returns whether the first plan to another 𝔉_des stays where the tube holds."""
+
+
+def _is_sound(value: Evaluation | None) -> bool:
+    """Returns whether a plan keeps its limits and ends in the terminal set."""
+    return value is not None and value.violation <= FEASIBLE and value.terminal_slack <= REACHED
 
 
 @dataclass(frozen=True)
@@ -284,8 +289,7 @@ class NominalMpc(LeafSystem):
             return memory.asked, solution
         solver = self._current(memory)
         solution = solver.solve(guess, solver.ocp.iterations)
-        if solution.evaluation is not None and solution.evaluation.violation > FEASIBLE \
-                and solver.ocp.evaluate(guess).violation <= FEASIBLE:
+        if not _is_sound(solution.evaluation) and _is_sound(solver.ocp.evaluate(guess)):
             solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
         return memory.force, solution
 
@@ -298,13 +302,10 @@ class NominalMpc(LeafSystem):
         if solver is None:
             return None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        plan, value = solution.plan, solution.evaluation
-        if plan is None or value is None:
+        plan = solution.plan
+        if plan is None or not _is_sound(solution.evaluation):
             return None
-        if not (value.violation <= FEASIBLE and value.terminal_slack <= REACHED
-                and self._targets.accepts(asked, plan)):
-            return None
-        return solution
+        return solution if self._targets.accepts(asked, plan) else None
 
     def _current(self, memory: MpcMemory) -> SequentialConvexSolver:
         """Returns the solver of the problem whose plan it is."""
