@@ -5,6 +5,8 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -24,7 +26,6 @@ from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.certificate.table import verdict
 from uvms_drake.errors import RunFailed, require
 from uvms_drake.output import output_folder
-from uvms_drake.progress import announce_certifying
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario, load_scenario, reported_in, scenario_source
 from uvms_drake.simulation import simulate
@@ -57,9 +58,10 @@ def run_campaign(args: argparse.Namespace) -> int:
         require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
                 "left out: no run could be repeated")
         check_inputs(scenario)
-        certificate = None if args.uncertified else _certificate(scenario, source)
+        announce = cache(_announce)  # Once, for the scenario and all other surfaces.
+        certificate = None if args.uncertified else _certificate(scenario, source, announce)
         campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
-                                 outside=args.outside, announce=announce_certifying)
+                                 outside=args.outside, announce=announce)
         vary(campaign, 0)
     with run_log(output, campaign) as log:
         try:
@@ -76,8 +78,13 @@ def run_campaign(args: argparse.Namespace) -> int:
     return 0 if all_well(summary) else 1
 
 
-def _certificate(scenario: Scenario, source: str) -> Certificate:
-    certificate = certified_once(scenario, announce_certifying)
+def _announce() -> None:
+    print("certifying the scenario and other surfaces (two minutes, the first time) ...",
+          file=sys.stderr, flush=True)
+
+
+def _certificate(scenario: Scenario, source: str, announce: Callable[[], None]) -> Certificate:
+    certificate = certified_once(scenario, announce)
     if not certificate.certified:
         raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
     return certificate
