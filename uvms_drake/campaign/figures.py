@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
 from uvms_drake.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, STYLE, tube_label
 
@@ -17,6 +17,8 @@ MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
 TIMING_FILE = "campaign_timing.png"
 CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FILE)
 BINS = 24
+LONG = 300.0
+"""Ratio of the ends of an axis from which on only decades are numbered."""
 DOT: dict[str, Any] = {"markersize": 2.2, "alpha": 0.5, "markeredgewidth": 0.0, "linestyle": "",
                        "marker": "o"}
 
@@ -58,8 +60,7 @@ def draw_ratios(results: Results, certified: bool) -> Figure:
     axis.axvline(1.0, **{**LIMIT, "label": tube_label(certified)})
     low, high = axis.get_xlim()
     if high > 10.0:
-        _log(axis)
-        axis.set_xlim(0.8 * max(low, 0.1), 1.25 * high)
+        _log(axis, 0.8 * max(low, 0.1), 1.25 * high)
     else:
         axis.set_xlim(0.0, 1.05 * max(1.0, high))
     axis.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds])
@@ -87,7 +88,7 @@ def draw_proportion(results: Results) -> Figure:
         if points:
             axis.plot(*np.array(points).T, color=color, label=label, **DOT)
     if max(axis.get_xlim()) > 10.0:
-        _log(axis)
+        _log(axis, *np.array(axis.get_xlim()).clip(0.1))
         axis.set_yscale("log")
         axis.yaxis.set_major_locator(LogLocator())
         axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
@@ -140,16 +141,19 @@ def draw_timing(wall: Mapping[str, Any]) -> Figure:
     edges, steps = np.array(wall["edges_ms"]), np.array(wall["steps"])
     axis.stairs(steps, edges, fill=True, color=BLUE)
     axis.set_yscale("log", nonpositive="clip")
-    _log(axis)
     used = np.flatnonzero(steps)
-    axis.set_xlim(edges[used[0]], edges[used[-1] + 1])
+    _log(axis, edges[used[0]], edges[used[-1] + 1])
     axis.set_ylim(bottom=0.7)
     axis.set_xlabel("wall time of a step of the nominal MPC [ms]")
     axis.set_ylabel("steps")
     return figure
 
 
-def _log(axis: Axes) -> None:
+def _log(axis: Axes, low: float, high: float) -> None:
+    """Makes the x axis logarithmic, with plain numbers: 1, 2, 5, ... or decades if it is long."""
     axis.set_xscale("log")
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_xlim(low, high)
+    subs = (1.0, 2.0, 5.0) if high < LONG * low else (1.0,)
+    axis.xaxis.set_major_locator(LogLocator(subs=subs))
     axis.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.xaxis.set_minor_locator(NullLocator())

@@ -3,6 +3,7 @@
 Nothing here depends on where, when or in which order the runs were computed.
 """
 
+import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ MEASURES = {
     "ratio_trajectory": ("deviation over the bound along the run", False),
     "ratio_set": ("deviation over the set-wise bound", False),
     "worst_disturbance": ("all that disturbs, over d̃", False),
-    "induced": ("of that, what the controller does not know, over d̃", False),
+    "induced": ("of that, unknown to the controller", False),
     "margin": ("smallest margin over its constraint's size", True),
     "force_error": ("force error at the end [N]", False),
     "settling_time_s": ("settling time [s]", False),
@@ -190,7 +191,7 @@ def _format_measures(summary: Mapping[str, Any]) -> list[str]:
     for name, (text, small_is_bad) in MEASURES.items():
         row = summary["distributions"][name]
         tail = row["p5" if small_is_bad else "p95"]
-        lines.append(f"{text:<46}" + "".join(
+        lines.append(_padded(text, 46) + "".join(
             f"{_number(value):>9}" for value in (row["min"], row["median"], tail, row["max"]))
             + f"{'-' if row['worst'] is None else row['worst']:>11}"
             + (" (5 %)" if small_is_bad else ""))
@@ -200,7 +201,7 @@ def _format_measures(summary: Mapping[str, Any]) -> list[str]:
 def _format_groups(summary: Mapping[str, Any]) -> list[str]:
     """Returns a table by what happens outside of the bounds, or by disturbance and by fault."""
     if summary["outside"]:
-        lines = [f"{'':<24}{'runs':>5}{'D/d̃':>8}{'along the run':>15}{'set-wise':>10}{'left':>6}"
+        lines = [f"{'':<24}{'runs':>5}     D/d̃{'along the run':>15}{'set-wise':>10}{'left':>6}"
                  f"{'within at end':>15}{'violated':>10}{'settled':>9}"]
         return lines + [
             f"{kind:<24}{row['runs']:>5}{_number(row['worst_disturbance']):>8}"
@@ -234,6 +235,11 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
         lines.append(f"in {counts['not_covered']} runs all that disturbs came to more than d̃; "
                      "nothing of them is counted")
     return lines
+
+
+def _padded(text: str, width: int) -> str:
+    """Returns the text filled up on the right; what a letter carries takes no room of its own."""
+    return text + " " * (width - sum(not unicodedata.combining(letter) for letter in text))
 
 
 _UNITS = {"shift": (1e3, "mm"), "turn": (1e3, "mrad"), "current": (1.0, "m/s")}
