@@ -255,19 +255,19 @@ def bench_scenario(args: argparse.Namespace) -> int:
 
 def run_campaign(args: argparse.Namespace) -> int:
     """Runs a campaign, or one of its runs once more."""
-    from uvms_drake.campaign.command import replayed, run_campaign
+    from uvms_drake.campaign.command import folder_of, replayed, run_campaign
 
     if args.replay is None:
         return run_campaign(args)
-    if args.output is None:
-        raise InvalidParameter("--output", None, "the folder of the campaign, with --replay")
-    record = replayed(args.output, args.replay)
-    output = args.output / f"run-{args.replay}"
+    campaign = folder_of(args, load_scenario(args.scenario, args.overrides))
+    record = replayed(campaign, args.replay)
+    output = campaign / f"run-{args.replay}"
     with output_folder(output, ()) as folder:
         text = write_data(record, folder)
         write_pictures(record, None, folder, figures=True, replay=False)
         names = sorted(path.name for path in folder.iterdir())
-    print(f"{text}\n\nwritten to {output}: {', '.join(names)}")
+    print(f"{text}\n\nthe tube is the campaign's; a run of it has no certificate of its own\n"
+          f"written to {output}: {', '.join(names)}")
     return 0
 
 

@@ -48,8 +48,7 @@ def run_campaign(args: argparse.Namespace) -> int:
             "above 0 with --outside")
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, args.overrides)
-    kind = "outside" if args.outside else "campaign"
-    output = args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
+    output = folder_of(args, scenario)
     pool = (cluster_pool(args.scheduler) if args.scheduler is not None
             else local_pool(args.workers or _cores()))
     with reported_in(source):
@@ -76,6 +75,12 @@ def run_campaign(args: argparse.Namespace) -> int:
         _write(output, summary, wall, certificate)
     print(format_campaign(summary, wall, str(output)))
     return 0 if all_well(summary) else 1
+
+
+def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
+    """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
+    kind = "outside" if args.outside else "campaign"
+    return args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
 
 
 def _announce() -> None:

@@ -34,9 +34,11 @@ def make_campaign_figures(summary: Mapping[str, Any], wall: Mapping[str, Any], f
         return []
     certified = bool(summary["certified"])
     figures = {
-        RATIOS_FILE: lambda: draw_ratios(done, certified), MARGINS_FILE: lambda: draw_margins(done),
-        OUTCOMES_FILE: lambda: draw_outcomes(done), TIMING_FILE: lambda: draw_timing(wall),
-        PROPORTION_FILE: lambda: draw_proportion(done)}
+        RATIOS_FILE: lambda: draw_ratios(done, certified),
+        PROPORTION_FILE: lambda: draw_proportion(done),
+        MARGINS_FILE: lambda: draw_margins(done),
+        OUTCOMES_FILE: lambda: draw_outcomes(done, summary["force_tolerance"]),
+        TIMING_FILE: lambda: draw_timing(wall)}
     paths = []
     for name, draw in figures.items():
         with matplotlib.rc_context(STYLE):
@@ -110,27 +112,37 @@ def draw_margins(results: Results) -> Figure:
     for row, name in enumerate(names):
         values = [result["margins"][name] for result in results]
         axis.plot(values, np.full(len(values), row), color=BLUE, **{**DOT, "alpha": 0.25})
-        axis.plot(min(values), row, color=ORANGE, marker="|", markersize=5)
+        axis.plot(min(values), row, color=ORANGE, marker="|", markersize=5, linestyle="",
+                  label="worst run" if row == 0 else None)
     axis.axvline(0.0, **LIMIT)
-    axis.set_xlim(left=max(axis.get_xlim()[0], -1.0), right=1.0)
+    lowest = min(min(result["margins"].values()) for result in results)
+    axis.set_xlim(min(1.05 * lowest, -0.02), 1.0)
+    figure.legend(ncols=2, loc="outside upper center")
     axis.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     axis.tick_params(axis="y", labelsize=5.5)
     axis.set_xlabel("smallest margin of a run over the constraint's size")
     return figure
 
 
-def draw_outcomes(results: Results) -> Figure:
-    """Draws how many runs had which final force error and settling time."""
+def draw_outcomes(results: Results, tolerance: float) -> Figure:
+    """Draws how many runs had which final force error and settling time.
+
+    Args:
+        results: Of the runs.
+        tolerance: Force error below which the force counts as settled [N].
+    """
     figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
     axes = figure.subplots(2)
     for axis, (name, label) in zip(axes, (
             ("force_error", "force error at the end [N]"),
             ("settling_time_s", "settling time of the force [s]")), strict=True):
-        axis.hist([result[name] for result in results if result[name] is not None], bins=BINS,
-                  color=BLUE)
+        values = [result[name] for result in results if result[name] is not None]
+        highest = max([*values, tolerance])
+        axis.hist(values, bins=BINS, range=(0.0, 1.02 * highest), color=BLUE)
         axis.yaxis.set_major_locator(MaxNLocator(4, integer=True))
-        axis.set_xlabel(label)
+        axis.set_xlabel(f"{label}, {len(values)} of {len(results)} runs")
         axis.set_ylabel("runs")
+    axes[0].axvline(tolerance, **LIMIT)
     return figure
 
 

@@ -53,6 +53,7 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
         "outside": campaign.outside, "versions": campaign.versions, "duration_s": base.duration,
         "d_bound": base.disturbance.bound, "model_error": campaign.model_error,
         "surfaces": [{"stiffness": wall.stiffness, "tilt": wall.tilt} for wall in campaign.walls],
+        "force_tolerance": base.task.force_tolerance,
         "desired_forces": sorted({target.factor for target in campaign.targets}),
         "counts": {
             "exceptions": len(results) - len(carried),
@@ -187,14 +188,14 @@ def format_campaign(summary: Mapping[str, Any], wall: Mapping[str, Any], folder:
 
 
 def _format_measures(summary: Mapping[str, Any]) -> list[str]:
-    lines = [f"{'':<46}{'min':>9}{'median':>9}{'95 %':>9}{'max':>9}{'worst run':>11}"]
+    lines = [f"{'':<46}{'min':>9}{'median':>9}{'worst 5 %':>11}{'max':>9}{'worst run':>11}"]
     for name, (text, small_is_bad) in MEASURES.items():
         row = summary["distributions"][name]
         tail = row["p5" if small_is_bad else "p95"]
         lines.append(_padded(text, 46) + "".join(
-            f"{_number(value):>9}" for value in (row["min"], row["median"], tail, row["max"]))
-            + f"{'-' if row['worst'] is None else row['worst']:>11}"
-            + (" (5 %)" if small_is_bad else ""))
+            f"{_number(value):>{width}}" for value, width in zip(
+                (row["min"], row["median"], tail, row["max"]), (9, 9, 11, 9), strict=True))
+            + f"{'-' if row['worst'] is None else row['worst']:>11}")
     return lines
 
 
@@ -232,8 +233,8 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
         lines.append("largest errors: " + ", ".join(
             _amount(name, value) for name, value in unknown.items()))
     if counts["not_covered"]:
-        lines.append(f"in {counts['not_covered']} runs all that disturbs came to more than d̃; "
-                     "nothing of them is counted")
+        lines.append("not counted, because all that disturbs came to more than d̃: "
+                     f"{counts['not_covered']}")
     return lines
 
 

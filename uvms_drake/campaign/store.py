@@ -81,7 +81,8 @@ def run_log(folder: Path, campaign: Campaign) -> Iterator[RunLog]:
             _require(False, folder, "a folder that no other process is working in")
         if path.exists():
             same = read_setup(folder).identity == campaign.identity
-            _require(same, folder, "a folder without another campaign in it")
+            _require(same, folder, "a folder without another campaign in it (of another "
+                     "scenario, seed, option or program)")
         else:
             text = json.dumps(asdict(campaign), indent=1, ensure_ascii=False)
             draft = path.with_suffix(".part")
