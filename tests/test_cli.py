@@ -463,9 +463,9 @@ def test_the_command_that_the_refusal_names_makes_the_certificate_again(
 
 def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
         certified, tmp_path, capsys):
-    for args, bound, how in (([], 0.1, "certifying"), (["--set", "disturbance.bound=0.09"], 0.09,
+    for args, bound, how in (([], 0.1, "certifying"), (["--set", "disturbance.bound=0.083"], 0.083,
                                                        "certifying"),
-                             (["--set", "disturbance.bound=0.09"], 0.09, "certified: ")):
+                             (["--set", "disturbance.bound=0.083"], 0.083, "certified: ")):
         assert run_in(tmp_path, *FEW, *args) == 0
         assert capsys.readouterr().err.startswith(how)
         assert (certificate_of(tmp_path).d_bound, certificate_of(tmp_path).made_by) == (

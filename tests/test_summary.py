@@ -344,9 +344,9 @@ def test_what_alarms_comes_first_and_the_rest_is_counted():
     text = format_summary(summary)
     block = text[text.index("\nevents ") + 1:].splitlines()
     assert len(block) == EVENT_LINES
-    assert block[0] == ("events        0.00 s to 0.02 s    disturbance above its bound of 0.1, "
-                        "at most 3.16")
-    assert all("disturbance above" in line for line in block[:-1])
+    assert block[0] == ("events        0.00 s to 0.02 s    all that disturbs above its bound of "
+                        "0.1, at most 3.16")
+    assert all("all that disturbs above" in line for line in block[:-1])
     assert block[-1].strip() == f"... and {number - EVENT_LINES + 1} more in summary.json"
 
 

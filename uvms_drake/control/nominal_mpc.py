@@ -63,9 +63,11 @@ class Targets(NamedTuple):
     """Returns whether the first plan to another 𝔉_des stays where the tube holds."""
 
 
-def _is_sound(value: Evaluation | None) -> bool:
-    """Returns whether a plan keeps its limits and ends in the terminal set."""
-    return value is not None and value.violation <= FEASIBLE and value.terminal_slack <= REACHED
+def _is_sound(value: Evaluation | None, at_task: bool = True) -> bool:
+    """Returns whether a plan keeps its limits and, if `at_task`, ends in the terminal set."""
+    if value is None or value.violation > FEASIBLE:
+        return False
+    return value.terminal_slack <= REACHED or not at_task
 
 
 @dataclass(frozen=True)
@@ -289,7 +291,9 @@ class NominalMpc(LeafSystem):
             return memory.asked, solution
         solver = self._current(memory)
         solution = solver.solve(guess, solver.ocp.iterations)
-        if not _is_sound(solution.evaluation) and _is_sound(solver.ocp.evaluate(guess)):
+        at_task = solver.ocp.ends_at_task
+        if not _is_sound(solution.evaluation, at_task) and _is_sound(
+                solver.ocp.evaluate(guess), at_task):
             solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
         return memory.force, solution
 

@@ -163,6 +163,8 @@ class Ocp(ABC, Generic[P]):
         self.time_step = config.time_step
         self.iterations = config.iterations
         self.deadline = config.deadline
+        # A plan about another equilibrium than the task's is not held back at its terminal set.
+        self.ends_at_task = config.input_reference == "equilibrium"
         self.y_des = y_des
         self.limits = limits
         self._radius = config.terminal_radius if config.terminal_set else np.inf
