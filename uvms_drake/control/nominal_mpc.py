@@ -26,10 +26,11 @@ from uvms_drake.errors import InvalidParameter, RunFailed
 FIRST_SOLVE_ITERATIONS = 50
 """The first solve starts from a plan that goes nowhere and is iterated to convergence."""
 FEASIBLE = 1e-4
-"""Largest violation that the first plan may have, in the unit of the limit that it violates."""
+"""Largest violation that a plan may have if there is another, in the unit of the limit that it
+violates; of the terminal set, in ‖ξ‖_P."""
 
 REACHED = 1e-6
-"""Distance to the terminal set, in ‖ξ‖_P, that counts as none."""
+"""Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
 SOLVED, FAILED, LATE, DROPPED = range(4)
 """What becomes of a sample: a new plan is made; the solver has none; it comes too late and is
@@ -63,11 +64,9 @@ class Targets(NamedTuple):
     """Returns whether the first plan to another 𝔉_des stays where the tube holds."""
 
 
-def _is_sound(value: Evaluation | None, at_task: bool = True) -> bool:
-    """Returns whether a plan keeps its limits and, if `at_task`, ends in the terminal set."""
-    if value is None or value.violation > FEASIBLE:
-        return False
-    return value.terminal_slack <= REACHED or not at_task
+def _is_sound(value: Evaluation | None, slack: float) -> bool:
+    """Returns whether a plan keeps its limits and ends within `slack` of the terminal set."""
+    return value is not None and value.violation <= FEASIBLE and value.terminal_slack <= slack
 
 
 @dataclass(frozen=True)
@@ -291,9 +290,9 @@ class NominalMpc(LeafSystem):
             return memory.asked, solution
         solver = self._current(memory)
         solution = solver.solve(guess, solver.ocp.iterations)
-        at_task = solver.ocp.ends_at_task
-        if not _is_sound(solution.evaluation, at_task) and _is_sound(
-                solver.ocp.evaluate(guess), at_task):
+        slack = FEASIBLE if solver.ocp.ends_at_task else np.inf
+        if not _is_sound(solution.evaluation, slack) and _is_sound(
+                solver.ocp.evaluate(guess), slack):
             solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
         return memory.force, solution
 
@@ -307,7 +306,7 @@ class NominalMpc(LeafSystem):
             return None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
         plan = solution.plan
-        if plan is None or not _is_sound(solution.evaluation):
+        if plan is None or not _is_sound(solution.evaluation, REACHED):
             return None
         return solution if self._targets.accepts(asked, plan) else None
 
