@@ -1,5 +1,7 @@
 """`campaign.induced`: what the controller does not know, predicted and measured."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,24 @@ def test_what_is_predicted_from_the_first_plan_is_what_the_run_then_has(first, o
     measured = np.max(np.linalg.norm(simulate(scenario).effective_disturbance, axis=1))
     assert measured > 0.005
     assert predicted_disturbance(scenario, plan, ocp) == pytest.approx(measured, rel=0.2)
+
+
+ALL_OF_IT = {
+    "4 % of the mass": "model_error.mass=1.04",
+    "37 % of the added mass": "model_error.added_mass=1.37",
+    "1.7 % of the surface's stiffness": "surface_error.stiffness=1.017",
+    "0.4 mm of its position": "surface_error.shift=[0.0004, 0, 0]",
+    "7 mrad of its tilt": "surface_error.turn=[0, 0.007, 0]",
+    "0.08 m/s of current": "current=[-0.08, 0, 0]"}
+"""What the README says would use up all of the main scenario's d̃, and how it is put into it."""
+
+
+@pytest.mark.parametrize("words", ALL_OF_IT)
+def test_what_the_readme_says_takes_all_of_the_bound(first, words):
+    ocp, plan = first
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    assert words in " ".join(readme.split())
+    bound = load_scenario("girona500_contact").disturbance.bound
+    induced = predicted_disturbance(
+        load_scenario("girona500_contact", [*CALM, ALL_OF_IT[words]]), plan, ocp)
+    assert induced == pytest.approx(bound, rel=0.15)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description import Uvms
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters
-from uvms_drake.plant.order import ToDrakeOrder, ToPaperAcceleration, ToPaperOrder
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 
 ROBOT = """
 <sdf version="1.9"><model name="robot">
@@ -85,7 +85,7 @@ def test_a_force_keeps_its_power(robot):
 
 def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_its_axes(robot):
     coordinates, plant, builder = robot
-    system = ToPaperAcceleration.AddToBuilder(builder, plant, coordinates)
+    system = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     x, plant_context = random_state(plant)
     v_dot = np.random.default_rng(2).normal(size=8)
     context = system.CreateDefaultContext()
@@ -115,5 +115,5 @@ def test_nothing_connected_means_zero(robot):
 
 def test_the_systems_have_no_state(robot):
     coordinates, _, _ = robot
-    for system in (kind(coordinates) for kind in (ToPaperOrder, ToDrakeOrder, ToPaperAcceleration)):
+    for system in (kind(coordinates) for kind in (ToPaperOrder, ToDrakeOrder)):
         assert system.CreateDefaultContext().num_total_states() == 0

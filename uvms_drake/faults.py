@@ -15,8 +15,8 @@ from uvms_drake.errors import require, within
 
 
 @dataclass
-class SolverFailure:
-    """The solver of the MPC finds no plan."""
+class _AtSamples:
+    """A fault at random sampling instants of the MPC."""
 
     probability: float = 1.0
     """Of a sampling instant in the time of the fault."""
@@ -27,47 +27,38 @@ class SolverFailure:
 
 
 @dataclass
-class SolverTimeout:
+class SolverFailure(_AtSamples):
+    """The solver of the MPC finds no plan."""
+
+
+@dataclass
+class SolverTimeout(_AtSamples):
     """The plan of the MPC comes too late and is thrown away."""
 
-    probability: float = 1.0
-    """Of a sampling instant in the time of the fault."""
-    start: float = 0.0
-    """First instant [s]; the first plan of a run is exempt."""
-    duration: float | None = None
-    """[s]; for ever if it is left out."""
-
 
 @dataclass
-class DroppedPeriod:
+class DroppedPeriod(_AtSamples):
     """The MPC does not run at a sampling instant."""
 
-    probability: float = 1.0
-    """Of a sampling instant in the time of the fault."""
+
+@dataclass
+class _OfSensor:
+    """A fault of what measures the state."""
+
     start: float = 0.0
-    """First instant [s]; the first plan of a run is exempt."""
-    duration: float | None = None
-    """[s]; for ever if it is left out."""
+    """[s]."""
+    duration: float = 0.5
+    """[s]."""
 
 
 @dataclass
-class FrozenState:
+class FrozenState(_OfSensor):
     """The measured state stays what it was at `start`."""
 
-    start: float = 0.0
-    """[s]."""
-    duration: float = 0.5
-    """[s]."""
-
 
 @dataclass
-class LostState:
-    """The measured state is not a number."""
-
-    start: float = 0.0
-    """[s]; at 0 there is no first plan, and the run fails."""
-    duration: float = 0.5
-    """[s]."""
+class LostState(_OfSensor):
+    """The measured state is not a number; from 0 on there is no first plan, and the run fails."""
 
 
 @dataclass

@@ -16,6 +16,7 @@ from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.fault_systems import solver_fault
 from uvms_drake.faults import COVERED
 from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.model_error import FACTORS
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.record import Record
 from uvms_drake.scenario import Scenario
@@ -72,8 +73,7 @@ def drawn(variation: Variation) -> dict[str, Any]:
         "desired_force": float(np.linalg.norm(scenario.task.force[:3])),
         "surface": vars(scenario.surface),
         "eta": scenario.start.eta, "q": scenario.start.q,
-        "unknown": {"mass": error.mass - 1.0, "added_mass": error.added_mass - 1.0,
-                    "drag": error.drag - 1.0, "buoyancy_lever": error.buoyancy_lever - 1.0,
+        "unknown": {**{name: getattr(error, name) - 1.0 for name in FACTORS},
                     "stiffness": surface.stiffness - 1.0,
                     "shift": float(np.linalg.norm(surface.shift)),
                     "turn": float(np.linalg.norm(surface.turn)),

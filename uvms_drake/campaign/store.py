@@ -29,13 +29,9 @@ class RunLog:
 
     def __init__(self, file: BinaryIO):
         self._file = file
-        self.runs: dict[int, dict[str, Any]] = {}
         content = file.read()
         whole = content.rfind(b"\n") + 1
-        for line in content[:whole].splitlines():
-            run = _parsed(line)
-            if run is not None:
-                self.runs.setdefault(run["result"]["index"], run)
+        self.runs = _runs(content[:whole])
         file.truncate(whole)
         file.seek(whole)
 
@@ -46,6 +42,15 @@ class RunLog:
         self._file.flush()
         os.fsync(self._file.fileno())
         self.runs[run["result"]["index"]] = run
+
+
+def _runs(content: bytes) -> dict[int, dict[str, Any]]:
+    """Returns the runs of whole lines by index; of one that is there twice, the first."""
+    out: dict[int, dict[str, Any]] = {}
+    for run in map(_parsed, content.splitlines()):
+        if run is not None:
+            out.setdefault(run["result"]["index"], run)
+    return out
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:
@@ -112,10 +117,9 @@ def read_setup(folder: Path) -> Campaign:
 def read_indices(folder: Path) -> set[int]:
     """Returns which runs of the campaign of a folder are done."""
     try:
-        lines = (folder / RUNS_FILE).read_bytes().splitlines()
+        return set(_runs((folder / RUNS_FILE).read_bytes()))
     except OSError:
         return set()
-    return {run["result"]["index"] for run in map(_parsed, lines) if run is not None}
 
 
 def _require(condition: bool, folder: Path, allowed: str) -> None:

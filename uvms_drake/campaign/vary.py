@@ -16,12 +16,11 @@ from uvms_drake.campaign.outside import kinds_outside, step_outside
 from uvms_drake.campaign.setup import Campaign, with_target
 from uvms_drake.campaign.unknowns import with_unknowns
 from uvms_drake.campaign.walls import moved, turns_freely
-from uvms_drake.certificate.certify import between_knots
+from uvms_drake.certificate.certify import first_plan
+from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import DynamicPlan, Plan
-from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter, RunFailed
 from uvms_drake.faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
@@ -30,7 +29,7 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.problem import make_ocp, start_state, within_declared_set
+from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -86,8 +85,9 @@ def vary(campaign: Campaign, index: int) -> Variation:
             if attempt == 0:
                 make_ocp(base)  # A scenario that cannot be used at all says so.
             continue
-        plan = first_plan(ocp, start, declared, scenario.task.force)
-        if plan is None:
+        bound = ultimate_bounds(scenario.tube, scenario, ocp.model)["force"]
+        plan, conditions = first_plan(declared, ocp, start, bound)
+        if plan is None or not all(condition.holds for condition in conditions):
             continue
         scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
         if outside is not None:
@@ -107,25 +107,6 @@ def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
     q = np.asarray(scenario.start.q, dtype=float)
     posture = rng.uniform(ocp.limits.q_lower, ocp.limits.q_upper)
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
-
-
-def first_plan(ocp: Ocp, start: np.ndarray, declared: Scenario, force: np.ndarray) -> Plan | None:
-    """Returns the first plan, if what the certificate asks of it holds from here.
-
-    Within the limits, also between its knots, into the terminal set and, if forces act at all,
-    pressing no harder than the declared set reaches.
-    """
-    solution = SequentialConvexSolver(ocp).solve(
-        ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
-    plan, value = solution.plan, solution.evaluation
-    if plan is None or value is None:
-        return None
-    if value.violation > FEASIBLE or value.terminal_slack > REACHED:
-        return None
-    if between_knots(ocp, plan) > FEASIBLE:
-        return None
-    pressed = declared.kinematic or within_declared_set(declared, ocp.model, force, plan)
-    return plan if pressed else None
 
 
 def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Disturbance:

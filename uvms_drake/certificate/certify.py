@@ -285,31 +285,41 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])
-    return draft.adding(_first_plan(draft, scenario, start)) if draft.certified else draft
+    if not draft.certified:
+        return draft
+    ocp = make_ocp(draft.applied_to(scenario))  # With the terminal set.
+    return draft.adding(first_plan(scenario, ocp, start, draft.bounds["force"])[1])
 
 
-def _first_plan(draft: Certificate, scenario: Scenario, start: np.ndarray) -> list[Condition]:
-    """Returns the assumption of the Theorem: the FHOCP is feasible at t = 0.
+def first_plan(scenario: Scenario, ocp: Ocp, start: np.ndarray, force_bound: float
+               ) -> tuple[Plan | None, list[Condition]]:
+    """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
     And that, where forces move the robot, neither the plan nor the robot in its tube presses harder
     than the declared set reaches; and that no angle leaves its limits between the knots. No limit
     of the MPC sees to either.
+
+    Args:
+        scenario: Whose declared set it is.
+        ocp: The problem, with what the tube leaves of the limits.
+        start: (𝔮, ζ) (2(6+n),).
+        force_bound: See `reach.ultimate_bounds` [N]; not read if the motion is kinematic.
     """
-    ocp = make_ocp(draft.applied_to(scenario))
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
-        return [Condition("first plan found", 0.0, ">=", 1.0)]
+        return None, [Condition("first plan found", 0.0, ">=", 1.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
     reached = [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
                Condition("first plan, violation by an angle between its knots",
                          between_knots(ocp, solution.plan), "<=", FEASIBLE),
                Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
     if scenario.kinematic:
-        return reached
-    pressed = pressed_force(ocp.model, solution.plan) + draft.bounds["force"]
-    return [*reached, Condition("first plan, force on the surface with the tube's", pressed, "<=",
-                                largest_force(scenario, ocp.model))]
+        return solution.plan, reached
+    pressed = pressed_force(ocp.model, solution.plan) + force_bound
+    return solution.plan, [*reached, Condition(
+        "first plan, force on the surface with the tube's", pressed, "<=",
+        largest_force(scenario, ocp.model))]
 
 
 def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:

@@ -8,18 +8,24 @@ from uvms_drake.model.coordinates import Coordinates
 
 
 class ToPaperOrder(LeafSystem):
-    """Turns the state of a plant into (𝔮, ζ).
+    """Turns the state of a plant into (𝔮, ζ), and its acceleration into ζ̇.
+
+    With v = T(𝔮) ζ, T orthogonal, ζ̇ = Tᵀ(v̇ − Ṫζ).
 
     .. pydrake_system::
 
         name: ToPaperOrder
         input_ports:
         - plant_state
+        - v_dot (for acceleration)
         output_ports:
         - state
+        - acceleration
 
     - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
+    - `v_dot` (nv): v̇ in the plant's order, e.g. of `Hydrodynamics`.
     - `state` (2 (6 + n)): 𝔮 [m, rad] in World, ζ [m/s, rad/s] in body axes.
+    - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, the vehicle's part in body axes.
 
     This system does not have any state.
 
@@ -32,7 +38,10 @@ class ToPaperOrder(LeafSystem):
         self.coordinates = coordinates
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", coordinates.num_positions + coordinates.num_velocities)
-        self.DeclareVectorOutputPort("state", 2 * coordinates.size, self._calc_state)
+        self._v_dot_port = self.DeclareVectorInputPort("v_dot", coordinates.num_velocities)
+        self.DeclareVectorOutputPort("state", 2 * coordinates.size, self._calc_state,
+                                     {self.input_port_ticket(self._plant_state_port.get_index())})
+        self.DeclareVectorOutputPort("acceleration", coordinates.size, self._calc_acceleration)
 
     @staticmethod
     def AddToBuilder(
@@ -41,7 +50,7 @@ class ToPaperOrder(LeafSystem):
         coordinates: Coordinates,
         name: str = "to_paper_order",
     ) -> "ToPaperOrder":
-        """Adds the system to `builder` and wires it to the state of `plant`."""
+        """Adds the system to `builder` and wires it to the state of `plant`, but not `v_dot`."""
         system = ToPaperOrder(coordinates)
         builder.AddNamedSystem(name, system)
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
@@ -49,6 +58,10 @@ class ToPaperOrder(LeafSystem):
 
     def _calc_state(self, context, output):
         output.SetFromVector(self.coordinates.from_drake(self._plant_state_port.Eval(context)))
+
+    def _calc_acceleration(self, context, output):
+        output.SetFromVector(self.coordinates.acceleration_from_drake(
+            self._plant_state_port.Eval(context), self._v_dot_port.Eval(context)))
 
 
 class ToDrakeOrder(LeafSystem):
@@ -105,53 +118,3 @@ class ToDrakeOrder(LeafSystem):
             return
         output.SetFromVector(self._coordinates.vector_to_drake(
             self._plant_state_port.Eval(context), self._vector_port.Eval(context)))
-
-
-class ToPaperAcceleration(LeafSystem):
-    """Turns the acceleration v̇ of a plant into ζ̇.
-
-    With v = T(𝔮) ζ, T orthogonal, the output is Tᵀ(v̇ − Ṫζ).
-
-    .. pydrake_system::
-
-        name: ToPaperAcceleration
-        input_ports:
-        - plant_state
-        - v_dot
-        output_ports:
-        - acceleration
-
-    - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
-    - `v_dot` (nv): v̇ in the plant's order, e.g. of `Hydrodynamics`.
-    - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, the vehicle's part in body axes.
-
-    This system does not have any state.
-
-    Args:
-        coordinates: Of the robot in the plant.
-    """
-
-    def __init__(self, coordinates: Coordinates):
-        super().__init__()
-        self._coordinates = coordinates
-        self._plant_state_port = self.DeclareVectorInputPort(
-            "plant_state", coordinates.num_positions + coordinates.num_velocities)
-        self._v_dot_port = self.DeclareVectorInputPort("v_dot", coordinates.num_velocities)
-        self.DeclareVectorOutputPort("acceleration", coordinates.size, self._calc_acceleration)
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        plant: MultibodyPlant,
-        coordinates: Coordinates,
-        name: str = "to_paper_acceleration",
-    ) -> "ToPaperAcceleration":
-        """Adds the system to `builder` and wires it to the state of `plant`."""
-        system = ToPaperAcceleration(coordinates)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-        return system
-
-    def _calc_acceleration(self, context, output):
-        output.SetFromVector(self._coordinates.acceleration_from_drake(
-            self._plant_state_port.Eval(context), self._v_dot_port.Eval(context)))

@@ -16,7 +16,7 @@ from uvms_drake.model.description import add_uvms
 from uvms_drake.model.model_error import ModelError
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
-from uvms_drake.plant.order import ToDrakeOrder, ToPaperAcceleration, ToPaperOrder
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface
 
 MESHCAT_NED = "ned"
@@ -45,7 +45,7 @@ def make_uvms_plant(
                    │              └──▶ disturbance                      │
                    └────────────────── plant state (to all) ◀───────────┘
 
-        hydrodynamics ─▶ to_paper_acceleration ─▶ acceleration
+        hydrodynamics ─▶ to_paper_order ─▶ acceleration
 
     World is Σ_I (NED); n is the number of the arm's joints.
 
@@ -117,8 +117,7 @@ def make_uvms_plant(
         d_drake.GetOutputPort("drake_order"), water.GetInputPort("acceleration_disturbance"))
 
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
-    acceleration = ToPaperAcceleration.AddToBuilder(builder, plant, coordinates)
-    builder.Connect(water.GetOutputPort("acceleration"), acceleration.GetInputPort("v_dot"))
+    builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
     if meshcat is not None:
         add_visualizer(builder, scene_graph, meshcat)
 
@@ -128,7 +127,7 @@ def make_uvms_plant(
     builder.ExportOutput(contact.GetOutputPort("force"), "force")
     builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
     builder.ExportOutput(d_source.get_output_port(), "disturbance")
-    builder.ExportOutput(acceleration.GetOutputPort("acceleration"), "acceleration")
+    builder.ExportOutput(state.GetOutputPort("acceleration"), "acceleration")
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     diagram = builder.Build()
     diagram.set_name("uvms")
