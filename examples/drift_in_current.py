@@ -66,7 +66,7 @@ def main() -> None:
         simulator.AdvanceTo(time)
         v_WB = uvms.vehicle.EvalSpatialVelocityInWorld(
             plant.GetMyContextFromRoot(context)).translational()
-        eta = state.get_output_port().Eval(state.GetMyContextFromRoot(context))[:6]
+        eta = state.GetOutputPort("state").Eval(state.GetMyContextFromRoot(context))[:6]
         print(f"{time:6.1f}{v_WB[0]:13.4f}{v_WB[1]:12.4f}{eta[2]:11.3f}"
               f"{np.degrees(eta[5]):11.2f}")
     print(f"share of the current's speed: {v_WB[:2] @ CURRENT[:2] / (CURRENT @ CURRENT):.3f}")
