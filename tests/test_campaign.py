@@ -482,6 +482,23 @@ def test_a_run_can_be_replayed_alone(reference, capsys, monkeypatch):
     assert capsys.readouterr().err.count("\n") == 3
 
 
+@pytest.mark.parametrize(("args", "said"), [
+    (["--runs", "5"], "--runs = 5"), (["--seed", "4"], "--seed = 4"),
+    (["--workers", "1"], "--workers = 1"), (["--scheduler", "tcp://x:1"], "--scheduler = 'tcp:"),
+    (["--uncertified"], "--uncertified = True"), (["--model-error", "0"], "--model-error = 0.0"),
+    (["--set", "duration=9"], "--set = ['duration=9']")])
+def test_a_replay_takes_nothing_that_the_campaign_decides(tmp_path, capsys, args, said):
+    command = ["campaign", "girona500_contact", "--outside", "--replay", "2",
+               "--output", str(tmp_path)]
+    assert main([*command, *args]) == 2
+    err = capsys.readouterr().err
+    assert f"error: {said}" in err
+    assert "must be left out with --replay: the campaign in the folder decides it" in err
+    assert err.count("\n") == 1
+    assert main([*command, "--runs", "100"]) == 2  # The default is as good as nothing.
+    assert "left out" not in capsys.readouterr().err
+
+
 def test_progress_in_a_log_file_is_a_few_lines(tmp_path):
     with (tmp_path / "log").open("w+", encoding="utf-8") as file:
         progress = CampaignProgress(200, file)

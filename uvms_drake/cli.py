@@ -28,7 +28,7 @@ from uvms_drake.certificate.certificate import (
     stale_reason,
     write_certificate,
 )
-from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.errors import InvalidParameter, RunFailed, ScenarioError, require
 from uvms_drake.output import output_folder
 from uvms_drake.progress import ProgressLine, alarms_above, announce_certifying
 from uvms_drake.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
@@ -259,7 +259,12 @@ def run_campaign(args: argparse.Namespace) -> int:
 
     if args.replay is None:
         return run_campaign(args)
-    campaign = folder_of(args, load_scenario(args.scenario, args.overrides))
+    for name, default in vars(make_parser().parse_args(["campaign"])).items():
+        if name not in ("scenario", "output", "outside", "replay"):
+            option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
+            require(getattr(args, name) == default, option, getattr(args, name),
+                    "left out with --replay: the campaign in the folder decides it")
+    campaign = folder_of(args, load_scenario(args.scenario))
     record = replayed(campaign, args.replay)
     output = campaign / f"run-{args.replay}"
     with output_folder(output, ()) as folder:
