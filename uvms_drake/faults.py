@@ -58,7 +58,10 @@ class FrozenState(_OfSensor):
 
 @dataclass
 class LostState(_OfSensor):
-    """The measured state is not a number; from 0 on there is no first plan, and the run fails."""
+    """The measured state is not a number."""
+
+    start: float = 1.0
+    """[s]; above 0, for the first plan starts at the measured state."""
 
 
 @dataclass
@@ -106,6 +109,9 @@ def check_faults(faults: Sequence[Fault], *, kinematic: bool) -> None:
     for i, fault in enumerate(faults):
         key, kind = f"faults[{i}]", type(fault).__name__
         with within(key):
+            if isinstance(fault, LostState):
+                require(fault.start > 0.0, "start", fault.start,
+                        "above 0: the first plan needs a measured state")
             for name in (field.name for field in fields(fault)):
                 holds, allowed = _ALLOWED[name]
                 require(holds(getattr(fault, name)), name, getattr(fault, name), allowed)
