@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import assumptions
 from uvms_drake.certificate.conditions import Condition
 from uvms_drake.certificate.constants import QUANTITIES, Constant
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.scenario import load_scenario
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})
@@ -28,6 +30,18 @@ def test_the_first_failed_condition_is_the_verdict():
 def test_a_number_that_is_none_fails_without_an_amount():
     line = verdict(replace(EMPTY, conditions=(Condition("x", np.nan, "<=", 0.0),)))
     assert line == "void: x: nan <= 0 does not hold"
+
+
+@pytest.mark.parametrize(("override", "line"), [
+    ("faults=[!StuckJoint {}]", "void: faults, which the proofs do not cover; what would help: "
+                                "no faults but those of the solver"),
+    ("mpc.terminal_set=false", "void: mpc.terminal_set, none; what would help: terminal_set: true"),
+    ("model_error.drag=1.25", "void: model_error, which the controller does not know: "
+                              "0.25 <= 0 does not hold by 0.25; what would help: leaving it out: "
+                              "it acts as a disturbance that d̃ does not count")])
+def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
+    scenario = load_scenario("girona500_contact", [override])
+    assert verdict(replace(EMPTY, conditions=tuple(assumptions(scenario)))) == line
 
 
 @pytest.mark.parametrize("beginning", HELP)

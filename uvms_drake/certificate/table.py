@@ -22,6 +22,9 @@ HELP = {
     "joints of weight zero": "positive joint weights in mpc.weight_y",
     "current":
         "still water, or --uncertified: a current is a model error that d̃ does not count",
+    "model_error": "leaving it out: it acts as a disturbance that d̃ does not count",
+    "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
+    "faults": "no faults but those of the solver",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "first plan, violation by an angle": "a shorter mpc.time_step or wider limits on angles",
     "first plan, violation of": "a start further inside the limits",
@@ -29,6 +32,9 @@ HELP = {
     "first plan, distance": "a longer horizon or a closer start",
 }
 """What would make a failed condition hold, by how its name begins."""
+
+COUNTS = ("faults", "mpc.", "joints of weight zero", "n, joints")
+"""How the names of conditions begin that say it all: the number is a yes or no, or a count."""
 
 UNITS = {
     "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
@@ -71,11 +77,14 @@ def verdict(certificate: Certificate) -> str:
     failed = certificate.failed
     if failed is None:
         return f"certified: all {len(certificate.conditions)} conditions hold"
-    return f"void: {failed}{_by(failed)}{_help(failed)}"
+    return f"void: {_what(failed)}{_help(failed)}"
 
 
-def _by(condition: Condition) -> str:
-    return f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
+def _what(condition: Condition) -> str:
+    if condition.name.startswith(COUNTS):
+        return condition.name
+    by = f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
+    return f"{condition}{by}"
 
 
 def _help(condition: Condition) -> str:
