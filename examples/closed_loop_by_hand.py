@@ -38,7 +38,8 @@ def main() -> None:
     # The controller's model, task and tightened limits.
     model = UvmsModel.load(ROBOT, make_surface_law(WALL))
     y_des = np.concatenate([model.surface.pose_for(FORCE, POSE), POSTURE])
-    limits = tighten(settings.limits, settings.tube, model.q_lower, model.q_upper)
+    limits = tighten(
+        settings.limits, settings.tube, model.q_lower, model.q_upper, model.surface)
     ocp = DynamicOcp(model, settings.mpc, y_des, limits)
 
     # Plant and controller are Diagrams with named ports.

@@ -8,6 +8,7 @@ from uvms_drake.model.contact import (
     BilateralSpring,
     UnilateralPlane,
     dissipation_factor,
+    force_at_rest,
     make_surface_law,
     plane_load,
 )
@@ -182,6 +183,30 @@ def test_a_complex_step_gives_the_derivative(law, depth, rate):
     finite = (law.force(chi + h * a, chi_dot + h * b)
               - law.force(chi - h * a, chi_dot - h * b)) / (2.0 * h)
     np.testing.assert_allclose(exact, finite, atol=1e-3 if depth < TRANSITION else 1e-6)
+
+
+@pytest.mark.parametrize("law", [spring(), plane()], ids=["spring", "plane"])
+def test_at_rest_the_force_changes_by_no_more_than_its_jacobian_says(law):
+    """And by just that, of the spring everywhere and of the plane past the transition."""
+    frame, rng = plane(), np.random.default_rng(3)
+    near = np.array([tip_at(frame, depth, rng) for depth in rng.uniform(-0.01, 0.03, 500)])
+    step = 0.002 * rng.normal(size=(500, 6))
+    forces = [law.force(chi, np.zeros((500, 6)))[:, :3] for chi in (near, near + step)]
+    change = np.linalg.norm(forces[1] - forces[0], axis=1)
+    most = np.linalg.norm(step @ law.force_jacobian().T, axis=1)
+    assert np.all(change <= most + 1e-9)
+    past = np.min([frame.depth(chi[:, :3]) for chi in (near, near + step)], axis=0) > TRANSITION
+    assert 100 < np.count_nonzero(past) < 450
+    np.testing.assert_allclose(change[past], most[past], atol=1e-9)
+
+
+def test_the_depth_for_a_force_is_where_the_plane_carries_it():
+    law = plane()
+    for magnitude in (0.5 * STIFFNESS * TRANSITION, 2.0, 30.0):
+        pose = tip_at(law, law.depth_for(magnitude))
+        assert force_at_rest(law, pose) == pytest.approx(magnitude, rel=1e-12)
+    with pytest.raises(InvalidParameter, match=r"at least 1\.245 N"):
+        law.depth_for(1.2)
 
 
 @pytest.mark.parametrize("law", [spring(), plane()], ids=["spring", "plane"])

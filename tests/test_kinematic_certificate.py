@@ -39,6 +39,7 @@ from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.problem import make_kinematic_ocp, start_state
@@ -137,7 +138,8 @@ def test_it_is_the_same_after_json(certificate, scenario, tmp_path):
     assert stale_reason(again, scenario) is None
     assert stale_reason(again, load_scenario(NAME, ["ancillary.sigma=11"])) == "the scenario"
     applied = again.applied_to(scenario)
-    limits = tighten(applied.limits, applied.tube, *applied_joints(applied), accelerations=False)
+    limits = tighten(applied.limits, applied.tube, *applied_joints(applied),
+                     make_surface_law(applied.surface), accelerations=False)
     assert limits.nu1 == pytest.approx(2.0 - certificate.tube.nu1)
 
 

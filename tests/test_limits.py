@@ -15,6 +15,12 @@ from uvms_drake.control.limits import (
     tightened_parts,
 )
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.model.contact import (
+    BilateralSpring,
+    UnilateralPlane,
+    force_at_rest,
+    make_surface_law,
+)
 
 LIMITS = Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.8,
                 u=np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.4, 6.0, 8.0]),
@@ -25,10 +31,17 @@ TUBE = TubeRadii(e=0.19, position=0.18, orientation=0.01, joints=0.012, z=0.17, 
                  tau=np.array([9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 0.5, 0.4]))
 """All different: each limit has one radius of its own."""
 Q_LOWER, Q_UPPER = np.array([-0.5, -1.3]), np.array([1.4, 0.7])
+SPRING = make_surface_law(BilateralSpring(
+    stiffness=np.diag([900.0, 400.0, 300.0, 9.0, 8.0, 7.0]) + np.array(
+        [[0, 50, 0, 20, 0, 5], [50, 0, 0, 0, 10, 0], [0, 0, 0, 0, 0, 0],
+         [20, 0, 0, 0, 0, 0], [0, 10, 0, 0, 0, 0], [5, 0, 0, 0, 0, 0]]),
+    equilibrium=np.array([0.3, -0.2, 1.1, 0.1, -0.2, 0.4])))
+PLANE = make_surface_law(UnilateralPlane(
+    point=np.array([0.3, -0.2, 1.1]), normal=np.array([-0.6, 0.0, 0.8]), stiffness=830.0))
 
 
 def test_every_limit_loses_the_radius_of_its_own_block():
-    rest = tighten(LIMITS, TUBE, Q_LOWER, Q_UPPER)
+    rest = tighten(LIMITS, TUBE, Q_LOWER, Q_UPPER, PLANE)
     assert rest.nu1 == pytest.approx(0.21)
     assert rest.nu2 == pytest.approx(0.17)
     assert rest.qdot == pytest.approx(0.25)
@@ -44,7 +57,7 @@ def test_every_limit_loses_the_radius_of_its_own_block():
 @pytest.mark.parametrize("key", ["nu1", "nu2", "qdot"])
 def test_the_worst_deviation_in_the_tube_reaches_the_limit_and_does_not_exceed_it(key):
     """For a velocity on the tightened ball and 100 deviations: the radius is not too small."""
-    rest = tighten(LIMITS, TUBE, Q_LOWER, Q_UPPER)
+    rest = tighten(LIMITS, TUBE, Q_LOWER, Q_UPPER, PLANE)
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -55,7 +68,7 @@ def test_the_worst_deviation_in_the_tube_reaches_the_limit_and_does_not_exceed_i
 
 
 def test_without_a_tube_the_limits_stay():
-    rest = tighten(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)), Q_LOWER, Q_UPPER)
+    rest = tighten(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)), Q_LOWER, Q_UPPER, PLANE)
     for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
         assert getattr(rest, key) == getattr(LIMITS, key)
     np.testing.assert_array_equal(rest.u, LIMITS.u)
@@ -66,7 +79,7 @@ def test_without_a_tube_the_limits_stay():
 
 @pytest.mark.parametrize("tau", [None, TUBE.tau, np.full(3, -1.0)])
 def test_without_limits_on_forces_none_are_left_whatever_the_tube_says(tau):
-    rest = tighten(replace(LIMITS, tau=None), replace(TUBE, tau=tau), Q_LOWER, Q_UPPER)
+    rest = tighten(replace(LIMITS, tau=None), replace(TUBE, tau=tau), Q_LOWER, Q_UPPER, PLANE)
     assert rest.tau is None
 
 
@@ -78,15 +91,15 @@ def test_a_block_without_a_radius_of_its_own_takes_the_total():
     resolved = resolved_radii(tube)
     assert {block: getattr(resolved, block) for block in BLOCKS} == {
         block: getattr(TUBE, total) for block, total in BLOCKS.items()}
-    rest = tighten(LIMITS, tube, Q_LOWER, Q_UPPER)
+    rest = tighten(LIMITS, tube, Q_LOWER, Q_UPPER, PLANE)
     assert rest.nu1 == pytest.approx(0.25 - 0.17)
     assert rest.nu2 == pytest.approx(0.2 - 0.17)
     assert rest.qdot == pytest.approx(0.3 - 0.17)
     assert rest.tip_pitch == pytest.approx(0.8 - 0.19)
     np.testing.assert_allclose(rest.q_lower, [-0.31, -1.11])
     np.testing.assert_allclose(rest.q_upper, [1.21, 0.51])
-    assert tightened_parts(LIMITS, tube, Q_LOWER, Q_UPPER) == tightened_parts(
-        LIMITS, resolved, Q_LOWER, Q_UPPER)
+    assert tightened_parts(LIMITS, tube, Q_LOWER, Q_UPPER, PLANE) == tightened_parts(
+        LIMITS, resolved, Q_LOWER, Q_UPPER, PLANE)
     assert rest.roll == pytest.approx(0.27)
 
 
@@ -114,35 +127,76 @@ def test_joint_limits_are_the_robots_or_the_narrower_ones_asked_for():
 
 def test_narrower_joint_limits_are_tightened():
     asked = replace(LIMITS, q_lower=np.array([-0.4, -1.0]), q_upper=np.array([0.1, 0.2]))
-    rest = tighten(asked, TUBE, Q_LOWER, Q_UPPER)
+    rest = tighten(asked, TUBE, Q_LOWER, Q_UPPER, PLANE)
     np.testing.assert_allclose(rest.q_lower, [-0.388, -0.988])
     np.testing.assert_allclose(rest.q_upper, [0.088, 0.188])
 
 
 def test_joints_without_limits_stay_so():
-    rest = tighten(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]))
+    rest = tighten(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]), PLANE)
     np.testing.assert_allclose(rest.q_lower, [-np.inf, -1.288])
     np.testing.assert_allclose(rest.q_upper, [np.inf, 0.688])
+
+
+# The force on the surface ------------------------------------------------------------------------
+
+
+SMALL = replace(TUBE, position=0.002, orientation=0.01)
+
+
+@pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
+def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(surface):
+    """At 4000 poses of just the nominal force, each off by a deviation of the tube."""
+    limit = 40.0
+    bound = tighten(
+        replace(LIMITS, force=limit), SMALL, Q_LOWER, Q_UPPER, surface).force
+    rng = np.random.default_rng(0)
+    nominal = np.concatenate([rng.normal(size=(4000, 3)), 0.02 * rng.normal(size=(4000, 3))], 1)
+    if surface is SPRING:
+        rest = np.zeros((4000, 6))
+        rest[:, 3:] = nominal[:, 3:]
+        direction = nominal[:, :3] / np.linalg.norm(nominal[:, :3], axis=1)[:, None]
+        missing = bound * direction - (rest @ surface.K)[:, :3]
+        nominal[:, :3] = np.linalg.solve(surface.K[:3, :3], missing.T).T
+        nominal += surface.chi_eq
+    else:
+        along = nominal[:, :3] @ surface.normal + surface.depth_for(bound)
+        nominal[:, :3] += surface.point - along[:, None] * surface.normal
+    np.testing.assert_allclose(force_at_rest(surface, nominal), bound)
+    off = [radius * step / np.linalg.norm(step, axis=1)[:, None] for radius, step in (
+        (SMALL.position, rng.normal(size=(4000, 3))),
+        (SMALL.orientation, rng.normal(size=(4000, 3))))]
+    worst = np.max(force_at_rest(surface, nominal + np.concatenate(off, axis=1)))
+    assert bound + 0.8 * (limit - bound) < worst <= limit + 1e-9
+
+
+def test_a_tube_as_wide_as_the_force_is_refused():
+    pressed = replace(LIMITS, force=2.0)
+    assert ("force", pytest.approx(830.0 * 0.002), 2.0) in tightened_parts(
+        pressed, SMALL, Q_LOWER, Q_UPPER, PLANE)
+    with pytest.raises(InvalidParameter, match=r"limits\.force = 2\.0"):
+        tighten(pressed, replace(SMALL, position=0.003), Q_LOWER, Q_UPPER, PLANE)
+    assert tighten(LIMITS, SMALL, Q_LOWER, Q_UPPER, PLANE).force is None
 
 
 # What is left ------------------------------------------------------------------------------------
 
 
 def test_the_parts_are_every_limit_with_its_radius():
-    parts = tightened_parts(LIMITS, TUBE, Q_LOWER, Q_UPPER)
+    parts = tightened_parts(LIMITS, TUBE, Q_LOWER, Q_UPPER, PLANE)
     assert parts == [
         ("nu1", 0.04, 0.25), ("nu2", 0.03, 0.2), ("qdot", 0.05, 0.3), ("roll", 0.06, 0.33),
         ("pitch", 0.02, 0.31), ("tip_pitch", 0.01, 0.8),
         ("q1", 0.012, pytest.approx(0.95)), ("q2", 0.012, pytest.approx(1.0)),
         *((f"u[{i}]", TUBE.u[i], LIMITS.u[i]) for i in range(8)),
         *((f"tau[{i}]", TUBE.tau[i], LIMITS.tau[i]) for i in range(8))]
-    unforced = tightened_parts(replace(LIMITS, tau=None), TUBE, Q_LOWER, Q_UPPER)
+    unforced = tightened_parts(replace(LIMITS, tau=None), TUBE, Q_LOWER, Q_UPPER, PLANE)
     assert unforced == parts[:16]
 
 
 def test_the_parts_may_be_empty_and_are_not_refused():
     wide = replace(TUBE, nu1=0.3, joints=2.0)
-    empty = [name for name, radius, room in tightened_parts(LIMITS, wide, Q_LOWER, Q_UPPER)
+    empty = [name for name, radius, room in tightened_parts(LIMITS, wide, Q_LOWER, Q_UPPER, PLANE)
              if radius >= room]
     assert empty == ["nu1", "q1", "q2"]
 
@@ -152,10 +206,10 @@ def test_the_parts_may_be_empty_and_are_not_refused():
     ("orientation", "tip_pitch")])
 def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, limit):
     room = getattr(LIMITS, limit)
-    rest = tighten(LIMITS, replace(TUBE, **{radius: 0.999 * room}), Q_LOWER, Q_UPPER)
+    rest = tighten(LIMITS, replace(TUBE, **{radius: 0.999 * room}), Q_LOWER, Q_UPPER, PLANE)
     assert getattr(rest, limit) == pytest.approx(0.001 * room)
     with pytest.raises(InvalidParameter) as caught:
-        tighten(LIMITS, replace(TUBE, **{radius: room}), Q_LOWER, Q_UPPER)
+        tighten(LIMITS, replace(TUBE, **{radius: room}), Q_LOWER, Q_UPPER, PLANE)
     assert caught.value.key == f"limits.{limit}"
     assert caught.value.value == room
     assert f"larger than the tube's {room:.4g}" in str(caught.value)
@@ -163,7 +217,7 @@ def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, l
 
 @pytest.mark.parametrize("radius", ["e", "position", "z"])
 def test_radii_that_no_limit_is_about_tighten_nothing(radius):
-    one, other = (tighten(LIMITS, replace(TUBE, **{radius: size}), Q_LOWER, Q_UPPER)
+    one, other = (tighten(LIMITS, replace(TUBE, **{radius: size}), Q_LOWER, Q_UPPER, PLANE)
                   for size in (0.0, 100.0))
     for key, value in vars(one).items():
         np.testing.assert_array_equal(getattr(other, key), value)
@@ -217,7 +271,7 @@ def test_radii_that_no_limit_is_about_tighten_nothing(radius):
 ])
 def test_what_leaves_nothing_or_means_nothing_is_named(limits, tube, key):
     with pytest.raises(InvalidParameter) as caught:
-        tighten(replace(LIMITS, **limits), replace(TUBE, **tube), Q_LOWER, Q_UPPER)
+        tighten(replace(LIMITS, **limits), replace(TUBE, **tube), Q_LOWER, Q_UPPER, PLANE)
     assert caught.value.key == key
     assert "\n" not in str(caught.value)
 

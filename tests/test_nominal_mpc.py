@@ -304,7 +304,7 @@ def test_without_a_new_plan_there_is_no_new_force_either(short_ocp, start, fault
     force, other = np.full(6, 20.0), np.full(6, 21.0)
     ocp = copy.copy(short_ocp)
     setup = Setup(SequentialConvexSolver(ocp), start, targets=Targets(
-        force, lambda force: copy.copy(short_ocp), lambda force, plan: True))
+        force, lambda force: copy.copy(short_ocp)))
     setup.give("desired_force", other)
     if fault == "deadline":
         setup.ocp.deadline = 1e-9
@@ -454,7 +454,7 @@ def test_the_problem_of_the_start_outlives_all_others(short_ocp):
         return short_ocp
 
     start, solver = np.full(6, 20.0), SequentialConvexSolver(short_ocp)
-    mpc = NominalMpc(solver, Targets(start, problem, lambda force, plan: True))
+    mpc = NominalMpc(solver, Targets(start, problem))
     for force in [*range(SOLVERS_KEPT + 5), 101, 101]:
         found = mpc._solver_of(np.full(6, float(force)))
         assert (found is None) == (force == 101)

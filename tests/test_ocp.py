@@ -186,7 +186,13 @@ def extremes(ocp, plan) -> dict[str, object]:
         "q_upper": np.max(config[:, 6:], axis=0),
         "u": np.max(np.abs(u), axis=0),
         "tau": np.max(np.abs(forces(ocp, plan)), axis=(0, 1)),
+        "force": np.max([force_of(ocp, dh.chi(c)) for c in config]),
     }
+
+
+def force_of(ocp, chi: np.ndarray) -> float:
+    """Returns the force on the wall at rest [N]; at least that of the transition's end."""
+    return max(float(ocp.model.surface.force(chi, np.zeros(6))[0]), 1.0)
 
 
 @pytest.mark.parametrize("kind", ["nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"])
@@ -208,6 +214,14 @@ def test_every_joint_every_input_and_every_force_has_its_own_limit(ocp, plan, ki
         bound[i] += inwards * 1e-3
         tight = with_limits(ocp, **{**touched, kind: bound})
         assert tight.evaluate(plan).violation == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_a_plan_that_presses_too_hard_is_deeper_by_so_much(ocp):
+    plan = plan_around(ocp, 1, depth=0.05)
+    touched = extremes(ocp, plan)
+    tight = with_limits(ocp, **{**touched, "force": touched["force"] - 1.0})
+    assert tight.evaluate(plan).violation == pytest.approx(1e-3, rel=1e-6)  # 1 N at 1000 N/m
+    assert with_limits(tight, force=None).evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("end", [0, 1])

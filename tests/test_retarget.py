@@ -13,8 +13,9 @@ from uvms_drake.simulation import make_record
 from uvms_drake.station import initialize, make_station, read_logs
 from uvms_drake.summary import summarise
 
-FORCES = ((10.0, 30.0), (16.0, 40.0), (17.0, 25.0))
-"""From these times on [s] these forces are asked for [N]; the second is beyond the declared set."""
+FORCES = ((10.0, 30.0), (16.0, 44.0), (17.0, 25.0))
+"""From these times on [s] these forces are asked for [N]; the second is more than the tube leaves
+of `limits.force`."""
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def test_the_new_force_is_there_within_5_seconds(record):
         assert np.max(np.abs(pressed - force)) < 1.0
 
 
-def test_a_force_beyond_the_declared_set_is_refused_and_the_old_one_kept(record):
+def test_a_force_beyond_its_limit_is_refused_and_the_old_one_kept(record):
     kept = during(record, 16.1, 16.9)
     np.testing.assert_array_equal(record.desired_force[kept, 0], 30.0)
     assert np.max(np.abs(record.force[kept, 0] - 30.0)) < 1.0
@@ -75,8 +76,9 @@ def test_a_problem_of_another_force_has_its_own_equilibrium_and_terminal_set(sce
     assert other.terminal.radius > 0.0
 
 
-def test_a_force_that_the_tube_does_not_hold_for_is_an_error(scenario):
-    with pytest.raises(InvalidParameter, match=r"task\.force.*at most 32"):
-        retargeted_ocp(scenario, np.array([34.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+def test_a_force_that_the_tube_does_not_leave_of_its_limit_is_an_error(scenario):
+    """1.7 mm of tube at 1000 N/m."""
+    with pytest.raises(InvalidParameter, match=r"task\.force.*44 N, is at most 43\.29 N"):
+        retargeted_ocp(scenario, np.array([44.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     with pytest.raises(InvalidParameter, match=r"task\.force"):
         retargeted_ocp(scenario, np.full(6, np.nan))

@@ -12,7 +12,7 @@ def test_the_defaults_are_fit():
 
 @pytest.mark.parametrize(("key", "value"), [
     ("constant_samples", 9), ("tube_samples", 0), ("terminal_samples", -5),
-    ("safety_factor", 0.99), ("force_range", 1.0), ("seed", -1)])
+    ("safety_factor", 0.99), ("seed", -1)])
 def test_what_means_nothing_is_named(key, value):
     with pytest.raises(InvalidParameter) as caught:
         check_settings(CertificateSettings(**{key: value}))

@@ -45,10 +45,9 @@ def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | 
                 (bound - sign * linear.value[k])[kept], np.concatenate([z[k], v]))
         for limit in program.norms:
             if np.isfinite(limit.bound[k]):
-                part = z[k][limit.rows]
                 prog.AddLorentzConeConstraint(
-                    np.vstack([np.zeros((1, len(part))), np.eye(len(part))]),
-                    np.concatenate([[limit.bound[k]], limit.value[k]]), part)
+                    np.vstack([np.zeros((1, nx + nw)), limit.C]),
+                    np.concatenate([[limit.bound[k]], limit.value[k]]), z[k])
     terminal = program.terminal
     if np.isfinite(terminal.radius):
         A = np.zeros((1 + len(terminal.T), nx + 1))
@@ -89,9 +88,10 @@ def random_program(seed: int, room: float, radius: float = 0.2) -> StagedProgram
         g=rng.normal(size=(N, nx + nw)), H_end=np.eye(nx), g_end=rng.normal(size=nx),
         linear=LinearLimits(C, 0.2 * rng.uniform(-1, 1, size=(N + 1, m)), -bound, bound,
                             np.array([True, False, False])),
-        norms=(NormLimit(slice(0, 2), 0.1 * rng.normal(size=(N + 1, 2)),
+        norms=(NormLimit(np.hstack([rng.normal(size=(2, nx)), np.zeros((2, nw))]),
+                         0.1 * rng.normal(size=(N + 1, 2)),
                          np.concatenate([[np.inf], np.full(N, room)])),
-               NormLimit(slice(4, 6), 0.1 * rng.normal(size=(N + 1, 2)),
+               NormLimit(np.eye(6)[4:], 0.1 * rng.normal(size=(N + 1, 2)),
                          np.concatenate([np.full(N, room), [np.inf]]))),
         terminal=TerminalLimit(T, 0.1 * rng.normal(size=3), radius * room),
         slack_penalty=1.0, excess_penalty=2.0)

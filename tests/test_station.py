@@ -83,7 +83,7 @@ def test_without_the_disturbance_it_holds_20_newtons_within_1(undisturbed):
 def test_no_limit_is_exceeded(request, run):
     record = request.getfixturevalue(run)
     limits, signals = record.scenario.limits, constraint_signals(record)
-    assert len(signals) == 3 + 8 + 3 + 10
+    assert len(signals) == 3 + 8 + 3 + 1 + 10
     for i in range(4):  # The scenario's are narrower than the robot's.
         assert signals[f"q{i + 1}_min"][1] == limits.q_lower[i]
         assert signals[f"q{i + 1}_max"][1] == limits.q_upper[i]
@@ -304,7 +304,11 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_contact", ["limits.u.4=0"], "limits.u"),
     ("girona500_contact", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "tube.tau"),
     ("girona500_contact", ["limits.tau=[1, 1, 1]"], "limits.tau"),
-    ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "limits.u"),
+    ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]", "limits.force=500"], "limits.u"),
+    ("girona500_contact", ["limits.force=1.5"], "limits.force"),
+    ("girona500_contact", ["limits.force=0"], "limits.force"),
+    ("girona500_bilateral", ["limits.force=25"], "start.eta"),
     ("girona500_contact", ["limits.nu1=0.03", "tube.nu1=0.03"], "limits.nu1"),
     ("girona500_contact", ["limits.roll=0.003", "tube.roll=0.004"], "limits.roll"),
     ("girona500_contact", ["tube.qdot=-1"], "tube.qdot"),

@@ -9,6 +9,7 @@ from synthetic import desiring, synthetic_record
 
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
+from uvms_drake.model.surface_error import SurfaceError
 from uvms_drake.signals import settling_index
 from uvms_drake.summary import EVENT_LINES, format_summary, jsonable, summarise
 
@@ -17,8 +18,8 @@ KEYS = {
     "task_error", "force", "constraints", "disturbance", "tube", "events"}
 CONSTRAINTS = [
     "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
-    "q4_max", "roll", "pitch", "tip_pitch", "u_surge", "u_sway", "u_heave", "u_roll", "u_pitch",
-    "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
+    "q4_max", "roll", "pitch", "tip_pitch", "force", "u_surge", "u_sway", "u_heave", "u_roll",
+    "u_pitch", "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
 TUBE = {
     "certified", "law", "bound_e", "worst_e", "bound_z", "worst_z", "exits", "first_exit_s",
     "exits_along_the_run", "worst_ratio", "disturbance_excesses"}
@@ -180,6 +181,19 @@ def test_forces_are_constraints_only_if_they_are_limited():
     assert constraints["tau_surge"] == {"limit": 120.0, "worst": 130.0, "margin": -10.0}
     assert constraints["tau_q4"] == {"limit": 2.0, "worst": 0.5, "margin": 1.5}
     assert "tau_q4" in format_summary(summarise(limited))
+
+
+def test_the_force_that_is_limited_is_that_of_the_pose_on_the_surface_that_is_known():
+    """15 mm deep with 1000 N/m, less half of the transition, whatever the real surface is like."""
+    chi = np.zeros((len(synthetic_record().time), 6))
+    chi[3, 0] = 0.015
+    record = replace(synthetic_record(), chi=chi)
+    force = summarise(record)["constraints"]["force"]
+    assert force == {"limit": 45.0, "worst": pytest.approx(14.0), "margin": pytest.approx(31.0)}
+    stiff = replace(record.scenario, surface_error=SurfaceError(stiffness=2.0))
+    assert summarise(replace(record, scenario=stiff))["constraints"]["force"] == force
+    free = replace(record.scenario, limits=replace(record.scenario.limits, force=None))
+    assert "force" not in summarise(replace(record, scenario=free))["constraints"]
 
 
 def test_task_errors_go_the_short_way_around():

@@ -27,6 +27,7 @@ from uvms_drake.figure_style import (
     room_above_zero,
     tube_label,
 )
+from uvms_drake.model.contact import make_surface_law
 from uvms_drake.paper_figures import (
     draw_input_norms,
     draw_orientation_errors,
@@ -266,7 +267,7 @@ def nominal_limits(record: Record) -> NominalLimits:
     """Returns what the tube left of the limits to the nominal MPC."""
     scenario = record.scenario
     return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper,
-                   accelerations=not scenario.kinematic)
+                   make_surface_law(scenario.surface), accelerations=not scenario.kinematic)
 
 
 def _name_tube(axis: Axes, record: Record) -> None:

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_drake.certificate.reach import largest_force, pressed_force, ultimate_bounds
 from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import NominalLimits, tighten
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan
 from uvms_drake.errors import require, vector, within
-from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.contact import force_at_rest, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
 
@@ -46,30 +44,16 @@ def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
 def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
-    The tube stays the scenario's: it holds for the forces of the declared set.
+    The tube stays the scenario's: it holds for all forces within `limits.force`.
 
     Raises:
-        InvalidParameter: The force is larger, or cannot be held within the limits.
+        InvalidParameter: The force cannot be held within the limits.
     """
     settings = scenario.certificate
     other = replace(scenario, task=replace(scenario.task, force=force))
-    with within("task"):
-        vector("force", force, 6)
-        ocp = make_dynamic_ocp(other)
-        largest = largest_force(scenario, ocp.model)
-        largest -= ultimate_bounds(scenario.tube, other, ocp.model)["force"]
-        require(bool(np.linalg.norm(force[:3]) <= largest), "force", force,
-                f"at most {largest:.4g} N, what the tube holds for")
+    ocp = make_dynamic_ocp(other)
     radius, _ = largest_radius(ocp, settings.terminal_samples, settings.seed)
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)))
-
-
-def within_declared_set(scenario: Scenario, model: UvmsModel, force: np.ndarray, plan: Plan
-                        ) -> bool:
-    """Returns whether the robot, in its tube about a plan, presses no harder than declared."""
-    other = replace(scenario, task=replace(scenario.task, force=force))
-    pressed = pressed_force(model, plan) + ultimate_bounds(scenario.tube, other, model)["force"]
-    return pressed <= largest_force(scenario, model)
 
 
 def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
@@ -77,7 +61,7 @@ def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
     with within("surface"):
         surface = make_surface_law(scenario.surface)
     model = UvmsModel.load(scenario.model, surface)
-    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper,
+    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper, surface,
                      accelerations=not scenario.kinematic)
     task = scenario.task
     with within("task"):
@@ -86,6 +70,7 @@ def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
         posture = vector("posture", task.posture, model.num_joints)
         y_des = np.concatenate([surface.pose_for(force, pose), posture])
         config = model.configuration(y_des)
+        _check_force("force", force, model, y_des, limits)
         _check_configuration("pose", "posture", config, y_des, limits)
     return model, y_des, limits
 
@@ -100,8 +85,20 @@ def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
         eta = vector("eta", scenario.start.eta, 6)
         q = vector("q", scenario.start.q, ocp.model.num_joints)
         config = np.concatenate([eta, q])
-        _check_configuration("eta", "q", config, ocp.model.task_pose(config), ocp.limits)
+        y = ocp.model.task_pose(config)
+        _check_configuration("eta", "q", config, y, ocp.limits)
+        _check_force("eta", eta, ocp.model, y, ocp.limits)
     return np.concatenate([config, np.zeros_like(config)])
+
+
+def _check_force(key: str, value: np.ndarray, model: UvmsModel, y: np.ndarray,
+                 limits: NominalLimits) -> None:
+    """Raises unless the surface is pressed no harder at rest at y than the limits allow."""
+    if limits.force is not None:
+        pressed = float(force_at_rest(model.surface, y[:6]))
+        require(pressed <= limits.force, key, value,
+                f"such that the force on the surface, {pressed:.4g} N, is at most "
+                f"{limits.force:.4g} N, limits.force less the tube")
 
 
 def _check_configuration(pose_key: str, joint_key: str, config: np.ndarray, y: np.ndarray,

@@ -29,7 +29,6 @@ from uvms_drake.problem import (
     make_kinematic_ocp,
     retargeted_ocp,
     start_state,
-    within_declared_set,
 )
 from uvms_drake.scenario import Scenario
 from uvms_drake.visual.controls import DisturbanceSlider, ForceSlider
@@ -127,8 +126,7 @@ def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshc
     with within("ancillary"):
         controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
             ocp, scenario.ancillary, Targets(
-                np.asarray(scenario.task.force, dtype=float), partial(retargeted_ocp, scenario),
-                partial(within_declared_set, scenario, ocp.model)),
+                np.asarray(scenario.task.force, dtype=float), partial(retargeted_ocp, scenario)),
             scenario.limits if cut else None))
     if meshcat is None:
         builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")

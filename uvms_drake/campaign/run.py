@@ -10,22 +10,16 @@ from uvms_drake.alarm import LOGGER
 from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.setup import Campaign, require_same_code
 from uvms_drake.campaign.vary import Variation, kind_of, vary
-from uvms_drake.certificate.reach import largest_force
 from uvms_drake.control.nominal_mpc import FAILED, SOLVED
 from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.fault_systems import solver_fault
 from uvms_drake.faults import COVERED
-from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.model_error import FACTORS
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.record import Record
-from uvms_drake.scenario import Scenario
 from uvms_drake.simulation import simulate
 from uvms_drake.station import set_wise_radii
 from uvms_drake.summary import jsonable, summarise
 
-DECLARED_FORCE = "force"
-"""Constraint ‖𝔉‖ of the declared set, at rest; no limit of the MPC sees to it."""
 PROPORTION = 1.05
 """How far the deviation may be beyond D/d̃ times its bound: a tolerance, since D is known at the
 logged samples only."""
@@ -94,7 +88,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
-    margins = relative_margins(record, summary["constraints"], variation.declared)
+    margins = relative_margins(record, summary["constraints"])
     name = min(margins, key=lambda key: margins[key])
     induced = record.effective_disturbance - record.disturbance
     size = disturbance["worst"] / disturbance["bound"] if disturbance["bound"] > 0.0 else None
@@ -147,8 +141,7 @@ def within_at_end(record: Record) -> bool:
                for name, radius in radii.items())
 
 
-def relative_margins(record: Record, constraints: dict[str, Any], declared: Scenario
-                     ) -> dict[str, float]:
+def relative_margins(record: Record, constraints: dict[str, Any]) -> dict[str, float]:
     """Returns the margin of each constraint over its size; negative if violated.
 
     The size of a joint's limit is the range of the joint.
@@ -159,10 +152,4 @@ def relative_margins(record: Record, constraints: dict[str, Any], declared: Scen
         joint = name.endswith(("_min", "_max"))
         size = ranges[int(name[1:-4]) - 1] if joint else row["limit"]
         out[name] = float(row["margin"] / size)
-    if not record.scenario.kinematic:
-        model = UvmsModel.load(declared.model, make_surface_law(declared.surface))
-        largest = largest_force(declared, model)
-        at_rest = model.surface.force(record.chi, np.zeros_like(record.chi))
-        pressed = float(np.max(np.linalg.norm(at_rest[:, :3], axis=1)))
-        out[DECLARED_FORCE] = (largest - pressed) / largest
     return out

@@ -24,7 +24,7 @@ from uvms_drake.schema import load_typed
 
 FORCES = (0.5, 0.75, 1.0, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of
-its own; the tube is the same, since it holds for forces of up to `certificate.force_range`."""
+its own; the tube is the same, since it holds for forces of up to `limits.force`."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _targets_on(scenario: Scenario, wall: int) -> list[Target]:
                 continue
             try:
                 radius = retargeted_ocp(scenario, factor * force).terminal.radius
-            except InvalidParameter:  # It cannot be held within the limits or the declared set.
+            except InvalidParameter:  # It cannot be held within the limits.
                 continue
             found.append([factor, float(radius)])
         return found

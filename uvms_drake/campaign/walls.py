@@ -58,7 +58,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
         other = _with_surface(scenario, stiffness, tilt)
         try:
             found = certified_once(other, announce)
-        except InvalidParameter:  # The task cannot be held there.
+        except InvalidParameter:  # The task cannot be held there, or the start presses too hard.
             continue
         if found.certified:
             walls.append(_wall(stiffness, tilt, found.applied_to(other)))

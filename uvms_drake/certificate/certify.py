@@ -25,7 +25,7 @@ from uvms_drake.certificate.kinematic import (
     paper_radii,
     undetermined_joints,
 )
-from uvms_drake.certificate.reach import largest_force, pressed_force, ultimate_bounds
+from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.certificate.settings import check_settings
 from uvms_drake.certificate.terminal_set import largest_radius
 from uvms_drake.certificate.tube_image import tube_image
@@ -57,6 +57,8 @@ PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_atti
 """Constants that decide the tube of `resolved`, by block of rows."""
 OUTSIDE = 0.01
 """How far off a plane the declared set reaches [m]; nothing changes any more further away."""
+UNLIMITED = 1.0
+"""‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
 
 def certify(scenario: Scenario) -> Certificate:
@@ -154,19 +156,18 @@ def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: No
 
 def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
-    limits, task = scenario.limits, scenario.task
+    limits, surface = scenario.limits, model.surface
+    require(scenario.kinematic or limits.force is not None, "limits.force", None,
+            "a number [N]: the constants are suprema over the forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
-    largest, depth = largest_force(scenario, model), 0.0
-    if isinstance(model.surface, PlaneLaw):
-        with within("task"):
-            force = np.concatenate([-largest * model.surface.normal, np.zeros(3)])
-            pose = model.surface.pose_for(force, np.zeros(6) if task.pose is None else task.pose)
-            depth = float(model.surface.depth(pose[:3]))
+    force, depth = UNLIMITED if limits.force is None else limits.force, 0.0
+    if isinstance(surface, PlaneLaw) and limits.force is not None:
+        with within("limits"):
+            depth = surface.depth_for(limits.force)
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
-        depth_min=-OUTSIDE, depth_max=max(depth, OUTSIDE),
-        force_max=largest)
+        depth_min=-OUTSIDE, depth_max=max(depth, OUTSIDE), force_max=force)
 
 
 def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
@@ -261,7 +262,8 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condi
     """Returns a condition for every limit: the tube must leave something of it."""
     q_lower, q_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
     return [Condition(f"tube in limits.{name}", radius, "<", room)
-            for name, radius, room in tightened_parts(scenario.limits, tube, q_lower, q_upper)]
+            for name, radius, room in tightened_parts(
+                scenario.limits, tube, q_lower, q_upper, model.surface)]
 
 
 def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) -> Certificate:
@@ -288,51 +290,38 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
     if not draft.certified:
         return draft
     ocp = make_ocp(draft.applied_to(scenario))  # With the terminal set.
-    return draft.adding(first_plan(scenario, ocp, start, draft.bounds["force"])[1])
+    return draft.adding(first_plan(ocp, start)[1])
 
 
-def first_plan(scenario: Scenario, ocp: Ocp, start: np.ndarray, force_bound: float
-               ) -> tuple[Plan | None, list[Condition]]:
+def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    And that, where forces move the robot, neither the plan nor the robot in its tube presses harder
-    than the declared set reaches; and that no angle leaves its limits between the knots. No limit
-    of the MPC sees to either.
+    And that no angle and no depth of this plan leaves its limits between the knots, which no limit
+    of the MPC sees to; that of later plans is not checked.
 
     Args:
-        scenario: Whose declared set it is.
         ocp: The problem, with what the tube leaves of the limits.
         start: (𝔮, ζ) (2(6+n),).
-        force_bound: See `reach.ultimate_bounds` [N]; not read if the motion is kinematic.
     """
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
-        return None, [Condition("first plan found", 0.0, ">=", 1.0)]
+        return None, [Condition("first plan, none found", 1.0, "<=", 0.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
-    reached = [Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
-               Condition("first plan, violation by an angle between its knots",
-                         between_knots(ocp, solution.plan), "<=", FEASIBLE),
-               Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
-    if scenario.kinematic:
-        return solution.plan, reached
-    pressed = pressed_force(ocp.model, solution.plan) + force_bound
-    return solution.plan, [*reached, Condition(
-        "first plan, force on the surface with the tube's", pressed, "<=",
-        largest_force(scenario, ocp.model))]
+    return solution.plan, [
+        Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
+        Condition("first plan, violation between its knots", between_knots(ocp, solution.plan),
+                  "<=", FEASIBLE),
+        Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
 
 
 def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
-    """Returns by how much a plan exceeds a limit on an angle between its knots [rad].
+    """Returns by how much a plan exceeds a limit on the configuration between its knots [rad, m].
 
-    Roll, pitch, tip pitch and joints, which can bulge out there by h²/8 times their second
-    derivative, against what the tube leaves of their limits.
+    Roll, pitch, tip pitch, joints and the force at rest (over the stiffness), which can bulge out
+    there by h²/8 times their second derivative, against what the tube leaves of their limits.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
     times = plan.start_time + np.add.outer(np.arange(len(plan.decision)) * plan.time_step, inside)
     config = np.array([plan.at(float(time))[0] for time in times.ravel()])
-    limits, tip = ocp.limits, ocp.model.task_pose(config)[:, 4]
-    excess = [np.abs(config[:, 3]) - limits.roll, np.abs(config[:, 4]) - limits.pitch,
-              np.abs(tip) - limits.tip_pitch, (config[:, 6:] - limits.q_upper).ravel(),
-              (limits.q_lower - config[:, 6:]).ravel()]
-    return max(0.0, float(np.max(np.concatenate(excess))))
+    return float(np.max(ocp.configuration_excess(config, ocp.model.task_pose(config)), initial=0.0))

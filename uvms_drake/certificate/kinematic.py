@@ -22,7 +22,7 @@ declared set, but for the end-effector's pitch, of which the tube is taken first
 known, and near the singularity of the Euler angles it decides.
 
 Limits hold at the knots of a plan. In between, joints and velocities keep theirs, since ζ̄ is
-constant; the angles can bulge out by h²/8 times their second derivative.
+constant; angles and depth can bulge out by h²/8 times their second derivative.
 """
 
 from dataclasses import replace

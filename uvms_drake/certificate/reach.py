@@ -1,34 +1,11 @@
-"""How hard the robot presses: forces of the declared set, of a plan, and of the tube about it."""
+"""What is left of pose and force about the task, once the nominal state has come to it."""
 
 import numpy as np
 
-from uvms_drake.control.limits import TubeRadii, resolved_radii
-from uvms_drake.control.plan import Plan
+from uvms_drake.control.limits import TubeRadii, force_radius, resolved_radii
 from uvms_drake.model.contact import PlaneLaw, SpringLaw
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
-
-AT_START = 1.1
-"""How many times the force at the start the declared set reaches."""
-
-
-def largest_force(scenario: Scenario, model: UvmsModel) -> float:
-    """Returns the largest norm of a force on the surface in the declared set [N].
-
-    It is `force_range` times the desired one, or what the surface asks for at the start, and at
-    least 1 N.
-    """
-    desired = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
-    start = model.task_pose(np.concatenate([scenario.start.eta, scenario.start.q]))[:6]
-    at_start = float(np.linalg.norm(model.surface.force(start, np.zeros(6))[:3]))
-    return max(scenario.certificate.force_range * desired, AT_START * at_start, 1.0)
-
-
-def pressed_force(model: UvmsModel, plan: Plan) -> float:
-    """Returns the largest norm of the force of a plan's poses at its knots [N]."""
-    chi = model.task_pose(plan.config)[:, :6]
-    return float(np.max(np.linalg.norm(
-        model.surface.force(chi, np.zeros_like(chi))[:, :3], axis=1)))
 
 
 def ultimate_bounds(tube: TubeRadii, scenario: Scenario, model: UvmsModel,
@@ -61,7 +38,5 @@ def ultimate_bounds(tube: TubeRadii, scenario: Scenario, model: UvmsModel,
         error = surface.force(chi, chi_dot)[:, :3] - desired[:3]
         out["force"] = float(np.max(np.linalg.norm(error, axis=1)))
     if isinstance(surface, SpringLaw):
-        K = surface.K
-        out["force"] = float(np.linalg.norm(K[:3, :3], 2) * tube.position
-                             + np.linalg.norm(K[:3, 3:], 2) * tube.orientation)
+        out["force"] = force_radius(tube, surface)
     return out

@@ -17,8 +17,6 @@ class CertificateSettings:
     """States in which the terminal set is checked, for every radius tried."""
     safety_factor: float = 1.1
     """Multiplies every estimated supremum."""
-    force_range: float = 2.0
-    """The robot is in the declared set while ‖𝔉‖ is below so many times ‖𝔉_des‖."""
     seed: int = 0
 
 
@@ -27,5 +25,4 @@ def check_settings(settings: CertificateSettings) -> None:
     for key in ("constant_samples", "tube_samples", "terminal_samples"):
         require(getattr(settings, key) >= 10, key, getattr(settings, key), "at least 10")
     require(settings.safety_factor >= 1.0, "safety_factor", settings.safety_factor, "at least 1")
-    require(settings.force_range > 1.0, "force_range", settings.force_range, "more than 1")
     require(settings.seed >= 0, "seed", settings.seed, "zero or positive")

@@ -26,14 +26,14 @@ HELP = {
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
-    "first plan, violation by an angle": "a shorter mpc.time_step or wider limits on angles",
+    "first plan, violation between": "a shorter mpc.time_step or wider limits on angles and force",
     "first plan, violation of": "a start further inside the limits",
-    "first plan, force": "a larger certificate.force_range",
+    "first plan, none": "a start further inside the limits",
     "first plan, distance": "a longer horizon or a closer start",
 }
 """What would make a failed condition hold, by how its name begins."""
 
-COUNTS = ("faults", "mpc.", "joints of weight zero", "n, joints")
+COUNTS = ("faults", "mpc.", "joints of weight zero", "n, joints", "first plan, none")
 """How the names of conditions begin that say it all: the number is a yes or no, or a count."""
 
 UNITS = {

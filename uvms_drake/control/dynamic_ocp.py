@@ -6,9 +6,9 @@
 The decision variable is ζ̄̇ instead of ū: the rollout is then kinematic, never stiff and exact,
 whatever the surface's stiffness; f only enters through ū in cost and limits.
 
-Speeds, attitude and joints are limited at the knots. In between, speeds are convex combinations
-and stay within their limits; an angle (joints, roll, pitch, tip pitch) can bulge out by h²/8 times
-its second derivative, and ū between its ends by as little.
+Speeds, attitude, joints and the force at rest are limited at the knots. In between, speeds are
+convex combinations and stay within their limits; an angle (joints, roll, pitch, tip pitch) and a
+depth can bulge out by h²/8 times their second derivative, and ū between its ends by as little.
 """
 
 from dataclasses import dataclass
@@ -34,10 +34,10 @@ class Linearisation(Motion):
     f_zeta: np.ndarray
     """(N+1, 6+n, 6+n) ∂f/∂ζ̄."""
     M: np.ndarray
-    """(N+1, 6+n, 6+n) mass matrix; with force limits only, else (0, ...)."""
+    """(N+1, 6+n, 6+n) mass matrix; with limits on τ only, else (0, ...)."""
     tau_y: np.ndarray
     """(2, N, 6+n, 6+n) ∂(M ū)/∂ȳ at ū of the plan, at the beginning and at the end of the
-    intervals; with force limits only, else (2, 0, ...)."""
+    intervals; with limits on τ only, else (2, 0, ...)."""
 
 
 class DynamicOcp(Ocp[DynamicPlan]):
@@ -138,9 +138,10 @@ class DynamicOcp(Ocp[DynamicPlan]):
         inputs = self._limited_inputs(plan, model, A, B)
         u, u_z, _ = inputs[0]
         linear = stacked([*(input_limits(*rows) for rows in inputs),
-                          self._configuration_limits(model, 3 * size)])
+                          self._configuration_limits(model, 3 * size),
+                          *self._depth_limits(model.y, 3 * size)])
         return self._program(A, B, u, u_z, self.errors(plan, model.y), linear,
-                             self._speed_limits(plan.zeta, free_knot=0))
+                             self._norm_limits(model.y, plan.zeta, 3 * size, free_knot=0))
 
     def _limited_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray, B: np.ndarray
                         ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:

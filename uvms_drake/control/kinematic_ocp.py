@@ -10,7 +10,7 @@ import numpy as np
 from uvms_drake.control.limits import NominalLimits
 from uvms_drake.control.ocp import MpcConfig, Ocp, weight
 from uvms_drake.control.plan import KinematicPlan
-from uvms_drake.control.staged_program import StagedProgram
+from uvms_drake.control.staged_program import StagedProgram, stacked
 from uvms_drake.control.terminal import declared_terminal, kinematic_terminal_ingredients
 from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
@@ -76,4 +76,6 @@ class KinematicOcp(Ocp[KinematicPlan]):
         zeta = np.concatenate([plan.zeta, np.zeros((1, size))])
         return self._program(
             motion.dy_dy, motion.dy_dzeta, plan.zeta, u_z, self.errors(plan, motion.y),
-            self._configuration_limits(motion, 2 * size), self._speed_limits(zeta, free_knot=-1))
+            stacked([self._configuration_limits(motion, 2 * size),
+                     *self._depth_limits(motion.y, 2 * size)]),
+            self._norm_limits(motion.y, zeta, 2 * size, free_knot=-1))

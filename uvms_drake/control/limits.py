@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uvms_drake.errors import InvalidParameter, require, vector, within
+from uvms_drake.model.contact import SurfaceLaw
 
 
 @dataclass
@@ -23,6 +24,9 @@ class Limits:
     """|θ| of the vehicle [rad]."""
     tip_pitch: float = 1.2
     """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
+    force: float | None = None
+    """‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N]: how hard the surface, as the
+    controller knows it, may be pressed. A certificate needs it, unless the motion is kinematic."""
     q_lower: np.ndarray | None = None
     """Joint limits (n,) [rad], if narrower ones than the model file's are wanted."""
     q_upper: np.ndarray | None = None
@@ -30,7 +34,7 @@ class Limits:
     u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
-    """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if forces are limited too [N (3), N m (3 + n)]."""
+    """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
 
 
 @dataclass
@@ -63,7 +67,7 @@ class TubeRadii:
     u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """|𝔲ᵢ − ūᵢ| [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
-    """|τᵢ − τ̄ᵢ| [N (3), N m (3 + n)]; needed if forces are limited."""
+    """|τᵢ − τ̄ᵢ| [N (3), N m (3 + n)]; needed if τ is limited."""
 
 
 _TOTALS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
@@ -89,6 +93,7 @@ class NominalLimits:
     q_upper: np.ndarray
     u: np.ndarray
     tau: np.ndarray | None = None
+    force: float | None = None
 
 
 _SCALARS = (("nu1", "nu1"), ("nu2", "nu2"), ("qdot", "qdot"), ("roll", "roll"),
@@ -118,14 +123,28 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
     return out[0], out[1]
 
 
-def tightened_parts(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.ndarray
-                    ) -> list[tuple[str, float, float]]:
+def force_radius(tube: TubeRadii, surface: SurfaceLaw) -> float:
+    """Returns by how much the tube changes the norm of the force at rest, at most [N].
+
+    Of a spring it takes for granted that no Euler angle is π away from its equilibrium's.
+    """
+    tube = resolved_radii(tube)
+    assert tube.position is not None and tube.orientation is not None  # now they are filled in
+    G = surface.force_jacobian()
+    return float(np.linalg.norm(G[:, :3], 2) * tube.position
+                 + np.linalg.norm(G[:, 3:], 2) * tube.orientation)
+
+
+def tightened_parts(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.ndarray,
+                    surface: SurfaceLaw) -> list[tuple[str, float, float]]:
     """Returns (name, radius, room) of every limit; the set is empty where the radius is larger.
 
     The arguments are those of `tighten`, and are not checked.
     """
     tube = resolved_radii(tube)
     parts = [(key, getattr(tube, radius), getattr(limits, key)) for key, radius in _SCALARS]
+    if limits.force is not None:
+        parts.append(("force", force_radius(tube, surface), limits.force))
     parts += [(f"q{i + 1}", tube.joints, 0.5 * (upper - lower))
               for i, (lower, upper) in enumerate(zip(q_lower, q_upper, strict=True))]
     parts += [(f"u[{i}]", radius, limit)
@@ -136,17 +155,19 @@ def tightened_parts(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_uppe
     return [(name, float(radius), float(room)) for name, radius, room in parts]
 
 
-def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.ndarray, *,
-            accelerations: bool = True) -> NominalLimits:
+def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.ndarray,
+            surface: SurfaceLaw, *, accelerations: bool = True) -> NominalLimits:
     """Returns the Pontryagin difference of the limits and the tube (Section IV-C of the paper).
 
-    A ball of radius ρ takes ρ from ‖x‖ ≤ c, from |x| ≤ c and from either side of an interval.
+    A ball of radius ρ takes ρ from ‖x‖ ≤ c, from |x| ≤ c and from either side of an interval, and
+    Lρ from a function that changes by at most L per unit, which the force at rest is.
 
     Args:
         limits: Limits of the real robot.
         tube: Deviation bounds.
         q_lower: Joint limits of the robot (n,) [rad].
         q_upper: Joint limits of the robot (n,) [rad].
+        surface: What is pressed.
         accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
 
     Raises:
@@ -156,13 +177,14 @@ def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.nd
     q_lower, q_upper = joint_limits(limits, q_lower, q_upper)
     tube = resolved_radii(tube)
     _check_tube(tube, limits, 6 + len(q_lower) if accelerations else 0)
-    for name, radius, room in tightened_parts(limits, tube, q_lower, q_upper):
+    for name, radius, room in tightened_parts(limits, tube, q_lower, q_upper, surface):
         if radius >= room:
             raise InvalidParameter(f"limits.{name}", room, f"larger than the tube's {radius:.4g}")
     scalars = {key: getattr(limits, key) - getattr(tube, radius) for key, radius in _SCALARS}
     tau = None if limits.tau is None else np.asarray(limits.tau) - np.asarray(tube.tau)
+    force = None if limits.force is None else limits.force - force_radius(tube, surface)
     return NominalLimits(**scalars, q_lower=q_lower + tube.joints, q_upper=q_upper - tube.joints,
-                         u=np.asarray(limits.u) - np.asarray(tube.u), tau=tau)
+                         u=np.asarray(limits.u) - np.asarray(tube.u), tau=tau, force=force)
 
 
 def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True) -> None:
@@ -173,6 +195,8 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
             require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
         for key in ("roll", "pitch", "tip_pitch"):
             require(getattr(limits, key) < 0.5 * np.pi, key, getattr(limits, key), "below π/2")
+        if limits.force is not None:
+            require(0.0 < limits.force < np.inf, "force", limits.force, "positive, or left out")
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
                 value = vector(key, getattr(limits, key), size)

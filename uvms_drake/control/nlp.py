@@ -80,7 +80,7 @@ class NonlinearSolver(Generic[P]):
         jacobian = np.zeros((len(values), len(v)))
         jacobian[:, :-1] = np.concatenate([
             (linear.C @ Z).reshape(linear.value.size, -1),
-            *(2.0 * np.einsum("kr,krv->kv", limit.value, Z[:, limit.rows])
+            *(2.0 * np.einsum("kr,krv->kv", limit.value, limit.C @ Z)
               for limit in program.norms),
             2.0 * (terminal.value @ end)[None]])
         jacobian[-1, -1] = -2.0 * radius

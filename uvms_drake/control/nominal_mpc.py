@@ -60,8 +60,6 @@ class Targets(NamedTuple):
     """𝔉_des at the start (6,) [N, N m]."""
     ocp: Callable[[np.ndarray], Ocp]
     """Returns the problem of another 𝔉_des; raises `InvalidParameter` if there is none."""
-    accepts: Callable[[np.ndarray, Plan], bool]
-    """Returns whether the first plan to another 𝔉_des stays where the tube holds."""
 
 
 def _is_sound(value: Evaluation | None, slack: float) -> bool:
@@ -305,10 +303,7 @@ class NominalMpc(LeafSystem):
         if solver is None:
             return None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        plan = solution.plan
-        if plan is None or not _is_sound(solution.evaluation, REACHED):
-            return None
-        return solution if self._targets.accepts(asked, plan) else None
+        return solution if _is_sound(solution.evaluation, REACHED) else None
 
     def _current(self, memory: MpcMemory) -> SequentialConvexSolver:
         """Returns the solver of the problem whose plan it is."""

@@ -4,8 +4,8 @@ With y = (χ, q) the extended task, ξ the error state and u the input of the mo
 
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_ref‖²_R) + ‖ξ_N‖²_P + ρ s             (eq:mpc_cost_function)
     s.t. the model, from the state at the first knot                        (eq:diff_mpc)
-         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector and ū in limits
-                                                                            (eq:mpc_constrained_set)
+         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the force on
+         the surface at rest and ū in limits                                (eq:mpc_constrained_set)
          ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                            (eq:mpc_terminal_set)
 
 `DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides ζ̄. y
@@ -33,6 +33,7 @@ from uvms_drake.control.staged_program import (
 )
 from uvms_drake.control.terminal import Terminal
 from uvms_drake.errors import require, vector
+from uvms_drake.model.contact import PlaneLaw, SpringLaw, force_at_rest
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
@@ -104,7 +105,8 @@ class Evaluation:
     terminal_slack: float
     """s = max(0, ‖ξ_N‖_P − ε)."""
     violation: float
-    """Largest violation of a limit, in the limit's own unit; zero for a feasible plan."""
+    """Largest violation of a limit, in the limit's own unit, of the force as a depth [m]; zero for
+    a feasible plan."""
     total_violation: float
     """Sum of all violations."""
 
@@ -168,6 +170,9 @@ class Ocp(ABC, Generic[P]):
         self.y_des = y_des
         self.limits = limits
         self._radius = config.terminal_radius if config.terminal_set else np.inf
+        if limits.force is not None and not isinstance(model.surface, PlaneLaw | SpringLaw):
+            raise TypeError(f"no limit on the force of a {type(model.surface).__name__}")
+        self._stiffness = float(np.linalg.norm(model.surface.force_jacobian()[:, :3], 2))
 
     @property
     @abstractmethod
@@ -218,14 +223,8 @@ class Ocp(ABC, Generic[P]):
         stages = np.sum((xi[:-1] @ self.Q) * xi[:-1]) + np.sum((du @ self.R) * du)
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
         slack = max(0.0, np.sqrt(terminal) - self.terminal.radius)
-        limits = self.limits
-        amounts = [
-            np.abs(plan.config[1:, 3]) - limits.roll,
-            np.abs(plan.config[1:, 4]) - limits.pitch,
-            np.abs(y[1:, 4]) - limits.tip_pitch,
-            y[1:, 6:] - limits.q_upper,
-            limits.q_lower - y[1:, 6:],
-            *self._excess(plan, begin, end)]
+        amounts = [self.configuration_excess(plan.config[1:], y[1:]),
+                   *self._excess(plan, begin, end)]
         excess = np.maximum(np.concatenate([amount.ravel() for amount in amounts]), 0.0)
         return Evaluation(
             cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
@@ -233,6 +232,20 @@ class Ocp(ABC, Generic[P]):
             violation=float(np.max(excess, initial=0.0)),
             total_violation=float(np.sum(excess)),
         )
+
+    def configuration_excess(self, config: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Returns by how much 𝔮 and y (m, 6+n) are beyond their limits (m, ...); negative within.
+
+        Angles [rad], and the force at rest over the stiffness of the surface [m].
+        """
+        limits = self.limits
+        excess = [np.abs(config[:, 3:4]) - limits.roll, np.abs(config[:, 4:5]) - limits.pitch,
+                  np.abs(y[:, 4:5]) - limits.tip_pitch,
+                  y[:, 6:] - limits.q_upper, limits.q_lower - y[:, 6:]]
+        if limits.force is not None:
+            beyond = force_at_rest(self.model.surface, y[:, :6]) - limits.force
+            excess.append(beyond[:, None] / self._stiffness)
+        return np.concatenate(excess, axis=1)
 
     def _motion(self, config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray) -> Motion:
         """Returns the first-order model of 𝔮̄ (N+1, 6+n) with ζ̄ and ζ̄̇ (N, 6+n) of the intervals."""
@@ -276,19 +289,46 @@ class Ocp(ABC, Generic[P]):
         soft = np.arange(size - 3) < 2
         return LinearLimits(C, value, lower, upper, soft)
 
-    def _speed_limits(self, zeta: np.ndarray, free_knot: int) -> tuple[NormLimit, ...]:
-        """Returns the limits on ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖, which follow on ξ's y in z.
+    def _depth_limits(self, y: np.ndarray, width: int) -> list[LinearLimits]:
+        """Returns the limit on the force of a plane, one on the depth, or none; see `_norm_limits`.
 
         Args:
-            zeta: ζ̄ (N+1, 6+n).
+            y: ȳ (N+1, 6+n), with which z starts.
+            width: Length of z.
+        """
+        force, surface, knots = self.limits.force, self.model.surface, len(y)
+        if force is None or not isinstance(surface, PlaneLaw):
+            return []
+        C = np.zeros((knots, 1, width))
+        C[:, 0, :3] = -surface.normal
+        upper = np.full((knots, 1), surface.depth_for(force))
+        upper[0] = np.inf
+        return [LinearLimits(C, surface.depth(y[:, :3])[:, None], np.full((knots, 1), -np.inf),
+                             upper, np.zeros(1, dtype=bool))]
+
+    def _norm_limits(self, y: np.ndarray, zeta: np.ndarray, width: int, free_knot: int
+                     ) -> tuple[NormLimit, ...]:
+        """Returns the limits on ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖, and on the force of a spring.
+
+        Args:
+            y: ȳ (N+1, 6+n), with which z starts.
+            zeta: ζ̄ (N+1, 6+n), which follows in z.
+            width: Length of z.
             free_knot: The one at which ζ̄ is given, or of no meaning.
         """
-        limits, size = self.limits, self.model.size
-        out = []
+        limits, size, surface = self.limits, self.model.size, self.model.surface
+        out, eye = [], np.eye(width)
         for first, last, bound in ((0, 3, limits.nu1), (3, 6, limits.nu2), (6, size, limits.qdot)):
             bounds = np.full(len(zeta), bound)
             bounds[free_knot] = np.inf
-            out.append(NormLimit(slice(size + first, size + last), zeta[:, first:last], bounds))
+            out.append(NormLimit(eye[size + first: size + last], zeta[:, first:last], bounds))
+        if limits.force is not None and isinstance(surface, SpringLaw):
+            # In metres, as everything else here is of about that size.
+            stretch = surface.force(y[:, :6], np.zeros_like(y[:, :6]))[:, :3] / self._stiffness
+            bounds = np.full(len(y), limits.force / self._stiffness)
+            bounds[0] = np.inf
+            out.append(NormLimit(
+                surface.force_jacobian() @ eye[:6] / self._stiffness, stretch, bounds))
         return tuple(out)
 
 

@@ -5,7 +5,7 @@ A plan is changed by x_k (state) and w_k (decision), z_k = (x_k, w_k):
     min  Σ_{k<N} (½ z_kᵀ H_k z_k + g_kᵀ z_k) + ½ x_NᵀH_N x_N + g_Nᵀx_N + ρ_s s + ρ_v v
     s.t. x_0 = 0,  x_{k+1} = A_k x_k + B_k w_k
          lower ≤ value + C_k z_k ≤ upper       (widened by v ≥ 0 where a row is soft)
-         ‖value + (z_k)_rows‖₂ ≤ bound
+         ‖value + C z_k‖₂ ≤ bound
          ‖value + T x_N‖₂ ≤ radius + s,  s ≥ 0
 
 Without limits this is a linear-quadratic problem, and one pass of Riccati's recursion solves it. It
@@ -53,12 +53,12 @@ def stacked(parts: list[LinearLimits]) -> LinearLimits:
 
 
 class NormLimit(NamedTuple):
-    """‖value + z[rows]‖₂ ≤ bound at every stage."""
+    """‖value + C z‖₂ ≤ bound at every stage."""
 
-    rows: slice
-    """Which part of z."""
+    C: np.ndarray
+    """(m, nx+nw), the same at every stage."""
     value: np.ndarray
-    """(N+1, number of rows) at the plan."""
+    """(N+1, m) at the plan."""
     bound: np.ndarray
     """(N+1,), infinite where there is none."""
 
@@ -230,7 +230,7 @@ class _Limits:
         return _Limits(
             upper=value > linear.upper + room,
             lower=value < linear.lower - room,
-            norms=np.array([np.linalg.norm(limit.value + z[:, limit.rows], axis=1)
+            norms=np.array([np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
                             > limit.bound + KEPT for limit in program.norms]),
             terminal=bool(np.linalg.norm(end) > terminal.radius + KEPT))
 
@@ -266,7 +266,7 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
     soft = np.concatenate([linear.soft[np.nonzero(mask)[1]]
                            for mask in (active.upper, active.lower)])
     num_linear = len(soft)
-    cones = [(limit.value[k] + z[k, limit.rows], limit.bound[k], response[k, limit.rows])
+    cones = [(limit.value[k] + limit.C @ z[k], limit.bound[k], limit.C @ response[k])
              for limit, mask in zip(program.norms, active.norms, strict=True)
              for k in np.flatnonzero(mask)]
     rows += [cone_rows for *_, cone_rows in cones]

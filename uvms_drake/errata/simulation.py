@@ -73,7 +73,7 @@ def spring_ocp() -> DynamicOcp:
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     y_des = np.concatenate([model.surface.pose_for(np.asarray(scenario.task.force), None),
                             scenario.task.posture])
-    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper)
+    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper, model.surface)
     return DynamicOcp(model, scenario.mpc, y_des, limits)
 
 

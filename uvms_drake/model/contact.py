@@ -57,6 +57,14 @@ class SurfaceLaw(Protocol):
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
         """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes what 𝔉_des leaves free."""
 
+    def force_jacobian(self) -> np.ndarray:
+        """Returns G (m, 6) [N/m, N/rad]: at rest the force changes by at most ‖G dχ‖₂ with χ."""
+
+
+def force_at_rest(surface: SurfaceLaw, chi: np.ndarray) -> np.ndarray:
+    """Returns ‖force part of 𝔉‖₂ (...) [N] at the pose χ (..., 6), not moving."""
+    return np.linalg.norm(surface.force(chi, np.zeros_like(chi))[..., :3], axis=-1)
+
 
 @dataclass(frozen=True)
 class SpringLaw:
@@ -81,6 +89,10 @@ class SpringLaw:
         if pose is not None:
             raise InvalidParameter("pose", pose, "left out: K⁻¹𝔉_des fixes all six coordinates")
         return self.chi_eq + np.linalg.solve(self.K, force)
+
+    def force_jacobian(self) -> np.ndarray:
+        """Returns the rows of K that give the force (3, 6)."""
+        return self.K[:3]
 
 
 def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
@@ -119,6 +131,11 @@ class PlaneLaw:
     dissipation: float
     transition: float
 
+    @property
+    def smallest(self) -> float:
+        """Force at the end of the transition, k w/2 [N]."""
+        return 0.5 * self.stiffness * self.transition
+
     def depth(self, position: np.ndarray) -> np.ndarray:
         """Returns δ (...) of the points `position` (..., 3), negative outside."""
         return -((position - self.point) @ self.normal)
@@ -145,14 +162,23 @@ class PlaneLaw:
         if pose is None:
             raise InvalidParameter("pose", pose, "given: a plane leaves five coordinates free")
         magnitude = float(-force[:3] @ self.normal)
-        smallest = 0.5 * self.stiffness * self.transition
         pushes = bool(np.allclose(force[:3], -magnitude * self.normal, atol=1e-9)
                       and np.allclose(force[3:], 0.0, atol=1e-9))
-        require(pushes and magnitude >= smallest, "force", force,
-                f"−F·normal with F ≥ {smallest:g} N and no torque: a plane can only push")
+        require(pushes and magnitude >= self.smallest, "force", force,
+                f"−F·normal with F ≥ {self.smallest:g} N and no torque: a plane can only push")
         target = self.depth(pose[:3])
-        depth = magnitude / self.stiffness + 0.5 * self.transition
+        depth = self.depth_for(magnitude)
         return np.concatenate([pose[:3] - (depth - target) * self.normal, pose[3:]])
+
+    def depth_for(self, magnitude: float) -> float:
+        """Returns δ [m] at which the plane carries a force [N], of at least `smallest`, at rest."""
+        require(magnitude >= self.smallest, "force", magnitude,
+                f"at least {self.smallest:g} N, that of the transition's end")
+        return magnitude / self.stiffness + 0.5 * self.transition
+
+    def force_jacobian(self) -> np.ndarray:
+        """Returns −k n̂ᵀ and zeros (1, 6), ∂F/∂χ past the transition; before, it is less."""
+        return np.concatenate([-self.stiffness * self.normal, np.zeros(3)])[None]
 
 
 def make_surface_law(config: SurfaceConfig) -> SurfaceLaw:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uvms_drake.control.limits import joint_limits, tighten
+from uvms_drake.model.contact import force_at_rest
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
 
@@ -28,11 +29,13 @@ class LimitUse:
     def __init__(self, scenario: Scenario, model: UvmsModel):
         n, limits = model.num_joints, scenario.limits
         q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
-        nominal = tighten(limits, scenario.tube, model.q_lower, model.q_upper,
+        nominal = tighten(limits, scenario.tube, model.q_lower, model.q_upper, model.surface,
                           accelerations=not scenario.kinematic)
         self._size, self._model = model.size, model
         self.names = ["ν₁", "ν₂", "q̇", "roll", "pitch", "tool",
                       *(f"q{i + 1}".translate(SUBSCRIPTS) for i in range(n))]
+        if limits.force is not None:
+            self.names.append("force")
         if not scenario.kinematic:
             self.names.append("u")
         self._part = [self._parts_of(limits, q_lower, q_upper),
@@ -47,12 +50,15 @@ class LimitUse:
 
         def parts(state: np.ndarray, u: np.ndarray) -> np.ndarray:
             config, zeta = state[:n], state[n:]
+            chi = self._model.task_pose(config)[:6]
             speeds = [np.linalg.norm(zeta[block]) for block in
                       (slice(0, 3), slice(3, 6), slice(6, None))]
-            turned = np.abs([*config[3:5], self._model.task_pose(config)[4]])
+            turned = np.abs([*config[3:5], chi[4]])
+            force = ([float(force_at_rest(self._model.surface, chi)) / limits.force]
+                     if "force" in self.names else [])
             inputs = [np.max(np.abs(u) / bound)] if "u" in self.names else []
             return np.concatenate([speeds / blocks, turned / angles,
-                                   np.abs(config[6:] - middle) / half, inputs])
+                                   np.abs(config[6:] - middle) / half, force, inputs])
 
         return parts
 
