@@ -123,7 +123,7 @@ def test_another_desired_force_has_the_terminal_set_of_its_own(campaign):
 
 def test_a_base_that_cannot_be_used_says_so(campaign):
     text = campaign.scenario.replace("force: [20.0", "force: [900.0")
-    with pytest.raises(InvalidParameter, match=r"task\.force.*limits\.force"):
+    with pytest.raises(InvalidParameter, match=r"task\.force.*limits\.static_force"):
         vary(replace(campaign, scenario=text), 0)
 
 
@@ -451,12 +451,13 @@ def test_another_place_of_a_spring_makes_no_difference():
     (["--runs", "0"], "--runs = 0: must be at least 1"),
     (["--runs", "many"], "invalid int value"),
     (["--seed", "-1"], "--seed = -1"),
+    (["--set", "seed=4"], "--set = 'seed=4': must be --seed N"),
     (["--workers", "0"], "--workers = 0"),
     (["--model-error", "2"], "--model-error = 2.0"),
     (["--set", "model_error.drag=-1"], "model_error.drag"),
     (["--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], "not allowed with"),
     (["--set", "disturbance.bound=-1"], "disturbance.bound"),
-    (["--set", "task.force=[900, 0, 0, 0, 0, 0]"], "limits.force"),
+    (["--set", "task.force=[900, 0, 0, 0, 0, 0]"], "limits.static_force"),
     (["--outside", "--model-error", "0"], "--model-error = 0.0"),
     (["--set", "mpc.deadline=0.1"], "mpc.deadline"),
     (["--set", "faults=[!FrozenState {start: 1}]"], "faults = ['FrozenState']"),

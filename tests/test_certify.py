@@ -112,7 +112,8 @@ def test_it_is_announced_before_it_is_computed(certificate, scenario, monkeypatc
     (["ancillary.sigma=0.5"], "σ"),
     (["mpc.horizon=4"], "first plan, distance"),
     (["current=[0.1, 0, 0]"], "current"),
-    (["limits.force=22"], "first plan, violation between"),
+    (["limits.static_force=22"], "first plan, violation between"),
+    (["limits.static_force=21"], "left by the tube, task.force"),
     (["mpc.initial_state=measured"], "mpc.initial_state"),
     (["mpc.terminal_set=false"], "mpc.terminal_set"),
 ])
@@ -123,7 +124,7 @@ def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
     line = verdict(void)
     assert "\n" not in line
     assert line.startswith("void: ")
-    assert (" by " in line) == (not begins.startswith("mpc."))
+    assert (" does not hold by " in line) == (not begins.startswith(("mpc.", "left by")))
     assert "what would help" in line
 
 

@@ -383,7 +383,7 @@ def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
     last = err.splitlines()[-1]
     assert last.startswith("uvms-drake: error: ")
     assert ": void: tube in limits.u[" in last
-    assert last.endswith("; --uncertified runs anyway")
+    assert last.endswith("; --uncertified takes the scenario's declared tube")
     assert not (tmp_path / "out").exists()
     assert run_in(tmp_path / "out", *VOID, *FEW, "--uncertified") == 0
 

@@ -8,9 +8,9 @@ from uvms_drake.model.contact import (
     BilateralSpring,
     UnilateralPlane,
     dissipation_factor,
-    force_at_rest,
     make_surface_law,
     plane_load,
+    static_force,
 )
 from uvms_drake.model.euler import rotation_matrix
 
@@ -204,7 +204,7 @@ def test_the_depth_for_a_force_is_where_the_plane_carries_it():
     law = plane()
     for magnitude in (0.5 * STIFFNESS * TRANSITION, 2.0, 30.0):
         pose = tip_at(law, law.depth_for(magnitude))
-        assert force_at_rest(law, pose) == pytest.approx(magnitude, rel=1e-12)
+        assert static_force(law, pose) == pytest.approx(magnitude, rel=1e-12)
     with pytest.raises(InvalidParameter, match=r"at least 1\.245 N"):
         law.depth_for(1.2)
 

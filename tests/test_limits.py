@@ -18,8 +18,8 @@ from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.contact import (
     BilateralSpring,
     UnilateralPlane,
-    force_at_rest,
     make_surface_law,
+    static_force,
 )
 
 LIMITS = Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.8,
@@ -149,7 +149,7 @@ def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(
     """At 4000 poses of just the nominal force, each off by a deviation of the tube."""
     limit = 40.0
     bound = tighten(
-        replace(LIMITS, force=limit), SMALL, Q_LOWER, Q_UPPER, surface).force
+        replace(LIMITS, static_force=limit), SMALL, Q_LOWER, Q_UPPER, surface).static_force
     rng = np.random.default_rng(0)
     nominal = np.concatenate([rng.normal(size=(4000, 3)), 0.02 * rng.normal(size=(4000, 3))], 1)
     if surface is SPRING:
@@ -162,21 +162,21 @@ def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(
     else:
         along = nominal[:, :3] @ surface.normal + surface.depth_for(bound)
         nominal[:, :3] += surface.point - along[:, None] * surface.normal
-    np.testing.assert_allclose(force_at_rest(surface, nominal), bound)
+    np.testing.assert_allclose(static_force(surface, nominal), bound)
     off = [radius * step / np.linalg.norm(step, axis=1)[:, None] for radius, step in (
         (SMALL.position, rng.normal(size=(4000, 3))),
         (SMALL.orientation, rng.normal(size=(4000, 3))))]
-    worst = np.max(force_at_rest(surface, nominal + np.concatenate(off, axis=1)))
+    worst = np.max(static_force(surface, nominal + np.concatenate(off, axis=1)))
     assert bound + 0.8 * (limit - bound) < worst <= limit + 1e-9
 
 
 def test_a_tube_as_wide_as_the_force_is_refused():
-    pressed = replace(LIMITS, force=2.0)
-    assert ("force", pytest.approx(830.0 * 0.002), 2.0) in tightened_parts(
+    pressed = replace(LIMITS, static_force=2.0)
+    assert ("static_force", pytest.approx(830.0 * 0.002), 2.0) in tightened_parts(
         pressed, SMALL, Q_LOWER, Q_UPPER, PLANE)
-    with pytest.raises(InvalidParameter, match=r"limits\.force = 2\.0"):
+    with pytest.raises(InvalidParameter, match=r"limits\.static_force = 2\.0"):
         tighten(pressed, replace(SMALL, position=0.003), Q_LOWER, Q_UPPER, PLANE)
-    assert tighten(LIMITS, SMALL, Q_LOWER, Q_UPPER, PLANE).force is None
+    assert tighten(LIMITS, SMALL, Q_LOWER, Q_UPPER, PLANE).static_force is None
 
 
 # What is left ------------------------------------------------------------------------------------

@@ -186,7 +186,7 @@ def extremes(ocp, plan) -> dict[str, object]:
         "q_upper": np.max(config[:, 6:], axis=0),
         "u": np.max(np.abs(u), axis=0),
         "tau": np.max(np.abs(forces(ocp, plan)), axis=(0, 1)),
-        "force": np.max([force_of(ocp, dh.chi(c)) for c in config]),
+        "static_force": np.max([force_of(ocp, dh.chi(c)) for c in config]),
     }
 
 
@@ -219,9 +219,10 @@ def test_every_joint_every_input_and_every_force_has_its_own_limit(ocp, plan, ki
 def test_a_plan_that_presses_too_hard_is_deeper_by_so_much(ocp):
     plan = plan_around(ocp, 1, depth=0.05)
     touched = extremes(ocp, plan)
-    tight = with_limits(ocp, **{**touched, "force": touched["force"] - 1.0})
+    tight = with_limits(ocp, **{**touched, "static_force": touched["static_force"] - 1.0})
     assert tight.evaluate(plan).violation == pytest.approx(1e-3, rel=1e-6)  # 1 N at 1000 N/m
-    assert with_limits(tight, force=None).evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
+    free = with_limits(tight, static_force=None)
+    assert free.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("end", [0, 1])

@@ -15,7 +15,7 @@ from uvms_drake.summary import summarise
 
 FORCES = ((10.0, 30.0), (16.0, 44.0), (17.0, 25.0))
 """From these times on [s] these forces are asked for [N]; the second is more than the tube leaves
-of `limits.force`."""
+of `limits.static_force`."""
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.staged_program import solve_staged
-from uvms_drake.model.contact import force_at_rest
+from uvms_drake.model.contact import static_force
 from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import load_scenario
 
@@ -223,19 +223,20 @@ def test_a_limit_on_the_force_is_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, surface):
     """With 9/10 of what the plan without the limit asks for at its second knot or later."""
     if surface == "plane":
-        ocp, guess = with_limits(short_ocp, force=None), start_plans["on"][0]
+        ocp, guess = with_limits(short_ocp, static_force=None), start_plans["on"][0]
     else:
-        scenario = load_scenario("girona500_bilateral", ["mpc.horizon=5", "limits.force=null"])
+        scenario = load_scenario(
+            "girona500_bilateral", ["mpc.horizon=5", "limits.static_force=null"])
         ocp = make_ocp(scenario)
         guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
 
     def pressed(plan: Plan) -> float:
         chi = ocp.model.task_pose(plan.config)[1:, :6]
-        return float(np.max(force_at_rest(ocp.model.surface, chi)))
+        return float(np.max(static_force(ocp.model.surface, chi)))
 
     free = solve_both_ways(ocp, guess)
     assert pressed(free.plan) > 15.0
-    limited = solve_both_ways(with_limits(ocp, force=0.9 * pressed(free.plan)), guess)
+    limited = solve_both_ways(with_limits(ocp, static_force=0.9 * pressed(free.plan)), guess)
     assert pressed(limited.plan) == pytest.approx(0.9 * pressed(free.plan), rel=1e-6)
     assert limited.evaluation.cost > free.evaluation.cost
 

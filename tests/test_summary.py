@@ -18,8 +18,8 @@ KEYS = {
     "task_error", "force", "constraints", "disturbance", "tube", "events"}
 CONSTRAINTS = [
     "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
-    "q4_max", "roll", "pitch", "tip_pitch", "force", "u_surge", "u_sway", "u_heave", "u_roll",
-    "u_pitch", "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
+    "q4_max", "roll", "pitch", "tip_pitch", "static_force", "u_surge", "u_sway", "u_heave",
+    "u_roll", "u_pitch", "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
 TUBE = {
     "certified", "law", "bound_e", "worst_e", "bound_z", "worst_z", "exits", "first_exit_s",
     "exits_along_the_run", "worst_ratio", "disturbance_excesses"}
@@ -188,12 +188,12 @@ def test_the_force_that_is_limited_is_that_of_the_pose_on_the_surface_that_is_kn
     chi = np.zeros((len(synthetic_record().time), 6))
     chi[3, 0] = 0.015
     record = replace(synthetic_record(), chi=chi)
-    force = summarise(record)["constraints"]["force"]
+    force = summarise(record)["constraints"]["static_force"]
     assert force == {"limit": 45.0, "worst": pytest.approx(14.0), "margin": pytest.approx(31.0)}
     stiff = replace(record.scenario, surface_error=SurfaceError(stiffness=2.0))
-    assert summarise(replace(record, scenario=stiff))["constraints"]["force"] == force
-    free = replace(record.scenario, limits=replace(record.scenario.limits, force=None))
-    assert "force" not in summarise(replace(record, scenario=free))["constraints"]
+    assert summarise(replace(record, scenario=stiff))["constraints"]["static_force"] == force
+    free = replace(record.scenario, limits=replace(record.scenario.limits, static_force=None))
+    assert "static_force" not in summarise(replace(record, scenario=free))["constraints"]
 
 
 def test_task_errors_go_the_short_way_around():

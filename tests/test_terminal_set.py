@@ -24,8 +24,8 @@ from uvms_drake.control.terminal import INFLATION, terminal_ingredients
 from uvms_drake.model.contact import (
     BilateralSpring,
     UnilateralPlane,
-    force_at_rest,
     make_surface_law,
+    static_force,
 )
 from uvms_drake.problem import make_ocp
 from uvms_drake.scenario import load_scenario
@@ -66,7 +66,7 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
             evaluation.violation, np.linalg.norm(zeta[:3]) - limits.nu1,
             np.linalg.norm(zeta[3:6]) - limits.nu2, np.linalg.norm(zeta[6:]) - limits.qdot,
             abs(config[3]) - limits.roll, abs(config[4]) - limits.pitch,
-            force_at_rest(ocp.model.surface, (ocp.y_des + state[:10])[:6]) - limits.force) > 0.0)
+            static_force(ocp.model.surface, ocp.y_des[:6] + state[:6]) - limits.static_force) > 0.0)
     return {name: np.array(where) for name, where in out.items()}
 
 
@@ -115,7 +115,7 @@ def test_the_problem_itself_finds_nothing_broken_in_the_set(robot, found):
 def test_a_wider_set_is_refused(robot, found):
     check = check_terminal(robot, 1.5 * found[0])
     assert not check.holds
-    assert check.failures[0] == "force"
+    assert check.failures[0] == "static_force"
     worst = check.worst[next(name for name in check.failures if name.startswith("u["))]
     assert broken(robot, 1.5 * found[0], worst[None])["limits"][0]
 
@@ -280,13 +280,13 @@ def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
     law = toy.model.surface = make_surface_law(surface)
     wide = dict.fromkeys(("nu1", "nu2", "qdot", "tip_pitch"), 1e3)
     toy.limits = dataclasses.replace(
-        toy.limits, **wide, q_lower=np.array([-1e3]), q_upper=np.array([1e3]), force=30.0)
+        toy.limits, **wide, q_lower=np.array([-1e3]), q_upper=np.array([1e3]), static_force=30.0)
     G = law.force_jacobian()
     rows = np.zeros((5000, 14))
     rows[:, :6] = np.random.default_rng(4).normal(size=(5000, len(G))) @ G
     xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
-    largest = np.max(force_at_rest(law, xi[:, :6]))
-    at_rest = force_at_rest(law, np.zeros(6))
+    largest = np.max(static_force(law, xi[:, :6]))
+    at_rest = static_force(law, np.zeros(6))
     assert 0.5 < at_rest < 15.0
     assert 0.9 * 30.0 < largest < 30.0 + 1e-9
     if law.force_jacobian().shape == (1, 6):

@@ -381,7 +381,8 @@ def _certificate(scenario: Scenario, source: str, path: Path, again: str) -> Cer
         if certificate is None:
             certificate = replace(certified_once(scenario, announce_certifying), made_by="run")
     if not certificate.certified:
-        raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
+        raise RunFailed(f"{source}: {verdict(certificate)}; "
+                        "--uncertified takes the scenario's declared tube")
     return certificate
 
 

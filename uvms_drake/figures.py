@@ -27,7 +27,7 @@ from uvms_drake.figure_style import (
     room_above_zero,
     tube_label,
 )
-from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.contact import PlaneLaw, make_surface_law
 from uvms_drake.paper_figures import (
     draw_input_norms,
     draw_orientation_errors,
@@ -102,6 +102,7 @@ def draw_force(record: Record) -> Figure:
         whole[1].set_ylabel("torque [N m]")
         whole[1].legend(ncols=4, loc="best")
     whole[-1].plot(record.time, 1e3 * record.penetration)
+    _draw_deepest(whole[-1], record)
     whole[-1].set_ylabel("penetration [mm]")
     whole[-1].set_xlabel("time [s]")
     for axis in whole[:-1]:
@@ -121,6 +122,16 @@ def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
         axis.plot(record.time, force, color=color, label=name.format(letter))
     for i, goal in enumerate(np.unique(record.desired_force[:, part], axis=1).T):
         axis.plot(record.time, goal, **{**LIMIT, "label": "_" if i else "desired"})
+
+
+def _draw_deepest(axis: Axes, record: Record) -> None:
+    """Draws the static force that is allowed, as the depth that it is in a plane that is known."""
+    scenario, surface = record.scenario, make_surface_law(record.scenario.surface)
+    full, nominal = scenario.limits.static_force, nominal_limits(record).static_force
+    if isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0 and full and nominal:
+        axis.axhline(1e3 * surface.depth_for(full), **LIMIT)
+        axis.axhline(1e3 * surface.depth_for(nominal), **TIGHTENED)
+        axis.legend(loc="best")
 
 
 def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:

@@ -10,7 +10,7 @@ from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import NominalLimits, tighten
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.errors import require, vector, within
-from uvms_drake.model.contact import force_at_rest, make_surface_law
+from uvms_drake.model.contact import make_surface_law, static_force
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
 
@@ -44,7 +44,7 @@ def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
 def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
-    The tube stays the scenario's: it holds for all forces within `limits.force`.
+    The tube stays the scenario's: it holds for all forces within `limits.static_force`.
 
     Raises:
         InvalidParameter: The force cannot be held within the limits.
@@ -94,11 +94,11 @@ def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
 def _check_force(key: str, value: np.ndarray, model: UvmsModel, y: np.ndarray,
                  limits: NominalLimits) -> None:
     """Raises unless the surface is pressed no harder at rest at y than the limits allow."""
-    if limits.force is not None:
-        pressed = float(force_at_rest(model.surface, y[:6]))
-        require(pressed <= limits.force, key, value,
-                f"such that the force on the surface, {pressed:.4g} N, is at most "
-                f"{limits.force:.4g} N, limits.force less the tube")
+    if limits.static_force is not None:
+        pressed = float(static_force(model.surface, y[:6]))
+        require(pressed <= limits.static_force, key, value,
+                f"such that the static force, {pressed:.4g} N, is at most "
+                f"{limits.static_force:.4g} N, what the tube leaves of limits.static_force")
 
 
 def _check_configuration(pose_key: str, joint_key: str, config: np.ndarray, y: np.ndarray,

@@ -194,7 +194,7 @@ def _override_value(key: str, value: str) -> object:
         data = None
     if not isinstance(data, dict) or list(data) != ["v"]:
         raise InvalidParameter(
-            key, value, "a YAML value (in quotes, if it is text with : or brackets)")
+            key, value, "a YAML value (in quotes, if it is text with : or brackets; a tag with {})")
     return data["v"]
 
 

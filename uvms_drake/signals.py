@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uvms_drake.model.contact import force_at_rest, make_surface_law
+from uvms_drake.model.contact import make_surface_law, static_force
 from uvms_drake.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
@@ -21,9 +21,9 @@ def disturbance_above(record: Record) -> np.ndarray:
 def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     """Returns for each constraint g(t) ≤ limit the signal g (T,) and the limit, by name.
 
-    The lower joint limits q_min ≤ q are the exception: there the signal must stay above. `force` is
-    that of the pose, at rest, on the surface as the controller knows it: a limit of how far the
-    end-effector goes into it.
+    The lower joint limits q_min ≤ q are the exception: there the signal must stay above. The static
+    force is that of the pose, at rest, on the surface as the controller knows it: a limit of how
+    far the end-effector goes into it.
     """
     limits, zeta, config = record.scenario.limits, record.zeta, record.config
     signals = {
@@ -37,9 +37,9 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     signals["roll"] = (np.abs(config[:, 3]), limits.roll)
     signals["pitch"] = (np.abs(config[:, 4]), limits.pitch)
     signals["tip_pitch"] = (np.abs(record.chi[:, 4]), limits.tip_pitch)
-    if limits.force is not None:
+    if limits.static_force is not None:
         surface = make_surface_law(record.scenario.surface)
-        signals["force"] = (force_at_rest(surface, record.chi), limits.force)
+        signals["static_force"] = (static_force(surface, record.chi), limits.static_force)
     names = input_names(record.num_joints)
     for key, inputs, bounds in (("u", record.u, limits.u), ("tau", record.tau, limits.tau)):
         if bounds is not None and not record.scenario.kinematic:

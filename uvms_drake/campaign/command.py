@@ -42,6 +42,9 @@ def run_campaign(args: argparse.Namespace) -> int:
     """
     require(args.runs >= 1, "--runs", args.runs, "at least 1")
     require(args.seed >= 0, "--seed", args.seed, "zero or positive")
+    for override in args.overrides:
+        require(override.partition("=")[0] != "seed", "--set", override,
+                "--seed N: a campaign has a seed of its own")
     require(args.workers is None or args.workers >= 1, "--workers", args.workers, "at least 1")
     require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
     require(args.model_error > 0.0 or not args.outside, "--model-error", args.model_error,
@@ -91,7 +94,8 @@ def _announce() -> None:
 def _certificate(scenario: Scenario, source: str, announce: Callable[[], None]) -> Certificate:
     certificate = certified_once(scenario, announce)
     if not certificate.certified:
-        raise RunFailed(f"{source}: {verdict(certificate)}; --uncertified runs anyway")
+        raise RunFailed(f"{source}: {verdict(certificate)}; "
+                        "--uncertified takes the scenario's declared tube")
     return certificate
 
 

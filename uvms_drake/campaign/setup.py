@@ -24,7 +24,7 @@ from uvms_drake.schema import load_typed
 
 FORCES = (0.5, 0.75, 1.0, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of
-its own; the tube is the same, since it holds for forces of up to `limits.force`."""
+its own; the tube is the same, since it holds for forces of up to `limits.static_force`."""
 
 
 @dataclass(frozen=True)

@@ -157,13 +157,13 @@ def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: No
 def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits, surface = scenario.limits, model.surface
-    require(scenario.kinematic or limits.force is not None, "limits.force", None,
-            "a number [N]: the constants are suprema over the forces up to it")
+    require(scenario.kinematic or limits.static_force is not None, "limits.static_force", None,
+            "a number [N], for a certificate: its constants are suprema over forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
-    force, depth = UNLIMITED if limits.force is None else limits.force, 0.0
-    if isinstance(surface, PlaneLaw) and limits.force is not None:
+    force, depth = UNLIMITED if limits.static_force is None else limits.static_force, 0.0
+    if isinstance(surface, PlaneLaw) and limits.static_force is not None:
         with within("limits"):
-            depth = surface.depth_for(limits.force)
+            depth = surface.depth_for(limits.static_force)
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
@@ -272,7 +272,7 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
         ocp = make_ocp(draft.applied_to(scenario))
         start = start_state(draft.applied_to(scenario), ocp)
     except InvalidParameter as error:
-        return draft.adding([Condition(str(error), np.nan, "<=", 0.0)])
+        return draft.adding([Condition(f"left by the tube, {error}", 1.0, "<=", 0.0)])
     radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
@@ -310,15 +310,15 @@ def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
     return solution.plan, [
         Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
-        Condition("first plan, violation between its knots", between_knots(ocp, solution.plan),
-                  "<=", FEASIBLE),
+        Condition("first plan, violation between its knots [rad, m]",
+                  between_knots(ocp, solution.plan), "<=", FEASIBLE),
         Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
 
 
 def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
     """Returns by how much a plan exceeds a limit on the configuration between its knots [rad, m].
 
-    Roll, pitch, tip pitch, joints and the force at rest (over the stiffness), which can bulge out
+    Roll, pitch, tip pitch, joints and the static force (over the stiffness), which can bulge out
     there by h²/8 times their second derivative, against what the tube leaves of their limits.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]

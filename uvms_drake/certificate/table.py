@@ -9,6 +9,8 @@ from uvms_drake.certificate.conditions import Condition
 from uvms_drake.certificate.constants import Constant
 
 HELP = {
+    "tube in limits.u": "a smaller disturbance.bound, larger gains, a wider limit or a smaller "
+        "limits.static_force, up to which the tube is taken",
     "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
     "σ": "slower speed limits or a larger ancillary.sigma",
     "a = ": "a larger ancillary.sigma or slower speed limits",
@@ -26,14 +28,17 @@ HELP = {
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
-    "first plan, violation between": "a shorter mpc.time_step or wider limits on angles and force",
+    "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
+    "first plan, violation between": "a shorter mpc.time_step with a longer mpc.horizon, or wider "
+        "limits of angles and static force",
     "first plan, violation of": "a start further inside the limits",
     "first plan, none": "a start further inside the limits",
     "first plan, distance": "a longer horizon or a closer start",
 }
 """What would make a failed condition hold, by how its name begins."""
 
-COUNTS = ("faults", "mpc.", "joints of weight zero", "n, joints", "first plan, none")
+COUNTS = ("faults", "mpc.", "joints of weight zero", "n, joints", "left by the tube",
+          "first plan, none")
 """How the names of conditions begin that say it all: the number is a yes or no, or a count."""
 
 UNITS = {

@@ -28,7 +28,7 @@ from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import advance
 from uvms_drake.errors import require
-from uvms_drake.model.contact import force_at_rest
+from uvms_drake.model.contact import static_force
 from uvms_drake.model.uvms_model import COMPLEX_STEP
 
 DECREASE, AT_REST = "decrease", "decrease at rest"
@@ -140,8 +140,8 @@ class TerminalLoop(ABC):
     def closed_form_limits(self) -> dict[str, tuple[float, float, float]]:
         """Returns of each limit the room at the equilibrium, what ε = 1 takes of it, and its size.
 
-        The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). The force
-        at rest rises by no more than its largest change; of a spring it may rise by less.
+        The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). The
+        static force rises by no more than its largest change; of a spring it may rise by less.
         """
         limits, y = self.ocp.limits, self.ocp.y_des
         reach = np.sqrt(np.diag(self.inverse))
@@ -151,13 +151,14 @@ class TerminalLoop(ABC):
             out[f"q[{i}]"] = (room[i], reach[6 + i], 0.5 * (limits.q_upper[i] - limits.q_lower[i]))
         for name, reached in self.speed_reaches().items():
             out[name] = (getattr(limits, name), reached, getattr(limits, name))
-        if limits.force is not None:
+        if limits.static_force is not None:
             surface = self.ocp.model.surface
             G = surface.force_jacobian()
             rows = np.zeros((len(G), len(self.P)))
             rows[:, :6] = G
-            out["force"] = (limits.force - float(force_at_rest(surface, y[:6])),
-                            self._reach(rows), limits.force)
+            pressed = float(static_force(surface, y[:6]))
+            out["static_force"] = (
+                limits.static_force - pressed, self._reach(rows), limits.static_force)
         return out
 
     def _reach(self, A: np.ndarray) -> float:

@@ -6,7 +6,7 @@
 The decision variable is ζ̄̇ instead of ū: the rollout is then kinematic, never stiff and exact,
 whatever the surface's stiffness; f only enters through ū in cost and limits.
 
-Speeds, attitude, joints and the force at rest are limited at the knots. In between, speeds are
+Speeds, attitude, joints and the static force are limited at the knots. In between, speeds are
 convex combinations and stay within their limits; an angle (joints, roll, pitch, tip pitch) and a
 depth can bulge out by h²/8 times their second derivative, and ū between its ends by as little.
 """

@@ -24,9 +24,10 @@ class Limits:
     """|θ| of the vehicle [rad]."""
     tip_pitch: float = 1.2
     """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
-    force: float | None = None
-    """‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N]: how hard the surface, as the
-    controller knows it, may be pressed. A certificate needs it, unless the motion is kinematic."""
+    static_force: float | None = None
+    """‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N]: how far it may go into the
+    surface as the controller knows it. What the surface's damping adds is not limited. A
+    certificate needs it, unless the motion is kinematic."""
     q_lower: np.ndarray | None = None
     """Joint limits (n,) [rad], if narrower ones than the model file's are wanted."""
     q_upper: np.ndarray | None = None
@@ -93,7 +94,7 @@ class NominalLimits:
     q_upper: np.ndarray
     u: np.ndarray
     tau: np.ndarray | None = None
-    force: float | None = None
+    static_force: float | None = None
 
 
 _SCALARS = (("nu1", "nu1"), ("nu2", "nu2"), ("qdot", "qdot"), ("roll", "roll"),
@@ -124,7 +125,7 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
 
 
 def force_radius(tube: TubeRadii, surface: SurfaceLaw) -> float:
-    """Returns by how much the tube changes the norm of the force at rest, at most [N].
+    """Returns by how much the tube changes the static force, at most [N].
 
     Of a spring it takes for granted that no Euler angle is π away from its equilibrium's.
     """
@@ -143,8 +144,8 @@ def tightened_parts(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_uppe
     """
     tube = resolved_radii(tube)
     parts = [(key, getattr(tube, radius), getattr(limits, key)) for key, radius in _SCALARS]
-    if limits.force is not None:
-        parts.append(("force", force_radius(tube, surface), limits.force))
+    if limits.static_force is not None:
+        parts.append(("static_force", force_radius(tube, surface), limits.static_force))
     parts += [(f"q{i + 1}", tube.joints, 0.5 * (upper - lower))
               for i, (lower, upper) in enumerate(zip(q_lower, q_upper, strict=True))]
     parts += [(f"u[{i}]", radius, limit)
@@ -160,7 +161,7 @@ def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.nd
     """Returns the Pontryagin difference of the limits and the tube (Section IV-C of the paper).
 
     A ball of radius ρ takes ρ from ‖x‖ ≤ c, from |x| ≤ c and from either side of an interval, and
-    Lρ from a function that changes by at most L per unit, which the force at rest is.
+    Lρ from a function that changes by at most L per unit, which the static force is.
 
     Args:
         limits: Limits of the real robot.
@@ -182,9 +183,12 @@ def tighten(limits: Limits, tube: TubeRadii, q_lower: np.ndarray, q_upper: np.nd
             raise InvalidParameter(f"limits.{name}", room, f"larger than the tube's {radius:.4g}")
     scalars = {key: getattr(limits, key) - getattr(tube, radius) for key, radius in _SCALARS}
     tau = None if limits.tau is None else np.asarray(limits.tau) - np.asarray(tube.tau)
-    force = None if limits.force is None else limits.force - force_radius(tube, surface)
+    static_force = limits.static_force
+    if static_force is not None:
+        static_force -= force_radius(tube, surface)
     return NominalLimits(**scalars, q_lower=q_lower + tube.joints, q_upper=q_upper - tube.joints,
-                         u=np.asarray(limits.u) - np.asarray(tube.u), tau=tau, force=force)
+                         u=np.asarray(limits.u) - np.asarray(tube.u), tau=tau,
+                         static_force=static_force)
 
 
 def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True) -> None:
@@ -195,8 +199,9 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
             require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
         for key in ("roll", "pitch", "tip_pitch"):
             require(getattr(limits, key) < 0.5 * np.pi, key, getattr(limits, key), "below π/2")
-        if limits.force is not None:
-            require(0.0 < limits.force < np.inf, "force", limits.force, "positive, or left out")
+        if limits.static_force is not None:
+            require(0.0 < limits.static_force < np.inf, "static_force", limits.static_force,
+                    "positive; or left out, where nothing is to be certified")
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
                 value = vector(key, getattr(limits, key), size)

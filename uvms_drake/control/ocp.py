@@ -4,8 +4,8 @@ With y = (χ, q) the extended task, ξ the error state and u the input of the mo
 
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_ref‖²_R) + ‖ξ_N‖²_P + ρ s             (eq:mpc_cost_function)
     s.t. the model, from the state at the first knot                        (eq:diff_mpc)
-         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the force on
-         the surface at rest and ū in limits                                (eq:mpc_constrained_set)
+         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the static
+         force on the surface and ū in limits                               (eq:mpc_constrained_set)
          ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                            (eq:mpc_terminal_set)
 
 `DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides ζ̄. y
@@ -33,7 +33,7 @@ from uvms_drake.control.staged_program import (
 )
 from uvms_drake.control.terminal import Terminal
 from uvms_drake.errors import require, vector
-from uvms_drake.model.contact import PlaneLaw, SpringLaw, force_at_rest
+from uvms_drake.model.contact import PlaneLaw, SpringLaw, static_force
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
@@ -105,8 +105,8 @@ class Evaluation:
     terminal_slack: float
     """s = max(0, ‖ξ_N‖_P − ε)."""
     violation: float
-    """Largest violation of a limit, in the limit's own unit, of the force as a depth [m]; zero for
-    a feasible plan."""
+    """Largest violation of a limit, in the limit's own unit, of the static force as a depth [m];
+    zero for a feasible plan."""
     total_violation: float
     """Sum of all violations."""
 
@@ -170,7 +170,7 @@ class Ocp(ABC, Generic[P]):
         self.y_des = y_des
         self.limits = limits
         self._radius = config.terminal_radius if config.terminal_set else np.inf
-        if limits.force is not None and not isinstance(model.surface, PlaneLaw | SpringLaw):
+        if limits.static_force is not None and not isinstance(model.surface, PlaneLaw | SpringLaw):
             raise TypeError(f"no limit on the force of a {type(model.surface).__name__}")
         self._stiffness = float(np.linalg.norm(model.surface.force_jacobian()[:, :3], 2))
 
@@ -236,14 +236,14 @@ class Ocp(ABC, Generic[P]):
     def configuration_excess(self, config: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Returns by how much 𝔮 and y (m, 6+n) are beyond their limits (m, ...); negative within.
 
-        Angles [rad], and the force at rest over the stiffness of the surface [m].
+        Angles [rad], and the static force over the stiffness of the surface [m].
         """
         limits = self.limits
         excess = [np.abs(config[:, 3:4]) - limits.roll, np.abs(config[:, 4:5]) - limits.pitch,
                   np.abs(y[:, 4:5]) - limits.tip_pitch,
                   y[:, 6:] - limits.q_upper, limits.q_lower - y[:, 6:]]
-        if limits.force is not None:
-            beyond = force_at_rest(self.model.surface, y[:, :6]) - limits.force
+        if limits.static_force is not None:
+            beyond = static_force(self.model.surface, y[:, :6]) - limits.static_force
             excess.append(beyond[:, None] / self._stiffness)
         return np.concatenate(excess, axis=1)
 
@@ -290,13 +290,13 @@ class Ocp(ABC, Generic[P]):
         return LinearLimits(C, value, lower, upper, soft)
 
     def _depth_limits(self, y: np.ndarray, width: int) -> list[LinearLimits]:
-        """Returns the limit on the force of a plane, one on the depth, or none; see `_norm_limits`.
+        """Returns the limit on the static force of a plane, or none; see `_norm_limits`.
 
         Args:
             y: ȳ (N+1, 6+n), with which z starts.
             width: Length of z.
         """
-        force, surface, knots = self.limits.force, self.model.surface, len(y)
+        force, surface, knots = self.limits.static_force, self.model.surface, len(y)
         if force is None or not isinstance(surface, PlaneLaw):
             return []
         C = np.zeros((knots, 1, width))
@@ -308,7 +308,7 @@ class Ocp(ABC, Generic[P]):
 
     def _norm_limits(self, y: np.ndarray, zeta: np.ndarray, width: int, free_knot: int
                      ) -> tuple[NormLimit, ...]:
-        """Returns the limits on ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖, and on the force of a spring.
+        """Returns the limits on ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖, and on the static force of a spring.
 
         Args:
             y: ȳ (N+1, 6+n), with which z starts.
@@ -322,10 +322,10 @@ class Ocp(ABC, Generic[P]):
             bounds = np.full(len(zeta), bound)
             bounds[free_knot] = np.inf
             out.append(NormLimit(eye[size + first: size + last], zeta[:, first:last], bounds))
-        if limits.force is not None and isinstance(surface, SpringLaw):
+        if limits.static_force is not None and isinstance(surface, SpringLaw):
             # In metres, as everything else here is of about that size.
             stretch = surface.force(y[:, :6], np.zeros_like(y[:, :6]))[:, :3] / self._stiffness
-            bounds = np.full(len(y), limits.force / self._stiffness)
+            bounds = np.full(len(y), limits.static_force / self._stiffness)
             bounds[0] = np.inf
             out.append(NormLimit(
                 surface.force_jacobian() @ eye[:6] / self._stiffness, stretch, bounds))

@@ -61,7 +61,7 @@ class SurfaceLaw(Protocol):
         """Returns G (m, 6) [N/m, N/rad]: at rest the force changes by at most ‖G dχ‖₂ with χ."""
 
 
-def force_at_rest(surface: SurfaceLaw, chi: np.ndarray) -> np.ndarray:
+def static_force(surface: SurfaceLaw, chi: np.ndarray) -> np.ndarray:
     """Returns ‖force part of 𝔉‖₂ (...) [N] at the pose χ (..., 6), not moving."""
     return np.linalg.norm(surface.force(chi, np.zeros_like(chi))[..., :3], axis=-1)
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uvms_drake.control.limits import joint_limits, tighten
-from uvms_drake.model.contact import force_at_rest
+from uvms_drake.model.contact import static_force
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.scenario import Scenario
 
@@ -34,7 +34,7 @@ class LimitUse:
         self._size, self._model = model.size, model
         self.names = ["ν₁", "ν₂", "q̇", "roll", "pitch", "tool",
                       *(f"q{i + 1}".translate(SUBSCRIPTS) for i in range(n))]
-        if limits.force is not None:
+        if limits.static_force is not None:
             self.names.append("force")
         if not scenario.kinematic:
             self.names.append("u")
@@ -54,7 +54,7 @@ class LimitUse:
             speeds = [np.linalg.norm(zeta[block]) for block in
                       (slice(0, 3), slice(3, 6), slice(6, None))]
             turned = np.abs([*config[3:5], chi[4]])
-            force = ([float(force_at_rest(self._model.surface, chi)) / limits.force]
+            force = ([float(static_force(self._model.surface, chi)) / limits.static_force]
                      if "force" in self.names else [])
             inputs = [np.max(np.abs(u) / bound)] if "u" in self.names else []
             return np.concatenate([speeds / blocks, turned / angles,
