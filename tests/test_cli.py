@@ -342,7 +342,7 @@ def test_a_certificate_from_the_cache_is_not_announced_as_computed(certified, tm
 def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
     assert main(["certify", "--output", str(tmp_path / "out")]) == 0
     out, err = capsys.readouterr()
-    assert err == ""
+    assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
     assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
     assert out.splitlines()[-1].startswith("certified: all ")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["certificate.json"]
@@ -512,9 +512,10 @@ def test_bench_prints_and_writes_what_it_measures(quick_bench, capsys, tmp_path,
     out, err = capsys.readouterr()
     assert out.startswith("girona500_bilateral: uvms_drake ")
     assert "controller step, N = 4 [ms]" in out
-    lines = err.splitlines()
+    *lines, last = err.splitlines()
     assert len(lines) == 4
     assert all(line.startswith("measuring ") and line.endswith(" ...") for line in lines)
+    assert last == "written to out/girona500_bilateral: bench.json"
     assert {path.name for path in folder.iterdir()} == {"bench.json", "log.npz"}
     stored = json.loads((folder / "bench.json").read_text(encoding="utf-8"))
     assert (stored["scenario"], stored["controller"]["horizon"]) == ("girona500_bilateral", 4)

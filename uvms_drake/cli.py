@@ -233,12 +233,13 @@ def certify_scenario(args: argparse.Namespace) -> int:
                   f"{error:.3g} N at most")
         if args.laws:
             print(f"\n{format_laws(compare_laws(scenario))}")
+    print(f"written to {output}: {CERTIFICATE_FILE}", file=sys.stderr)
     return 0 if certificate.certified else 1
 
 
 def bench_scenario(args: argparse.Namespace) -> int:
     """Prints how long the parts of a scenario take, and writes it."""
-    from uvms_drake.bench import format_bench, measure, write_bench
+    from uvms_drake.bench import BENCH_FILE, format_bench, measure, write_bench
 
     def progress(what: str) -> None:
         print(f"measuring {what} ...", file=sys.stderr)
@@ -250,6 +251,7 @@ def bench_scenario(args: argparse.Namespace) -> int:
             bench = measure(scenario, progress=progress)
         write_bench(bench, folder)
     print(format_bench(bench))
+    print(f"written to {output}: {BENCH_FILE}", file=sys.stderr)
     return 0
 
 

@@ -142,7 +142,8 @@ def draw_outcomes(results: Results, tolerance: float) -> Figure:
         axis.yaxis.set_major_locator(MaxNLocator(4, integer=True))
         axis.set_xlabel(f"{label}, {len(values)} of {len(results)} runs")
         axis.set_ylabel("runs")
-    axes[0].axvline(tolerance, **LIMIT)
+    axes[0].axvline(tolerance, **{**LIMIT, "label": "counts as settled"})
+    axes[0].legend(loc="best")
     return figure
 
 
