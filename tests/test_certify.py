@@ -15,6 +15,7 @@ from uvms_drake.certificate.front import format_front, front
 from uvms_drake.certificate.reach import ultimate_bounds
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.certificate.terminal_set import check_terminal
+from uvms_drake.errors import InvalidParameter
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.problem import make_ocp
 from uvms_drake.scenario import Scenario, load_scenario
@@ -126,6 +127,11 @@ def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
     assert line.startswith("void: ")
     assert (" does not hold by " in line) == (not begins.startswith(("mpc.", "left by")))
     assert "what would help" in line
+
+
+def test_a_certificate_of_forces_needs_a_limit_on_them():
+    with pytest.raises(InvalidParameter, match=r"limits\.static_force = None: must be a number"):
+        certify(load_scenario("girona500_contact", ["limits.static_force=null"]))
 
 
 def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):

@@ -367,7 +367,7 @@ def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tm
 def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
     assert main(["certify", *VOID, *FEW, "--output", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
-    assert err == ""
+    assert err == f"written to {tmp_path}: certificate.json\n"
     assert "DOES NOT HOLD" in out
     assert out.splitlines()[-1].startswith("void: tube in limits.u[")
     assert "what would help: " in out.splitlines()[-1]

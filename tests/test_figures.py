@@ -14,6 +14,7 @@ from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label
 from uvms_drake.figures import FIGURES, UNCERTIFIED, make_figures
+from uvms_drake.model.surface_error import SurfaceError
 
 NAMES = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.png",
          "disturbance.png", "mpc.png", "deviation.png"}
@@ -35,6 +36,17 @@ def levels(axis, label):
     """Returns the heights of an axis's horizontal lines with a label, the lowest first."""
     return sorted(float(line.get_ydata()[0]) for line in axis.get_lines()
                   if line.get_label() == label)
+
+
+def test_how_deep_it_may_go_is_drawn_in_a_plane_that_is_known(record):
+    axis = axes_of("force.png", record)[1]
+    assert levels(axis, "limit") == pytest.approx([46.0])
+    assert levels(axis, "tightened") == pytest.approx([41.0])  # 5 mm of tube
+    base = record.scenario
+    for other in (replace(base, surface_error=SurfaceError(stiffness=1.1)),
+                  replace(base, limits=replace(base.limits, static_force=None))):
+        axis = axes_of("force.png", replace(record, scenario=other))[1]
+        assert levels(axis, "limit") == levels(axis, "tightened") == []
 
 
 def texts_of(figure):

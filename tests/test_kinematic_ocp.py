@@ -13,6 +13,7 @@ from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.model.contact import static_force
 from uvms_drake.problem import make_kinematic_ocp
 from uvms_drake.scenario import load_scenario
 
@@ -151,3 +152,20 @@ def test_joints_without_weight_are_left_out_of_the_terminal_design(ocp):
 def test_a_setting_without_meaning_is_refused(ocp, key, value, says):
     with pytest.raises(InvalidParameter, match=says):
         KinematicOcp(ocp.model, replace(SCENARIO.mpc, **{key: value}), ocp.y_des, ocp.limits)
+
+
+def test_a_limit_on_the_force_is_kept_too(ocp):
+    """0.02 N less than the plan without it has at its first knot."""
+    def solved(problem: KinematicOcp) -> tuple[float, float]:
+        guess = problem.resting_plan(0.0, START)
+        one = SequentialConvexSolver(problem).solve(guess, 50, 1e-10)
+        other = NonlinearSolver(problem, SnoptSolver()).solve(guess)
+        assert one.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-6)
+        chi = problem.model.task_pose(one.plan.config)[1:, :6]
+        return float(np.max(static_force(problem.model.surface, chi))), one.evaluation.cost
+
+    free, cost = solved(ocp)
+    limits = replace(ocp.limits, static_force=free - 0.02)
+    pressed, dearer = solved(KinematicOcp(ocp.model, SCENARIO.mpc, ocp.y_des, limits))
+    assert pressed == pytest.approx(free - 0.02, rel=1e-6)
+    assert dearer > cost

@@ -22,13 +22,13 @@ def mass_matrix(model):
     return model.mass_matrix(model.kinematics(LEVEL))
 
 
-def static_force(model, config=LEVEL):
+def force_at_rest(model, config=LEVEL):
     return model.inverse_dynamics(model.kinematics(config), np.zeros(10), np.zeros(10))
 
 
 def test_no_error_is_the_same_robot(load):
     np.testing.assert_array_equal(mass_matrix(load(ModelError())), mass_matrix(load()))
-    np.testing.assert_allclose(static_force(load(ModelError())), static_force(load()), atol=1e-9)
+    np.testing.assert_allclose(force_at_rest(load(ModelError())), force_at_rest(load()), atol=1e-9)
     assert ModelError(share=0.5).size == 0.0
     assert ModelError(drag=0.8, mass=1.1).size == pytest.approx(0.2)
 
@@ -45,12 +45,12 @@ def test_the_inertia_is_what_the_two_masses_make_of_it(load):
 
 
 def test_the_trim_scales_with_the_mass_and_the_lever_turns(load):
-    weight = static_force(load())
-    np.testing.assert_allclose(static_force(load(ModelError(mass=1.2))), 1.2 * weight, atol=1e-6)
+    weight = force_at_rest(load())
+    np.testing.assert_allclose(force_at_rest(load(ModelError(mass=1.2))), 1.2 * weight, atol=1e-6)
     rolled = LEVEL + np.eye(10)[3] * 0.1
-    stiffer = static_force(load(ModelError(buoyancy_lever=1.5)), rolled)
-    np.testing.assert_allclose(stiffer[:3], static_force(load(), rolled)[:3], atol=1e-9)
-    assert stiffer[3] > static_force(load(), rolled)[3] + 5.0  # N m, to hold the roll
+    stiffer = force_at_rest(load(ModelError(buoyancy_lever=1.5)), rolled)
+    np.testing.assert_allclose(stiffer[:3], force_at_rest(load(), rolled)[:3], atol=1e-9)
+    assert stiffer[3] > force_at_rest(load(), rolled)[3] + 5.0  # N m, to hold the roll
 
 
 def test_drag_is_all_that_changes_with_the_drag(load):

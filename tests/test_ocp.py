@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import dh
 import numpy as np
@@ -333,3 +334,10 @@ def test_a_setting_without_meaning_is_named(ocp, key, value):
     with pytest.raises(InvalidParameter) as caught:
         DynamicOcp(ocp.model, config, ocp.y_des, ocp.limits)
     assert caught.value.key == key
+
+
+def test_the_force_on_a_surface_of_another_kind_cannot_be_limited(ocp):
+    model = copy.copy(ocp.model)
+    model.surface = SimpleNamespace()
+    with pytest.raises(TypeError, match="no limit on the force of a SimpleNamespace"):
+        DynamicOcp(model, MPC, ocp.y_des, ocp.limits)

@@ -10,7 +10,7 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.certificate.conditions import Condition
 from uvms_drake.certificate.constants import QUANTITIES, Constant
-from uvms_drake.certificate.table import HELP, format_certificate, verdict
+from uvms_drake.certificate.table import COUNTS, HELP, format_certificate, verdict
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.scenario import load_scenario
 
@@ -25,6 +25,13 @@ def test_the_first_failed_condition_is_the_verdict():
     assert verdict(certificate).startswith(
         "void: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
     assert format_certificate(certificate).count("DOES NOT HOLD") == 2
+
+
+@pytest.mark.parametrize("beginning", COUNTS)
+def test_a_count_is_not_said(beginning):
+    void = replace(EMPTY, conditions=(Condition(f"{beginning}...", 1.0, "<=", 0.0),))
+    assert verdict(void).startswith(f"void: {beginning}...")
+    assert "does not hold" not in verdict(void)
 
 
 def test_a_number_that_is_none_fails_without_an_amount():

@@ -10,6 +10,7 @@ from synthetic import synthetic_record
 from test_uvms_plant import packed_transform
 
 from uvms_drake.errors import InvalidParameter
+from uvms_drake.problem import make_ocp
 from uvms_drake.replay import moment_of
 from uvms_drake.scenario import load_scenario
 from uvms_drake.visual.config import VisualConfig, check_visual
@@ -106,6 +107,9 @@ def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
         assert use(real, u, nominal, u)[0] == pytest.approx(speed)
     assert use(rest, u, fast, u)[0] >= ACTIVE > use(fast, u, rest, u)[0]
     assert use(rest, scenario.limits.u, rest, u)[use.names.index("u")] == 1.0
+    pressing = np.concatenate([model.configuration(make_ocp(scenario).y_des), np.zeros(10)])
+    for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
+        assert use(real, u, nominal, u)[use.names.index("force")] == pytest.approx(20.0 / room)
 
 
 def test_the_slider_says_what_the_task_does_until_it_is_moved(meshcat):

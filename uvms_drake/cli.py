@@ -198,7 +198,8 @@ def _add_campaign(commands: argparse._SubParsersAction) -> None:
                                "the model or of the surface that is too large")
     campaign.add_argument("--replay", type=int, metavar="INDEX",
                           help="run one of the campaign in --output once more, alone, and write "
-                               "data and figures to its folder run-<INDEX>")
+                               "data and figures to its folder run-<INDEX>; the campaign decides "
+                               "all other options")
 
 
 def _add_errata(commands: argparse._SubParsersAction) -> None:

@@ -125,10 +125,11 @@ def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
 
 
 def _draw_deepest(axis: Axes, record: Record) -> None:
-    """Draws the static force that is allowed, as the depth that it is in a plane that is known."""
+    """Draws how deep the limit on the static force lets it go into a plane that is known."""
     scenario, surface = record.scenario, make_surface_law(record.scenario.surface)
     full, nominal = scenario.limits.static_force, nominal_limits(record).static_force
-    if isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0 and full and nominal:
+    if (isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0
+            and full is not None and nominal is not None):
         axis.axhline(1e3 * surface.depth_for(full), **LIMIT)
         axis.axhline(1e3 * surface.depth_for(nominal), **TIGHTENED)
         axis.legend(loc="best")

@@ -60,8 +60,8 @@ summary { cursor: pointer; color: var(--blue); }
 
 CAPTIONS = {
     "task_error.png": "Task error χ − χ_des, and the same close to zero with the tube.",
-    "force.png": "Force on the surface and penetration; after an approach, also the force from "
-                 "first contact to settling.",
+    "force.png": "Force on the surface, and penetration with its limit in a plane that is known; "
+                 "after an approach, also the force from first contact to settling.",
     "velocities.png": "Velocities of vehicle and joints with their limits.",
     "joints.png": "Joint angles with their limits.",
     "inputs.png": "Acceleration commands with their limits.",

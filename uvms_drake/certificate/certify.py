@@ -162,8 +162,9 @@ def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
     force, depth = UNLIMITED if limits.static_force is None else limits.static_force, 0.0
     if isinstance(surface, PlaneLaw) and limits.static_force is not None:
-        with within("limits"):
-            depth = surface.depth_for(limits.static_force)
+        require(limits.static_force >= surface.smallest, "limits.static_force", limits.static_force,
+                f"at least {surface.smallest:g} N, that of the transition's end")
+        depth = surface.depth_for(limits.static_force)
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
@@ -296,8 +297,8 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
 def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    And that no angle and no depth of this plan leaves its limits between the knots, which no limit
-    of the MPC sees to; that of later plans is not checked.
+    And that no angle and no depth of this plan leaves its limits between the knots. No limit of the
+    MPC sees to that, and later plans are not checked.
 
     Args:
         ocp: The problem, with what the tube leaves of the limits.

@@ -1,4 +1,4 @@
-"""What is left of pose and force about the task, once the nominal state has come to it."""
+"""How far pose and force can be off the task, once the nominal state has come to it."""
 
 import numpy as np
 

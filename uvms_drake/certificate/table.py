@@ -11,6 +11,8 @@ from uvms_drake.certificate.constants import Constant
 HELP = {
     "tube in limits.u": "a smaller disturbance.bound, larger gains, a wider limit or a smaller "
         "limits.static_force, up to which the tube is taken",
+    "tube in limits.tau": "a smaller disturbance.bound, larger gains, a wider limit or a smaller "
+        "limits.static_force, up to which the tube is taken",
     "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
     "σ": "slower speed limits or a larger ancillary.sigma",
     "a = ": "a larger ancillary.sigma or slower speed limits",

@@ -140,8 +140,8 @@ class TerminalLoop(ABC):
     def closed_form_limits(self) -> dict[str, tuple[float, float, float]]:
         """Returns of each limit the room at the equilibrium, what ε = 1 takes of it, and its size.
 
-        The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). The
-        static force rises by no more than its largest change; of a spring it may rise by less.
+        The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). Of
+        the static force it takes the largest change; a spring's force may rise by less.
         """
         limits, y = self.ocp.limits, self.ocp.y_des
         reach = np.sqrt(np.diag(self.inverse))

@@ -179,7 +179,7 @@ def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.nda
         tau: M u (6+n,) [N (3), N m (3+n)].
         M: (6+n, 6+n).
         u_limit: Of |uᵢ| (6+n,).
-        tau_limit: Of |τᵢ| (6+n,); None if forces are not limited.
+        tau_limit: Of |τᵢ| (6+n,); None if τ is not limited.
     """
     limited = False
     if (np.abs(u) > u_limit).any():

@@ -201,7 +201,7 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
             require(getattr(limits, key) < 0.5 * np.pi, key, getattr(limits, key), "below π/2")
         if limits.static_force is not None:
             require(0.0 < limits.static_force < np.inf, "static_force", limits.static_force,
-                    "positive; or left out, where nothing is to be certified")
+                    "positive, or left out for no limit")
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
                 value = vector(key, getattr(limits, key), size)

@@ -290,7 +290,7 @@ class Ocp(ABC, Generic[P]):
         return LinearLimits(C, value, lower, upper, soft)
 
     def _depth_limits(self, y: np.ndarray, width: int) -> list[LinearLimits]:
-        """Returns the limit on the static force of a plane, or none; see `_norm_limits`.
+        """Returns the limit on the static force of a plane, or none; a spring has a `NormLimit`.
 
         Args:
             y: ȳ (N+1, 6+n), with which z starts.
@@ -323,7 +323,7 @@ class Ocp(ABC, Generic[P]):
             bounds[free_knot] = np.inf
             out.append(NormLimit(eye[size + first: size + last], zeta[:, first:last], bounds))
         if limits.static_force is not None and isinstance(surface, SpringLaw):
-            # In metres, as everything else here is of about that size.
+            # In metres, for scale: everything else here is of about that size.
             stretch = surface.force(y[:, :6], np.zeros_like(y[:, :6]))[:, :3] / self._stiffness
             bounds = np.full(len(y), limits.static_force / self._stiffness)
             bounds[0] = np.inf

@@ -51,7 +51,7 @@ def acceleration_input(model: UvmsModel | None = None, tolerance: float = 1e-10)
         f"ζ̇ = f + u {takes} τ = M u (M with added mass, diagonal from {np.min(diagonal):.2g} to "
         f"{np.max(diagonal):.3g} kg, kg m²); τ = u gives an acceleration that is {as_force:.0%} of "
         "‖u‖ off",
-        "What goes to thrusters and joints is τ = M(𝔮)𝔲, and limits of forces are limits of "
+        "What goes to thrusters and joints is τ = M(𝔮)𝔲, and limits of τ are limits of "
         "M(𝔮̄)ū.",
         wrong=as_acceleration < tolerance < as_force)
 
