@@ -18,6 +18,9 @@ from uvms_drake.problem import make_ocp, start_state
 from uvms_drake.scenario import load_scenario
 
 ITERATIONS, TOLERANCE = 300, 1e-9  # at most, and of the merit, for a converged solution
+KEPT = 1e-6
+"""Largest violation of the fast solver's plans; of SNOPT's, whose tolerance is of that size and
+relative, ten times as much."""
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +54,8 @@ def test_every_state_is_solved_to_a_feasible_plan_by_both_solvers(
     for guess, one, other in zip(start_plans[where], fast[where], reference[where], strict=True):
         assert one.converged
         assert other.converged
-        for solution in (one, other):
-            assert solution.evaluation.violation < 1e-6
+        for solution, kept in ((one, KEPT), (other, 10.0 * KEPT)):
+            assert solution.evaluation.violation < kept
             np.testing.assert_array_equal(solution.plan.config[0], guess.config[0])
             np.testing.assert_array_equal(solution.plan.zeta[0], guess.zeta[0])
 
@@ -70,7 +73,7 @@ def same_optimum(ocp: Ocp, one: Solution, other: Solution) -> bool:
         assert confirmed.evaluation.cost == pytest.approx(cost, rel=1e-6)
         return False
     assert one.evaluation.terminal_slack == pytest.approx(
-        other.evaluation.terminal_slack, abs=1e-5)
+        other.evaluation.terminal_slack, abs=3e-5)
     np.testing.assert_allclose(one.plan.zeta_dot, other.plan.zeta_dot, atol=5e-3)
     return True
 
@@ -161,8 +164,8 @@ def solve_both_ways(ocp: Ocp, guess: Plan) -> Solution:
     other = NonlinearSolver(ocp, SnoptSolver()).solve(guess)
     assert one.converged
     assert other.converged
-    assert one.evaluation.violation < 1e-6
-    assert other.evaluation.violation < 1e-6
+    assert one.evaluation.violation < KEPT
+    assert other.evaluation.violation < 10.0 * KEPT
     same_optimum(ocp, one, other)
     return one
 
