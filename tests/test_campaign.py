@@ -93,7 +93,7 @@ def test_what_is_drawn_is_inside_the_bounds_and_comes_in_all_kinds(campaign):
         start_state(scenario, make_ocp(scenario))  # raises outside of the nominal limits
         yaw = np.arctan2(*-scenario.surface.normal[1::-1])
         start = moved(base, yaw, scenario.surface.point).start
-        assert np.all(np.abs(scenario.start.eta - start.eta) <= POSE_REACH + 1e-9)
+        assert np.all(np.abs(scenario.start.eta - start.eta) <= POSE_REACH)
         assert np.all(np.abs(scenario.surface.point) <= SHIFT_REACH)
         assert scenario.disturbance.bound == base.disturbance.bound
         assert outside is None

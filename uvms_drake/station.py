@@ -46,7 +46,7 @@ LOGGED = {
 IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
 """Integration schemes whose steps may be much longer than 1/k, with which the command is not cut.
 Their Newton iteration asks the law far from the solution, and where a limit cuts the command it is
-flat: in `paper_dynamic` it would converge in steps of 0.3 ms only, instead of 50 ms."""
+flat: in `paper_dynamic` it would converge in far shorter steps only."""
 
 MONITOR_SLACK = 0.01
 """Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over

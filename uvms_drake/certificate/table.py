@@ -8,11 +8,11 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.conditions import Condition
 from uvms_drake.certificate.constants import Constant
 
+INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
+          "limits.static_force, up to which the tube is taken")
 HELP = {
-    "tube in limits.u": "a smaller disturbance.bound, larger gains, a wider limit or a smaller "
-        "limits.static_force, up to which the tube is taken",
-    "tube in limits.tau": "a smaller disturbance.bound, larger gains, a wider limit or a smaller "
-        "limits.static_force, up to which the tube is taken",
+    "tube in limits.u": INPUTS,
+    "tube in limits.tau": INPUTS,
     "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
     "σ": "slower speed limits or a larger ancillary.sigma",
     "a = ": "a larger ancillary.sigma or slower speed limits",
