@@ -14,11 +14,11 @@ from uvms_drake.control.ancillary import Resolved
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import tighten
 from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.contact import UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import SinusoidalDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.scenario import load_scenario
+from uvms_drake.station.scenario import load_scenario
 
 ROBOT = "girona500_arm5e"
 WALL = UnilateralPlane(stiffness=2000.0)  # N/m; the plane x = 0, the water is at x < 0

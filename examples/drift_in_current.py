@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.description import add_uvms
+from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.order import ToPaperOrder
 

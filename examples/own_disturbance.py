@@ -13,8 +13,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.problem import make_ocp, start_state
-from uvms_drake.scenario import load_scenario
+from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.scenario import load_scenario
 
 GRAVITY = 9.81  # m/s²
 SURFACE = -3.0  # z of the water's surface [m]: the task is 3 m deep

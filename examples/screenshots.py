@@ -12,8 +12,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from uvms_drake.record import load_record
-from uvms_drake.replay import write_still
+from uvms_drake.report.replay import write_still
+from uvms_drake.station.record import load_record
 from uvms_drake.visual.browser import take_screenshot
 
 NAMES = ("approach", "contact", "hold")

@@ -11,11 +11,11 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
-from uvms_drake.model.contact import UnilateralPlane, make_surface_law
-from uvms_drake.model.description import Uvms, add_uvms
+from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
+from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.problem import make_ocp
-from uvms_drake.scenario import load_scenario
+from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.scenario import load_scenario
 
 STIFFNESS = 1000.0  # N/m
 

@@ -42,8 +42,8 @@ def test_a_part_knows_only_what_stands_below_it(part, forbidden):
 
 def test_the_check_sees_an_import():
     """The station, which puts plant and controller together, is allowed to know both."""
-    assert reaches(PACKAGE / "station.py", "uvms_drake.plant")
-    assert reaches(PACKAGE / "station.py", "uvms_drake.control")
+    assert reaches(PACKAGE / "station" / "diagram.py", "uvms_drake.plant")
+    assert reaches(PACKAGE / "station" / "diagram.py", "uvms_drake.control")
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))

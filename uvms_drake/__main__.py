@@ -2,6 +2,6 @@
 
 import sys
 
-from uvms_drake.cli import main
+from uvms_drake.command.main import main
 
 sys.exit(main())

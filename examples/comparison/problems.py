@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.model.contact import BilateralSpring, make_surface_law
+from uvms_drake.model.surface.law import BilateralSpring, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 
 ROBOT = Path(__file__).parent / "models" / "ocp_robot"

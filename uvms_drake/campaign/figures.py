@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
-from uvms_drake.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, STYLE, tube_label
+from uvms_drake.report.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, STYLE, tube_label
 
 RATIOS_FILE, PROPORTION_FILE = "campaign_ratios.png", "campaign_proportion.png"
 MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"

@@ -6,8 +6,8 @@ from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
-from uvms_drake.scenario import Scenario
-from uvms_drake.station import make_simulated_uvms
+from uvms_drake.station.diagram import make_simulated_uvms
+from uvms_drake.station.scenario import Scenario
 
 WITHIN = 3
 """Points of a plan on each of its intervals, the last of them the knot."""

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.campaign.unknowns import Unknowns
-from uvms_drake.faults import ExcessDisturbance, Fault, FrozenState, LostState, StuckJoint
-from uvms_drake.scenario import Scenario
+from uvms_drake.station.faults import ExcessDisturbance, Fault, FrozenState, LostState, StuckJoint
+from uvms_drake.station.scenario import Scenario
 
 FAULT_SECONDS = 0.5
 EARLIEST, LATEST = 0.1, 0.7

@@ -10,9 +10,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
+from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.run import run_one
-from uvms_drake.campaign.setup import Campaign
-from uvms_drake.errors import InvalidParameter, RunFailed
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """So that a worker takes one core; BLAS reads it when it is loaded."""

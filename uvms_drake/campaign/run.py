@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from uvms_drake.alarm import LOGGER
+from uvms_drake.campaign.campaign import Campaign, require_same_code
 from uvms_drake.campaign.outside import MEASURED_WRONG
-from uvms_drake.campaign.setup import Campaign, require_same_code
 from uvms_drake.campaign.vary import Variation, kind_of, vary
+from uvms_drake.common.alarm import LOGGER
 from uvms_drake.control.nominal_mpc import FAILED, SOLVED
 from uvms_drake.control.tube_monitor import FIELDS
-from uvms_drake.fault_systems import solver_fault
-from uvms_drake.faults import COVERED
-from uvms_drake.model.model_error import FACTORS
-from uvms_drake.record import Record
-from uvms_drake.simulation import simulate
-from uvms_drake.station import set_wise_radii
-from uvms_drake.summary import jsonable, summarise
+from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.report.summary import jsonable, summarise
+from uvms_drake.station.diagram import set_wise_radii
+from uvms_drake.station.fault_systems import solver_fault
+from uvms_drake.station.faults import COVERED
+from uvms_drake.station.record import Record
+from uvms_drake.station.simulation import simulate
 
 PROPORTION = 1.05
 """How far the deviation may be beyond D/d̃ times its bound: a tolerance, since D is known at the

@@ -13,8 +13,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from uvms_drake.campaign.setup import Campaign
-from uvms_drake.errors import InvalidParameter
+from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.common.errors import InvalidParameter
 
 SETUP_FILE = "setup.json"
 RUNS_FILE = "runs.jsonl"

@@ -14,8 +14,8 @@ import numpy as np
 from uvms_drake.campaign.induced import predicted_disturbance
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.plan import DynamicPlan
-from uvms_drake.model.model_error import FACTORS
-from uvms_drake.scenario import Scenario
+from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.station.scenario import Scenario
 
 SHARE = 0.5
 """Of d̃, left to what is unknown."""

@@ -12,24 +12,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.campaign.campaign import Campaign, with_target
 from uvms_drake.campaign.outside import kinds_outside, step_outside
-from uvms_drake.campaign.setup import Campaign, with_target
 from uvms_drake.campaign.unknowns import with_unknowns
 from uvms_drake.campaign.walls import moved, turns_freely
 from uvms_drake.certificate.certify import first_plan
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import DynamicPlan, Plan
-from uvms_drake.errors import InvalidParameter, RunFailed
-from uvms_drake.faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.problem import make_ocp, start_state
-from uvms_drake.scenario import Scenario, Start
+from uvms_drake.station.faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """How far the vehicle starts from the scenario's start, at most [m, rad]."""

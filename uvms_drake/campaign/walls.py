@@ -15,12 +15,12 @@ from pydrake.math import RotationMatrix
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.errors import InvalidParameter
-from uvms_drake.model.contact import BilateralSpring, UnilateralPlane
 from uvms_drake.model.euler import wrap_angle
-from uvms_drake.scenario import Scenario
-from uvms_drake.schema import load_typed
+from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.station.scenario import Scenario
 
 OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
 """Stiffness over the scenario's, and tilt [rad]."""

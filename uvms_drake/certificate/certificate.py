@@ -18,13 +18,13 @@ import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
 import uvms_drake
-from uvms_drake.certificate.conditions import Condition
-from uvms_drake.certificate.constants import Constant
+from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.errors import RunFailed
-from uvms_drake.faults import uncovered
-from uvms_drake.model.description import model_dir
-from uvms_drake.scenario import Scenario, dump_scenario
+from uvms_drake.model.uvms import model_dir
+from uvms_drake.station.faults import uncovered
+from uvms_drake.station.scenario import Scenario, dump_scenario
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constants import Constant
 
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",

@@ -14,27 +14,7 @@ import numpy as np
 
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
-from uvms_drake.certificate.conditions import Condition, LemmaConstants, paper_conditions
-from uvms_drake.certificate.constants import Constant, estimate_constants
-from uvms_drake.certificate.constraint_set import ConstraintSet
-from uvms_drake.certificate.covering import prove_constants
-from uvms_drake.certificate.kinematic import (
-    CONSTANTS,
-    attitude_radii,
-    kinematic_radii,
-    paper_radii,
-    undetermined_joints,
-)
-from uvms_drake.certificate.reach import ultimate_bounds
-from uvms_drake.certificate.settings import check_settings
-from uvms_drake.certificate.terminal_set import largest_radius
-from uvms_drake.certificate.tube_image import tube_image
-from uvms_drake.certificate.tubes import (
-    resolved_tube,
-    smallest_k,
-    transpose_tube,
-    transpose_velocity_radius,
-)
+from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import (
     TubeRadii,
@@ -46,12 +26,32 @@ from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REA
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.errors import InvalidParameter, require, vector, within
-from uvms_drake.faults import uncovered
-from uvms_drake.model.contact import PlaneLaw, make_surface_law
+from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.problem import make_ocp, start_state
-from uvms_drake.scenario import Scenario
+from uvms_drake.station.faults import uncovered
+from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.kinematic import (
+    CONSTANTS,
+    attitude_radii,
+    kinematic_radii,
+    paper_radii,
+    undetermined_joints,
+)
+from uvms_drake.tube.settings import check_settings
+from uvms_drake.tube.terminal_set import largest_radius
+from uvms_drake.tube.tube_image import tube_image
+from uvms_drake.tube.tubes import (
+    resolved_tube,
+    smallest_k,
+    transpose_tube,
+    transpose_velocity_radius,
+)
+from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
 """Constants that decide the tube of `resolved`, by block of rows."""

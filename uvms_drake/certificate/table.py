@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.certificate.conditions import Condition
-from uvms_drake.certificate.constants import Constant
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constants import Constant
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
           "limits.static_force, up to which the tube is taken")

@@ -37,8 +37,8 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, ValueProducer
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits import Limits, check_limits
-from uvms_drake.errors import require
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 

@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved, is_lost, task_error
-from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
 

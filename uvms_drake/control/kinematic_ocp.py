@@ -7,12 +7,12 @@ Joints of weight zero are left to themselves, as the paper leaves them: it weigh
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits import NominalLimits
 from uvms_drake.control.ocp import MpcConfig, Ocp, weight
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.staged_program import StagedProgram, stacked
 from uvms_drake.control.terminal import declared_terminal, kinematic_terminal_ingredients
-from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -14,9 +14,9 @@ from pydrake.systems.framework import (
     EventStatus,
 )
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved
 from uvms_drake.control.tube_monitor import FLOOR, TubeMonitor
-from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
 NOT_STARTED = -1.0

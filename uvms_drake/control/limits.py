@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uvms_drake.errors import InvalidParameter, require, vector, within
-from uvms_drake.model.contact import SurfaceLaw
+from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.model.surface.law import SurfaceLaw
 
 
 @dataclass

@@ -16,12 +16,12 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from uvms_drake.alarm import warn
+from uvms_drake.common.alarm import warn
+from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Evaluation, Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
-from uvms_drake.errors import InvalidParameter, RunFailed
 
 FIRST_SOLVE_ITERATIONS = 50
 """The first solve starts from a plan that goes nowhere and is iterated to convergence."""

@@ -23,6 +23,7 @@ from typing import Generic
 
 import numpy as np
 
+from uvms_drake.common.errors import require, vector
 from uvms_drake.control.limits import NominalLimits
 from uvms_drake.control.plan import P, advance_derivatives
 from uvms_drake.control.staged_program import (
@@ -32,9 +33,8 @@ from uvms_drake.control.staged_program import (
     TerminalLimit,
 )
 from uvms_drake.control.terminal import Terminal
-from uvms_drake.errors import require, vector
-from uvms_drake.model.contact import PlaneLaw, SpringLaw, static_force
 from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, static_force
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 INITIAL_STATES = ("nominal", "measured")

@@ -25,7 +25,7 @@ import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from pydrake.systems.primitives import IsStabilizable, LinearSystem
 
-from uvms_drake.errors import require
+from uvms_drake.common.errors import require
 
 INFLATION = 1.0
 """μ of the penalty P = (1 + μ)P₀."""

@@ -7,7 +7,7 @@ largest ‖J_x‖ of the constraint set in it and is what the limits are tighten
     Ṙ = −k R + d̃,    Ė_b = −σ E_b + ‖J_b(𝔮(t))‖₂ R,    Ẇ = −(σ − μ(t)) W + R    from zero,
 
 b a block of rows of J_x, μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs
-in `certificate.tubes`, ‖𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b and ‖J_x⁻¹𝔢_y‖ ≤ W. It is never above the other one
+in `tube.tubes`, ‖𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b and ‖J_x⁻¹𝔢_y‖ ≤ W. It is never above the other one
 while the robot is in the constraint set, and says how much of the distance is due to J_x.
 """
 
@@ -27,9 +27,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from uvms_drake.alarm import warn
+from uvms_drake.common.alarm import warn
+from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved, motion, task_error
-from uvms_drake.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 
 FIELDS = ("task", "position", "orientation", "joints", "z", "r")
@@ -129,7 +129,7 @@ def _norm2(x: np.ndarray) -> float:
 class TubeMonitor(LeafSystem):
     """Compares real and nominal motion with the tube at every sample; counts what leaves it.
 
-    It warns of each exit on the logger `uvms_drake`, see `uvms_drake.alarm`.
+    It warns of each exit on the logger `uvms_drake`, see `uvms_drake.common.alarm`.
 
     .. pydrake_system::
 

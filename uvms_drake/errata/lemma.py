@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from uvms_drake.certificate.conditions import LemmaConstants, paper_conditions
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import (
     CHI_DES,
@@ -20,6 +19,7 @@ from uvms_drake.errata.paper import (
     robot,
 )
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000
 """Random (𝔢, 𝔯) in which V̇ is looked at."""

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 
 from uvms_drake.certificate.certify import declared_set
-from uvms_drake.certificate.conditions import LemmaConstants
-from uvms_drake.certificate.constants import sampled_values
-from uvms_drake.model.contact import BilateralSpring, make_surface_law
 from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.surface.law import BilateralSpring, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.scenario import load_scenario
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube.conditions import LemmaConstants
+from uvms_drake.tube.constants import sampled_values
 
 # (sec:simulation_results), SI units and radians.
 NUM_JOINTS = 4

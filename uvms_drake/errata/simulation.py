@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.certificate.conditions import kinematic_tubes
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import NominalLimits, tighten
@@ -40,10 +39,11 @@ from uvms_drake.errata.paper import (
     pose_error,
     robot,
 )
-from uvms_drake.model.contact import make_surface_law
 from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.scenario import load_scenario
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube.conditions import kinematic_tubes
 
 SETTLING, HOLDING = 100, 40
 """Samples for the MPC to come to rest, and to hold the task against a constant w."""

@@ -11,9 +11,9 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
-from uvms_drake.errors import require
-from uvms_drake.model.description import Uvms
+from uvms_drake.common.errors import require
 from uvms_drake.model.spatial import cross
+from uvms_drake.model.uvms import Uvms
 
 
 class Coordinates:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.common.yaml import yaml_load_typed
 
-from uvms_drake.errors import InvalidParameter, require, symmetric_matrix, vector, within
+from uvms_drake.common.errors import InvalidParameter, require, symmetric_matrix, vector, within
 from uvms_drake.model.spatial import skew
 
 

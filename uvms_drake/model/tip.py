@@ -6,9 +6,9 @@ axes of Σ_E.
 
 import numpy as np
 
-from uvms_drake.model.contact import SurfaceLaw
 from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix
 from uvms_drake.model.spatial import block_diagonal, skew, times
+from uvms_drake.model.surface.law import SurfaceLaw
 
 
 def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:

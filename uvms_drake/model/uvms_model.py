@@ -19,8 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from uvms_drake.model.contact import SurfaceLaw
-from uvms_drake.model.description import Uvms, add_uvms
 from uvms_drake.model.euler import (
     COMPLEX_STEP,
     euler_angles,
@@ -29,7 +27,6 @@ from uvms_drake.model.euler import (
     rotation_matrix,
 )
 from uvms_drake.model.links import read_links
-from uvms_drake.model.model_error import ModelError
 from uvms_drake.model.spatial import (
     block_diagonal,
     cross,
@@ -38,7 +35,10 @@ from uvms_drake.model.spatial import (
     motion_matrix,
     times,
 )
+from uvms_drake.model.surface.law import SurfaceLaw
 from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
+from uvms_drake.model.uvms import Uvms, add_uvms
+from uvms_drake.plant.model_error import ModelError
 
 
 class Kinematics(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from uvms_drake.errors import require
+from uvms_drake.common.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import unit_vector
 

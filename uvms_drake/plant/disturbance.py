@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from uvms_drake.errors import require, vector
+from uvms_drake.common.errors import require, vector
 
 
 @dataclass

@@ -17,7 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces, RigidBody
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, ValueProducer
 
-from uvms_drake.errors import require
+from uvms_drake.common.errors import require
 from uvms_drake.model.hydrodynamics_data import (
     BodyHydrodynamics,
     HydrodynamicParameters,

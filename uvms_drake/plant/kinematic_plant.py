@@ -24,9 +24,9 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import PassThrough
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
-from uvms_drake.errors import RunFailed, require, vector, within
+from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.description import Uvms, add_uvms
+from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.surface import pose_and_jacobian

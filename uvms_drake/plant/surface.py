@@ -2,7 +2,7 @@
 
 Frames: W is World (the paper's Σ_I), T the tip (Σ_E) with origin To. χ = (p_WTo, φθψ of R_WT) is
 the tip's pose, 𝔉 the force that the tip exerts *on* the surface, conjugate to χ̇: a force in World
-and a torque conjugate to Euler-angle rates. The laws 𝔉(χ, χ̇) are in `model.contact`.
+and a torque conjugate to Euler-angle rates. The laws 𝔉(χ, χ̇) are in `model.surface`.
 """
 
 from typing import cast
@@ -14,8 +14,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, ValueProducer
 
-from uvms_drake.model.contact import SurfaceConfig, make_surface_law
 from uvms_drake.model.euler import rate_matrix
+from uvms_drake.model.surface.law import SurfaceConfig, make_surface_law
 
 
 def pose_and_jacobian(
@@ -37,7 +37,7 @@ def pose_and_jacobian(
 
 
 class CompliantSurface(LeafSystem):
-    """Pushes back on the tip of a robot by one of the laws of `model.contact`.
+    """Pushes back on the tip of a robot by one of the laws of `model.surface`.
 
     The robot feels the generalised force −J_χᵀ 𝔉(χ, χ̇), which does the power −𝔉ᵀχ̇ on it.
 

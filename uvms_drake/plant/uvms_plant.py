@@ -9,13 +9,13 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, PassThrough
 
-from uvms_drake.errors import require, vector, within
-from uvms_drake.model.contact import SurfaceConfig
+from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.description import add_uvms
-from uvms_drake.model.model_error import ModelError
+from uvms_drake.model.surface.law import SurfaceConfig
+from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
+from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface
 

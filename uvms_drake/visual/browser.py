@@ -5,7 +5,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from uvms_drake.errors import RunFailed
+from uvms_drake.common.errors import RunFailed
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

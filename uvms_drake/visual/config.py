@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from uvms_drake.errors import require, within
+from uvms_drake.common.errors import require, within
 
 
 @dataclass

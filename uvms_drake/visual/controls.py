@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from uvms_drake.errors import vector
+from uvms_drake.common.errors import vector
 
 STOP = "Stop the run"
 FORCE = "desired force [N]"

@@ -7,7 +7,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.description import add_uvms
+from uvms_drake.model.uvms import add_uvms
 from uvms_drake.visual.stage import NED, Stage
 
 GREY = Rgba(0.7, 0.7, 0.7, 1.0)

@@ -7,9 +7,9 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
-from uvms_drake.model.contact import make_surface_law
+from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.scenario import Scenario
+from uvms_drake.station.scenario import Scenario
 from uvms_drake.visual.scene import Moment, Scene
 
 

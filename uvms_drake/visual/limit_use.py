@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from uvms_drake.control.limits import joint_limits, tighten
-from uvms_drake.model.contact import static_force
+from uvms_drake.model.surface.law import static_force
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.scenario import Scenario
+from uvms_drake.station.scenario import Scenario
 
 ACTIVE = 0.98
 """Part of a limit from which on it counts as active."""

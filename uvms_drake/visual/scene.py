@@ -9,9 +9,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.control.ancillary import task_error
 from uvms_drake.control.limits import resolved_radii
-from uvms_drake.model.contact import PlaneLaw, SpringLaw, make_surface_law
+from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.scenario import Scenario
+from uvms_drake.station.scenario import Scenario
 from uvms_drake.visual.drawn_robot import DrawnRobot
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
 from uvms_drake.visual.props import (

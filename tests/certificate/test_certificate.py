@@ -1,0 +1,105 @@
+"""Tests of `uvms_drake.certificate.certificate`: the artefact."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    TerminalResult,
+    fingerprint,
+    read_certificate,
+    stale_reason,
+    write_certificate,
+)
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constants import Constant
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario("girona500_contact")
+
+
+@pytest.fixture(scope="module")
+def certificate(scenario) -> Certificate:
+    worst = {"config": np.arange(10.0), "zeta": np.zeros(10)}
+    return Certificate(
+        scenario="girona500_contact", law="resolved", k=20.0, sigma=5.0, d_bound=0.1,
+        constants=(Constant("J_max", 2.5, "estimated", 100, worst, 1.1, 2.3),),
+        conditions=(Condition("a", 1.0, ">", 0.0), Condition("b", 2.0, "<=", 2.0)),
+        tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf)),
+        terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
+        bounds={"force": 2.5}, paper={"printed radius": np.inf}, **fingerprint(scenario))
+
+
+def test_a_certificate_survives_its_file(certificate, tmp_path):
+    write_certificate(certificate, tmp_path)
+    again = read_certificate(tmp_path / CERTIFICATE_FILE)
+    assert again.to_data() == certificate.to_data()
+    assert again.certified
+    assert again.paper["printed radius"] == np.inf
+    np.testing.assert_array_equal(again.tube.tau, np.inf)
+
+
+def test_one_changed_number_is_found(certificate, tmp_path):
+    write_certificate(certificate, tmp_path)
+    path = tmp_path / CERTIFICATE_FILE
+    data = json.loads(path.read_text())
+    data["tube"]["e"] = 0.001
+    path.write_text(json.dumps(data))
+    with pytest.raises(RunFailed, match="was changed"):
+        read_certificate(path)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", "not JSON", '{"sha256": 1}'])
+def test_what_is_no_certificate_is_refused(text, tmp_path):
+    path = tmp_path / CERTIFICATE_FILE
+    path.write_text(text)
+    with pytest.raises(RunFailed):
+        read_certificate(path)
+
+
+@pytest.mark.parametrize(("override", "stale"), [
+    ("seed=3", False), ("duration=2", False), ("tube.e=0.01", False),
+    ("mpc.terminal_radius=0.1", False), ("description=another", False),
+    ("task.force_tolerance=1", False), ("current.0=0.1", True),
+    ("disturbance.frequency=3", False),
+    ("disturbance.bound=0.11", True), ("limits.nu1=0.26", True), ("ancillary.k=19", True),
+    ("surface.stiffness=1001", True), ("mpc.horizon=16", True), ("start.eta.0=-1.36", True),
+    ("certificate.seed=1", True),
+])
+def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
+        certificate, override, stale):
+    other = load_scenario("girona500_contact", [override])
+    assert (stale_reason(certificate, other) is not None) == stale
+
+
+def test_a_touched_file_of_the_robot_makes_it_stale(certificate, scenario):
+    files = dict(certificate.files)
+    assert {"girona500_arm5e.sdf", "hydrodynamics.yaml", "package.xml"} <= set(files)
+    files["hydrodynamics.yaml"] = "0" * 64
+    assert stale_reason(replace(certificate, files=files), scenario) == "a file of the robot"
+
+
+def test_one_failed_condition_makes_it_void(certificate):
+    void = certificate.adding([Condition("c", 1.0, "<", 0.5), Condition("d", np.nan, ">", 0.0)])
+    assert not void.certified
+    assert void.failed.name == "c"
+
+
+def test_no_condition_is_no_certificate(certificate):
+    assert not replace(certificate, conditions=()).certified
+
+
+def test_a_certificate_puts_its_tube_and_terminal_set_into_the_scenario(certificate, scenario):
+    applied = certificate.applied_to(scenario)
+    assert applied.tube is certificate.tube
+    assert applied.mpc.terminal_radius == 0.5
+    assert scenario.mpc.terminal_radius != 0.5

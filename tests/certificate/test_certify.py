@@ -1,0 +1,203 @@
+"""Tests of `uvms_drake.certificate.certify`, `table` and `front` on the shipped scenarios."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import (
+    assumptions,
+    certified_once,
+    certify,
+)
+from uvms_drake.certificate.table import format_certificate, verdict
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.studies.gain_front import format_front, front
+from uvms_drake.tube.terminal_set import check_terminal
+from uvms_drake.tube.ultimate_bounds import ultimate_bounds
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """A cache of these tests' own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def scenario(cache) -> Scenario:
+    return load_scenario("girona500_contact")
+
+
+@pytest.fixture(scope="module")
+def certificate(scenario) -> Certificate:
+    return certified_once(scenario)
+
+
+def test_the_main_scenario_is_certified_with_gains_that_a_vehicle_can_run(certificate):
+    assert certificate.certified, verdict(certificate)
+    assert certificate.law == "resolved"
+    assert certificate.k <= 20.0
+    assert certificate.sigma <= 5.0
+    assert certificate.d_bound >= 0.1
+    assert certificate.bounds["force"] <= 5.0
+
+
+def test_what_decides_the_tube_is_proven(certificate):
+    how = {constant.name: constant.how for constant in certificate.constants}
+    assert {how[name] for name in ("J_position_max", "J_attitude_max", "Jx_max")} == {"proven"}
+    assert set(how.values()) == {"proven", "estimated"}
+
+
+def test_the_radii_are_those_of_the_cascade(certificate):
+    value = {constant.name: constant.value for constant in certificate.constants}
+    unit = certificate.d_bound / (certificate.k * certificate.sigma)
+    tube = certificate.tube
+    assert tube.e == pytest.approx(value["Jx_max"] * unit)
+    assert tube.position == pytest.approx(value["J_position_max"] * unit)
+    assert tube.orientation == pytest.approx(value["J_attitude_max"] * unit)
+    assert tube.joints == pytest.approx(unit)
+
+
+def test_the_certified_terminal_set_passes_a_fresh_check(certificate, scenario):
+    check = check_terminal(make_ocp(certificate.applied_to(scenario)),
+                           certificate.terminal.radius, samples=10_000, seed=77)
+    assert check.holds, check.failures
+
+
+def test_the_force_bound_is_reached_by_some_state_in_the_tube_and_exceeded_by_none(
+        certificate, scenario):
+    rng = np.random.default_rng(0)
+    ocp = make_ocp(certificate.applied_to(scenario))
+    surface, r = ocp.model.surface, certificate.tube.position
+    offset = rng.normal(size=(2000, 3))
+    offset[0] = surface.normal
+    offset *= (r / np.linalg.norm(offset, axis=1))[:, None]
+    speed = rng.normal(size=(2000, 3))
+    speed[0] = -surface.normal
+    speed *= (2.0 * certificate.sigma * r / np.linalg.norm(speed, axis=1))[:, None]
+    chi, chi_dot = np.tile(ocp.y_des[:6], (4000, 1)), np.zeros((4000, 6))
+    chi[:, :3] += np.concatenate([offset, -offset])
+    chi_dot[:, :3] = np.concatenate([speed, speed])
+    error = np.linalg.norm(
+        surface.force(chi, chi_dot)[:, :3] - np.asarray(scenario.task.force)[:3], axis=1)
+    assert np.max(error) <= certificate.bounds["force"] * (1.0 + 1e-9)
+    assert np.max(error) > 0.9 * certificate.bounds["force"]
+
+
+def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypatch):
+    monkeypatch.setattr("uvms_drake.certificate.certify.certify", lambda _: pytest.fail("computed"))
+    again = certified_once(load_scenario("girona500_contact", ["seed=5", "duration=3"]),
+                           announce=lambda: pytest.fail("announced"))
+    assert again.to_data() == certificate.to_data()
+
+
+def test_it_is_announced_before_it_is_computed(certificate, scenario, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    order = []
+    monkeypatch.setattr("uvms_drake.certificate.certify.certify",
+                        lambda _: order.append("computed") or certificate)
+    for _ in range(2):
+        certified_once(scenario, announce=lambda: order.append("announced"))
+    assert order == ["announced", "computed"]
+
+
+@pytest.mark.parametrize(("overrides", "begins"), [
+    (["disturbance.bound=0.2"], "tube in limits.u"),
+    (["ancillary=!Transpose {k: 20, sigma: 1}"], "a = "),
+    (["ancillary.sigma=0.5"], "σ"),
+    (["mpc.horizon=4"], "first plan, distance"),
+    (["current=[0.1, 0, 0]"], "current"),
+    (["limits.static_force=22"], "first plan, violation between"),
+    (["limits.static_force=21"], "left by the tube, task.force"),
+    (["mpc.initial_state=measured"], "mpc.initial_state"),
+    (["mpc.terminal_set=false"], "mpc.terminal_set"),
+])
+def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(overrides, begins):
+    void = certify(load_scenario("girona500_contact", overrides))
+    assert not void.certified
+    assert void.failed.name.startswith(begins)
+    line = verdict(void)
+    assert "\n" not in line
+    assert line.startswith("void: ")
+    assert (" does not hold by " in line) == (not begins.startswith(("mpc.", "left by")))
+    assert "what would help" in line
+
+
+def test_a_certificate_of_forces_needs_a_limit_on_them():
+    with pytest.raises(InvalidParameter, match=r"limits\.static_force = None: must be a number"):
+        certify(load_scenario("girona500_contact", ["limits.static_force=null"]))
+
+
+def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):
+    broken = {override: [item.name for item in assumptions(load_scenario(
+        "girona500_contact", [override])) if not item.holds] for override in (
+            f"mpc.terminal_weight={[1.0] * 20}", "mpc.input_reference=zero",
+            "surface_error.stiffness=1.01", "surface_error.turn=[0, 0, 0.01]", "seed=1")}
+    assert [len(names) for names in broken.values()] == [1, 1, 1, 1, 0]
+    for override, (name,) in list(broken.items())[:4]:
+        assert override.startswith(name.partition(",")[0])
+
+
+def test_the_numbers_of_the_main_scenario_are_those_of_the_readme(certificate):
+    """Estimates may differ a little between linear algebra libraries."""
+    tube = certificate.tube
+    assert certificate.terminal.radius == pytest.approx(0.545, rel=0.02)
+    assert certificate.bounds["force"] == pytest.approx(2.64, rel=0.01)
+    assert [tube.e, tube.nu1, tube.nu2, tube.roll, tube.pitch] == pytest.approx(
+        [0.0024, 0.00903, 0.00889, 0.00325, 0.00358], rel=0.02)
+    assert tube.u == pytest.approx(
+        [0.174, 0.208, 0.194, 0.266, 0.244, 0.255, 1.99, 0.887, 0.937, 0.346], rel=0.05)
+
+
+def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate):
+    """And an arm with self-motion is outside of its tube whatever the gains."""
+    k, sigma = certificate.paper["smallest k"], certificate.paper["at σ"]
+    assert k > 500.0
+    void = certify(load_scenario(
+        "girona500_contact", [f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
+    assert [item.holds for item in void.conditions[:5]] == [True, True, True, False, True]
+    assert all(item.holds for item in void.conditions[5:])
+    assert "does not determine" in void.failed.name
+
+
+def test_the_bilateral_scenario_is_certified():
+    certificate = certify(load_scenario("girona500_bilateral"))
+    assert certificate.certified, verdict(certificate)
+
+
+def test_the_table_names_everything(certificate):
+    text = format_certificate(certificate)
+    for constant in certificate.constants:
+        assert f"  {constant.name} " in text
+    for condition in certificate.conditions:
+        assert condition.name in text
+    assert text.endswith(f"certified: all {len(certificate.conditions)} conditions hold")
+    assert "proven" in text
+    assert "estimated" in text
+
+
+def test_larger_gains_certify_a_smaller_force_error(scenario):
+    points = front(replace(scenario), disturbances=(1.0,), gains=(0.5, 1.0))
+    assert points[1].force < points[0].force
+    assert points[0].emptied
+    assert not points[1].emptied
+    assert format_front(points).count("void") == 1
+
+
+def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):
+    scenario = load_scenario("girona500_bilateral")
+    model = UvmsModel.load(scenario.model, make_ocp(scenario).model.surface)
+    bound = ultimate_bounds(certificate.tube, scenario, model)["force"]
+    K, rng = np.asarray(scenario.surface.stiffness), np.random.default_rng(0)
+    shift = rng.normal(size=(5000, 6))
+    for block, radius in ((slice(0, 3), certificate.tube.position),
+                          (slice(3, 6), certificate.tube.orientation)):
+        shift[:, block] *= (radius / np.linalg.norm(shift[:, block], axis=1))[:, None]
+    reached = np.max(np.linalg.norm((shift @ K)[:, :3], axis=1))
+    assert 0.8 * bound < reached <= bound

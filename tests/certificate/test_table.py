@@ -1,0 +1,75 @@
+"""Tests of `uvms_drake.certificate.table`; the whole table is looked at in test_certify."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import assumptions
+from uvms_drake.certificate.table import COUNTS, HELP, format_certificate, verdict
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constants import QUANTITIES, Constant
+
+EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
+                    inputs="", versions={})
+
+
+def test_the_first_failed_condition_is_the_verdict():
+    certificate = replace(EMPTY, conditions=(
+        Condition("fine", 1.0, ">", 0.0), Condition("tube in limits.u[1]", 0.5, "<", 0.3),
+        Condition("worse", 9.0, "<", 0.0)))
+    assert verdict(certificate).startswith(
+        "void: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
+    assert format_certificate(certificate).count("DOES NOT HOLD") == 2
+
+
+@pytest.mark.parametrize("beginning", COUNTS)
+def test_a_count_is_not_said(beginning):
+    void = replace(EMPTY, conditions=(Condition(f"{beginning}...", 1.0, "<=", 0.0),))
+    assert verdict(void).startswith(f"void: {beginning}...")
+    assert "does not hold" not in verdict(void)
+
+
+def test_a_number_that_is_none_fails_without_an_amount():
+    line = verdict(replace(EMPTY, conditions=(Condition("x", np.nan, "<=", 0.0),)))
+    assert line == "void: x: nan <= 0 does not hold"
+
+
+@pytest.mark.parametrize(("override", "line"), [
+    ("faults=[!StuckJoint {}]", "void: faults, which the proofs do not cover; what would help: "
+                                "no faults but those of the solver"),
+    ("mpc.terminal_set=false", "void: mpc.terminal_set, none; what would help: terminal_set: true"),
+    ("model_error.drag=1.25", "void: model_error, which the controller does not know: "
+                              "0.25 <= 0 does not hold by 0.25; what would help: leaving it out: "
+                              "it acts as a disturbance that d̃ does not count")])
+def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
+    scenario = load_scenario("girona500_contact", [override])
+    assert verdict(replace(EMPTY, conditions=tuple(assumptions(scenario)))) == line
+
+
+@pytest.mark.parametrize("beginning", HELP)
+def test_every_advice_is_given(beginning):
+    line = verdict(replace(EMPTY, conditions=(Condition(beginning + "...", 1.0, "<", 0.0),)))
+    assert line.endswith(HELP[beginning])
+
+
+def test_every_constant_and_radius_has_a_unit():
+    constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25) for name in QUANTITIES)
+    tube = TubeRadii(*[2.5] * 10, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
+    text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
+    for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):
+        assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
+    for name, unit in (("e", "m, rad"), ("nu2", "rad/s"), ("roll", "rad"), ("z", "m/s, rad/s")):
+        assert re.search(rf"^  {name} +2[.]5 {unit}$", text, re.MULTILINE)
+    assert re.search(r"^  u +0[.]5, 0[.]25 m/s², rad/s²$", text, re.MULTILINE)
+    assert re.search(r"^  tau +8 N, N m$", text, re.MULTILINE)
+
+
+def test_radii_that_a_motion_has_not_are_not_in_the_table():
+    tube = TubeRadii(*[2.5] * 10, u=np.zeros(0), tau=None)
+    lines = format_certificate(replace(EMPTY, tube=tube)).splitlines()
+    assert not any(line.startswith(("  u ", "  tau ")) for line in lines)

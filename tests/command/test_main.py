@@ -1,0 +1,545 @@
+"""Tests of the command line, as users meet it: files, exit status, one line for an error."""
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certificate import Certificate, read_certificate
+from uvms_drake.command.main import main
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.model.uvms import models_dir
+from uvms_drake.report.figures import figures_of
+from uvms_drake.report.summary import summarise
+from uvms_drake.station import simulation
+from uvms_drake.station.record import load_record
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.studies import bench
+
+DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz"}
+DATA_ONLY = ["--no-figures", "--no-replay"]
+QUICK = [*DATA_ONLY, "--uncertified"]
+VOID = ["--set", "disturbance.bound=0.2"]
+"""Makes a tube that is larger than a limit of the shipped scenarios."""
+FEW = ["--set", "certificate.tube_samples=10", "--set", "certificate.terminal_samples=10"]
+"""So that a certificate of its own takes a test less time; the constants are those of the rest."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """Lets all of these tests, and no one else, share what they compute."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(os.environ, "XDG_CACHE_HOME", str(folder))
+        yield folder
+
+
+def refusal(capsys, tmp_path, *args):
+    """Runs with bad input and returns the only line on stderr; nothing may have been written."""
+    output = tmp_path / "result"
+    status = main(["run", "--duration", "0.2", "--output", str(output), *QUICK, *args])
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, "")
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+    assert not output.exists()
+    return err
+
+
+def broken_robot(tmp_path, old, new):
+    """Returns a copy of the shipped robot with one text in its hydrodynamics file replaced."""
+    folder = tmp_path / "girona500_arm5e"
+    shutil.copytree(models_dir() / folder.name, folder)
+    file = folder / "hydrodynamics.yaml"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def smoke(tmp_path_factory):
+    """Runs half a second of the main scenario as users do, with all outputs."""
+    output = tmp_path_factory.mktemp("smoke") / "out"
+    done = subprocess.run(
+        [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--seed", "3",
+         "--output", str(output), "--uncertified"], capture_output=True, text=True, check=False)
+    return output, done
+
+
+@pytest.fixture(scope="module")
+def certified(tmp_path_factory):
+    """Runs half a second of the main scenario with a certificate."""
+    output = tmp_path_factory.mktemp("certified") / "out"
+    done = subprocess.run(
+        [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--output", str(output),
+         *DATA_ONLY], capture_output=True, text=True, check=False)
+    return output, done
+
+
+def test_a_short_run_writes_every_file(smoke):
+    output, done = smoke
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in output.iterdir()} == DATA | {
+        "replay.html", "report.html", *figures_of(load_scenario("girona500_contact"))}
+
+
+def test_a_finished_run_is_drawn_again_from_its_data(smoke, tmp_path, capsys):
+    folder = tmp_path / "run"
+    shutil.copytree(smoke[0], folder)
+    pictures = {path for path in folder.iterdir() if path.suffix in (".png", ".html")}
+    for path in pictures:
+        path.unlink()
+    assert main(["plot", str(folder), "--replay"]) == 0
+    assert {path for path in folder.iterdir() if path.suffix in (".png", ".html")} == pictures
+    assert (folder / "report.html").read_text() == (smoke[0] / "report.html").read_text()
+    assert "report.html" in capsys.readouterr().out
+
+
+def test_a_folder_that_is_no_run_is_not_drawn(tmp_path, capsys):
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        assert main(["plot", str(folder)]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"uvms-drake: error: DIR = '{folder}': must be a folder that 'run'")
+        assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_prints_the_summary_and_where_the_files_are(smoke):
+    output, done = smoke
+    assert "girona500_contact, seed 3: 0.5 s" in done.stdout
+    assert "certified     no (declared tube)" in done.stdout
+    assert f"written to {output}: " in done.stdout
+
+
+def test_progress_is_a_few_lines_on_stderr(smoke):
+    lines = smoke[1].stderr.splitlines()
+    assert 1 <= len(lines) <= 6
+    assert all(line.startswith("simulating: ") for line in lines)
+
+
+def test_the_written_files_belong_together(smoke):
+    output, _ = smoke
+    record = load_record(output)
+    summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
+    assert summarise(record) == summary
+    assert (summary["seed"], summary["duration_s"]) == (3, 0.5)
+    expected = load_scenario("girona500_contact", ["seed=3", "duration=0.5"])
+    assert (output / "scenario.yaml").read_text(encoding="utf-8") == dump_scenario(expected)
+
+
+def test_the_written_scenario_runs_again_to_the_same_log(smoke, tmp_path, capsys):
+    output, _ = smoke
+    again = tmp_path / "again"
+    assert main(["run", str(output / "scenario.yaml"), "--output", str(again), *QUICK]) == 0
+    capsys.readouterr()
+    assert {path.name for path in again.iterdir()} == DATA
+    assert (again / "log.npz").read_bytes() == (output / "log.npz").read_bytes()
+
+
+def test_the_output_defaults_to_a_folder_named_after_the_scenario(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "girona500_bilateral", "--duration", "0.1", *QUICK]) == 0
+    assert "written to out/girona500_bilateral" in capsys.readouterr().out
+    assert (tmp_path / "out" / "girona500_bilateral" / "log.npz").is_file()
+
+
+def test_the_scenarios_are_listed_with_motion_and_law(capsys):
+    assert main(["scenarios"]) == 0
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == ["scenario", "motion", "law", "description"]
+    assert [line.split()[:3] for line in lines] == [
+        ["girona500_bilateral", "dynamic", "resolved"],
+        ["girona500_contact", "dynamic", "resolved"],
+        ["paper_dynamic", "dynamic", "transpose"],
+        ["paper_dynamic_resolved", "dynamic", "resolved"],
+        ["paper_kinematic", "kinematic", "transpose"],
+        ["paper_kinematic_certified", "kinematic", "resolved"]]
+    assert all(len(line.split()) > 7 for line in lines)
+    starts = {line.index(line.split(maxsplit=3)[3]) for line in (header, *lines)}
+    assert len(starts) == 1
+
+
+@pytest.mark.parametrize("args", [
+    [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
+    ["certify", "--uncertified"], ["certify", "a", "b"], ["bench", "--seed", "1"],
+    ["bench", "a", "b"]])
+def test_arguments_that_make_no_sense_are_one_line(args, capsys):
+    assert main(args) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("args", "expected"), [
+    (["girona500_contcat"], "did you mean 'girona500_contact'?"),
+    (["--set", "surface.stifness=3"], "surface.stifness = 3: must be under one of the keys point"),
+    (["--set", "surface.stiffness=hard"], "surface.stiffness = 'hard': must be a finite number"),
+    (["--seed", "x"], "seed = 'x': must be a whole number"),
+    (["--seed", "-1"], "seed = -1: must be zero or positive"),
+    (["--set", "current=[0, 0]"], "current = [0., 0.]: must be 3 finite numbers"),
+    (["--set", "task.force_tolerance=0"], "task.force_tolerance = 0.0: must be positive"),
+    (["--set", "task.force=[1]"], "task.force = [1.]: must be 6 finite numbers"),
+    (["--duration", "-1"], "duration = -1.0: must be positive"),
+    (["--set", "model=girona501"], "model = 'girona501': must be one of girona500_arm5e"),
+    (["--set", "surface.stiffness=-1"], "surface.stiffness = -1.0: must be positive"),
+    (["girona500_bilateral", "--set", "surface.stiffness.0.1=99"], "it is not symmetric"),
+    (["girona500_bilateral", "--set", "surface.stiffness.0.0=-9"], "its smallest eigenvalue is -"),
+    (["--set", "disturbance.bound=-0.1"], "disturbance.bound = -0.1: must be zero or positive"),
+    (["--set", "start.q.0=1.6"], "start.q = [1.6"),
+    (["--set", "start.eta.4=0.7"], "start.eta = ["),
+    (["--set", "start.q=[0, 0]"], "start.q = [0., 0.]: must be 4 finite numbers"),
+    (["--set", "limits.nu1=0.001"], "limits.nu1 = 0.001: must be "),
+    (["--set", "limits.u.0=-1"], "limits.u = [-1."),
+    (["--set", "tube.e=-1"], "tube.e = -1.0: must be zero or positive"),
+    (["--set", "mpc.horizon=0"], "with --set mpc.horizon=0 --set duration=0.2: mpc.horizon = 0"),
+    (["--set", "surface.dissipation=1e9"], "mpc.time_step = 0.2: must be such that the loop"),
+    (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
+    (["--set", "task.force=[-5, 0, 0, 0, 0, 0]"], "task.force = [-5., 0., 0., 0., 0., 0.]: must"),
+])
+def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_path):
+    assert expected in refusal(capsys, tmp_path, *args)
+
+
+def test_bad_input_names_the_scenario_file(capsys, tmp_path):
+    file = tmp_path / "mine.yaml"
+    scenario = load_scenario("girona500_contact", ["disturbance.bound=-0.125"])
+    file.write_text(dump_scenario(scenario), encoding="utf-8")
+    assert main(["run", str(file), "--output", str(tmp_path / "out"), "--uncertified"]) == 2
+    assert capsys.readouterr().err == (
+        f"uvms-drake: error: {file}: disturbance.bound = -0.125: must be zero or positive\n")
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), [
+    ("[48.13, 0.25,", "[48.13, 9.25,", "it is not symmetric"),
+    ("[48.13, 0.25,", "[-48.13, 0.25,", "its smallest eigenvalue is -"),
+    ("fluid_density:", "fluid_densty:", "fluid_densty"),
+    ("fluid_density:", "fluid_density: [", "hydrodynamics.yaml"),
+])
+def test_a_broken_robot_is_refused(old, new, expected, capsys, tmp_path):
+    robot = broken_robot(tmp_path, old, new)
+    line = refusal(capsys, tmp_path, "--set", f"model={robot}")
+    assert expected in line
+    assert str(robot / "hydrodynamics.yaml") in line
+
+
+def test_a_robot_that_is_no_sdformat_is_refused(capsys, tmp_path):
+    robot = broken_robot(tmp_path, "", "")
+    (robot / "girona500_arm5e.sdf").write_text("<broken", encoding="utf-8")
+    line = refusal(capsys, tmp_path, "--set", f"model={robot}")
+    assert str(robot / "girona500_arm5e.sdf") in line
+
+
+def test_a_browser_can_watch(capsys, tmp_path):
+    assert main(["run", "--duration", "0.1", "--meshcat", "--output", str(tmp_path), *QUICK]) == 0
+    assert "watch at http://localhost:" in capsys.readouterr().err
+
+
+def test_an_output_that_cannot_be_written_to_is_refused_before_the_run(
+        capsys, tmp_path, monkeypatch):
+    def simulate(*args, **kwargs):
+        pytest.fail("the simulation was started")
+
+    monkeypatch.setattr(simulation, "simulate", simulate)
+    (tmp_path / "file").write_text("in the way")
+    assert main(["run", "--output", str(tmp_path / "file" / "out")]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert f"--output = '{tmp_path / 'file' / 'out'}': must be a folder that can be" in line
+
+
+def test_a_run_that_cannot_go_on_has_exit_status_1_and_leaves_nothing(
+        capsys, tmp_path, monkeypatch):
+    def simulate(*args, **kwargs):
+        raise RunFailed("no plan")
+
+    monkeypatch.setattr(simulation, "simulate", simulate)
+    assert main(["run", "--output", str(tmp_path / "out"), "--uncertified"]) == 1
+    assert capsys.readouterr().err == "uvms-drake: error: no plan\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "uvms_drake", "run", "--duration", "500", "--output",
+         str(tmp_path / "out"), *QUICK], stderr=subprocess.PIPE, text=True)
+    assert process.stderr.readline().startswith("simulating: 0.0 of 500 s")
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "uvms-drake: error: interrupted, nothing written"
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_log_holds_no_nan(smoke):
+    with np.load(smoke[0] / "log.npz") as log:
+        assert not any(np.any(np.isnan(log[name])) for name in log.files)
+
+
+# Certificates ------------------------------------------------------------------------------------
+
+
+def certificate_of(folder) -> Certificate:
+    return read_certificate(folder / "certificate.json")
+
+
+def run_in(folder, *args):
+    """Returns the status of a run of 0.1 s without --uncertified."""
+    return main(["run", "--duration", "0.1", "--output", str(folder), *DATA_ONLY, *args])
+
+
+@pytest.fixture
+def committed(certified, tmp_path, capsys):
+    """Returns a folder in which `certify` has left the certificate of the main scenario."""
+    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    return tmp_path / "out"
+
+
+def test_a_certified_run_writes_its_certificate_and_uses_its_tube(certified):
+    output, done = certified
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in output.iterdir()} == DATA | {"certificate.json"}
+    assert "certified     yes" in done.stdout
+    assert done.stderr.splitlines()[0].startswith("certifying (")
+    certificate = certificate_of(output)
+    assert (certificate.certified, certificate.made_by) == (True, "run")
+    record = load_record(output)
+    assert record.certified
+    assert record.scenario.mpc.terminal_radius == certificate.terminal.radius
+    tube = summarise(record)["tube"]
+    assert (tube["bound_e"], tube["bound_z"]) == (certificate.tube.e, certificate.tube.z)
+    assert (tube["certified"], tube["exits"]) == (True, 0)
+    for name, value in vars(certificate.tube).items():
+        np.testing.assert_array_equal(getattr(record.scenario.tube, name), value, err_msg=name)
+
+
+def test_the_written_scenario_of_a_certified_run_runs_again_to_the_same_log(
+        certified, tmp_path, capsys):
+    output, _ = certified
+    assert main(["run", str(output / "scenario.yaml"), "--output", str(tmp_path),
+                 *DATA_ONLY]) == 0
+    for name in ("certificate.json", "log.npz", "scenario.yaml"):
+        assert (tmp_path / name).read_bytes() == (output / name).read_bytes(), name
+
+
+def test_a_certificate_from_the_cache_is_not_announced_as_computed(certified, tmp_path, capsys):
+    assert run_in(tmp_path / "elsewhere") == 0
+    assert capsys.readouterr().err.startswith("certified: ")
+
+
+def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
+    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    out, err = capsys.readouterr()
+    assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
+    assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
+    assert out.splitlines()[-1].startswith("certified: all ")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["certificate.json"]
+    certificate = certificate_of(tmp_path / "out")
+    assert (certificate.certified, certificate.made_by) == (True, "certify")
+
+
+def test_the_certificate_goes_to_a_folder_named_after_the_scenario(
+        certified, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["certify"]) == 0
+    assert (tmp_path / "out" / "girona500_contact" / "certificate.json").is_file()
+
+
+def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tmp_path):
+    kept = {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")}
+    assert main(["certify", "--output", str(tmp_path)]) == 0
+    assert kept
+    assert {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")} == kept
+
+
+def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
+    assert main(["certify", *VOID, *FEW, "--output", str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert err == f"written to {tmp_path}: certificate.json\n"
+    assert "DOES NOT HOLD" in out
+    assert out.splitlines()[-1].startswith("void: tube in limits.u[")
+    assert "what would help: " in out.splitlines()[-1]
+    certificate = certificate_of(tmp_path)
+    assert not certificate.certified
+    assert certificate.terminal is None
+
+
+def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
+    assert run_in(tmp_path / "out", *VOID, *FEW) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    last = err.splitlines()[-1]
+    assert last.startswith("uvms-drake: error: ")
+    assert ": void: tube in limits.u[" in last
+    assert last.endswith("; --uncertified takes the scenario's declared tube")
+    assert not (tmp_path / "out").exists()
+    assert run_in(tmp_path / "out", *VOID, *FEW, "--uncertified") == 0
+
+
+@pytest.mark.parametrize("args", [
+    ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "limits.u.0=-1"],
+    ["--set", "limits.q_lower=[0]"], ["--set", "certificate.tube_samples=1"],
+    ["--set", "model=girona501"], ["--set", "ancillary.k=0"], ["--set", "disturbance.bound=-0.1"],
+    ["--set", "task.force=[-5, 0, 0, 0, 0, 0]"]])
+def test_bad_input_is_refused_by_certify_too(args, capsys, tmp_path):
+    assert main(["certify", *args, "--output", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_input_of_a_certified_run_has_exit_status_2(capsys, tmp_path):
+    assert run_in(tmp_path / "out", "--set", "surface.stiffness=-1") == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith(
+        "surface.stiffness = -1.0: must be positive")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_uses_the_certificate_that_certify_left(committed, capsys):
+    assert run_in(committed) == 0
+    assert "certifying" not in capsys.readouterr().err
+    assert certificate_of(committed).made_by == "certify"
+    assert load_record(committed).certified
+
+
+def test_what_a_certificate_does_not_depend_on_can_change(committed, capsys):
+    assert run_in(committed, "--seed", "5", "--set", "task.force_tolerance=3",
+                  "--set", "tube.e=0.1", "--set", "mpc.terminal_radius=0.1") == 0
+    assert load_record(committed).scenario.tube.e == certificate_of(committed).tube.e
+
+
+def test_a_certificate_that_was_changed_by_hand_is_refused(committed, capsys):
+    path = committed / "certificate.json"
+    changed = path.read_text(encoding="utf-8").replace('"d_bound": 0.1', '"d_bound": 0.2')
+    for text in (changed, "{}", "[]", "", path.read_text(encoding="utf-8")[:-20]):
+        path.write_text(text, encoding="utf-8")
+        assert run_in(committed) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"uvms-drake: error: {path}: its content does not match its SHA-256")
+        assert err.count("\n") == 1
+        assert [item.name for item in committed.iterdir()] == ["certificate.json"]
+        assert path.read_text(encoding="utf-8") == text
+
+
+def test_a_stale_certificate_is_refused(committed, capsys):
+    path = committed / "certificate.json"
+    text = path.read_text(encoding="utf-8")
+    assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
+    assert capsys.readouterr().err == (
+        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
+        "another --output, or make it again: uvms-drake certify girona500_contact --set "
+        f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
+    assert [item.name for item in committed.iterdir()] == ["certificate.json"]
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_the_command_that_the_refusal_names_makes_the_certificate_again(
+        certified, tmp_path, capsys):
+    file, folder = tmp_path / "my wall.yaml", tmp_path / "my run"
+    file.write_text(dump_scenario(load_scenario("girona500_contact")), encoding="utf-8")
+    assert main(["certify", str(file), "--output", str(folder)]) == 0
+    args = [str(file), *FEW, "--set", "disturbance=!RandomDisturbance {bound: 0.09, bandwidth: 2}"]
+    assert run_in(folder, *args) == 1
+    program, *words = shlex.split(capsys.readouterr().err.split(" make it again: ")[1])
+    assert program == "uvms-drake"
+    assert main(words) == 0
+    assert run_in(folder, *args) == 0
+
+
+def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
+        certified, tmp_path, capsys):
+    for args, bound, how in (([], 0.1, "certifying"), (["--set", "disturbance.bound=0.083"], 0.083,
+                                                       "certifying"),
+                             (["--set", "disturbance.bound=0.083"], 0.083, "certified: ")):
+        assert run_in(tmp_path, *FEW, *args) == 0
+        assert capsys.readouterr().err.startswith(how)
+        assert (certificate_of(tmp_path).d_bound, certificate_of(tmp_path).made_by) == (
+            bound, "run")
+        assert load_record(tmp_path).scenario.tube.e == certificate_of(tmp_path).tube.e
+
+
+def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
+    robot, output = broken_robot(tmp_path, "", ""), tmp_path / "out"
+    args = [*VOID, *FEW, "--set", f"model={robot}"]
+    assert main(["certify", *args, "--output", str(output)]) == 1  # void is enough for this
+    capsys.readouterr()
+    file = robot / "hydrodynamics.yaml"
+    file.write_text(file.read_text(encoding="utf-8") + "# touched\n", encoding="utf-8")
+    assert run_in(output, *args) == 1
+    err = capsys.readouterr().err
+    assert "certificate.json: stale, a file of the robot has changed" in err
+    assert err.count("\n") == 1
+
+
+def test_an_uncertified_run_takes_the_certificate_out_of_its_folder(certified, tmp_path, capsys):
+    assert run_in(tmp_path) == 0
+    assert run_in(tmp_path, "--uncertified") == 0
+    assert {path.name for path in tmp_path.iterdir()} == DATA
+
+
+# Measurements ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def quick_bench(monkeypatch):
+    """Lets `bench` measure very little."""
+    little = bench.Effort(warm_up=0, steps=2, first_plans=1, instants=2, rounds=1, simulated=0.1,
+                          horizons=(2, 3), horizon_steps=1)
+    monkeypatch.setattr(bench, "measure", partial(bench.measure, effort=little))
+
+
+def test_bench_prints_and_writes_what_it_measures(quick_bench, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "out" / "girona500_bilateral"
+    folder.mkdir(parents=True)
+    (folder / "log.npz").write_text("of a run")
+    assert main(["bench", "girona500_bilateral", "--set", "mpc.horizon=4"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("girona500_bilateral: uvms_drake ")
+    assert "controller step, N = 4 [ms]" in out
+    *lines, last = err.splitlines()
+    assert len(lines) == 4
+    assert all(line.startswith("measuring ") and line.endswith(" ...") for line in lines)
+    assert last == "written to out/girona500_bilateral: bench.json"
+    assert {path.name for path in folder.iterdir()} == {"bench.json", "log.npz"}
+    stored = json.loads((folder / "bench.json").read_text(encoding="utf-8"))
+    assert (stored["scenario"], stored["controller"]["horizon"]) == ("girona500_bilateral", 4)
+
+
+@pytest.mark.parametrize("args", [
+    ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "mpc.horizon=0"],
+    ["--set", "disturbance.bound=-0.1"], ["--set", "start.q.0=1.6"], ["--set", "model=girona501"]])
+def test_bad_input_is_refused_by_bench_too(args, quick_bench, capsys, tmp_path):
+    assert main(["bench", *args, "--output", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bench_writes_nothing_if_the_scenario_cannot_be_run(
+        quick_bench, capsys, tmp_path, monkeypatch):
+    def fails(*args, **kwargs):
+        raise RunFailed("no plan")
+
+    monkeypatch.setattr(bench, "simulate", fails)
+    assert main(["bench", "--output", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == "uvms-drake: error: no plan"
+    assert not (tmp_path / "out").exists()

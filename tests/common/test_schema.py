@@ -1,0 +1,96 @@
+"""Tests of `uvms_drake.common.schema`."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.common.schema import conform, load_typed, parse_yaml
+
+
+@dataclass
+class Round:
+    radius: float = 1.0
+
+
+@dataclass
+class Square:
+    sides: np.ndarray = field(default_factory=lambda: np.ones(2))
+
+
+@dataclass
+class Part:
+    shape: Round | Square = field(default_factory=Round)
+    count: int = 0
+    label: str = ""
+    hollow: bool = False
+    offset: np.ndarray | None = None
+    holes: list[Round] = field(default_factory=list)
+    named: dict[str, Round] = field(default_factory=dict)
+
+
+def message(text: str) -> str:
+    with pytest.raises(InvalidParameter) as caught:
+        conform(Part, parse_yaml(text))
+    return str(caught.value)
+
+
+def test_every_kind_of_field_is_loaded_with_its_type():
+    part = load_typed(Part, parse_yaml(
+        "{shape: !Square {sides: [1, 2e-3]}, count: 3, label: a, hollow: true, offset: [[1, 2]],"
+        " holes: [{radius: 1e-3}], named: {big: {radius: 5}}}"))
+    np.testing.assert_array_equal(part.shape.sides, [1.0, 2e-3])
+    np.testing.assert_array_equal(part.offset, [[1.0, 2.0]])
+    assert (part.count, part.label, part.hollow) == (3, "a", True)
+    assert (part.holes[0].radius, part.named["big"].radius) == (1e-3, 5.0)
+
+
+def test_a_mapping_without_a_tag_is_the_first_type_of_a_union():
+    assert load_typed(Part, parse_yaml("shape: {radius: 2}")).shape == Round(2.0)
+
+
+def test_numbers_that_yaml_takes_for_text_become_floats():
+    assert conform(Part, parse_yaml("shape: {radius: 1e-3}"))["shape"]["radius"] == 1e-3
+    assert math.isclose(conform(np.ndarray, ["1e-3", 2])[0], 1e-3)
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("cuont: 1", "cuont = 1: must be under one of the keys shape, count, label, hollow, offset, "
+                 "holes, named (did you mean 'count'?)"),
+    ("holes: [{}, {radus: 1}]",
+     "holes[1].radus = 1: must be under one of the keys radius (did you mean 'radius'?)"),
+    ("count: 1.5", "count = 1.5: must be a whole number"),
+    ("count: true", "count = True: must be a whole number"),
+    ("label: 5", "label = 5: must be text (in quotes, if it looks like something else)"),
+    ("hollow: 1", "hollow = 1: must be true or false"),
+    ("shape: {radius: wide}", "shape.radius = 'wide': must be a finite number"),
+    ("shape: {radius: .nan}", "shape.radius = nan: must be a finite number"),
+    ("shape: {radius: inf}", "shape.radius = 'inf': must be a finite number"),
+    ("shape: {radius: [1]}", "shape.radius = [1]: must be a finite number"),
+    ("shape: 3", "shape = 3: must be a mapping tagged !Round or !Square"),
+    ("shape: !Sqare {}", "shape = '!Sqare': must be a mapping tagged !Round or !Square "
+                         "(did you mean '!Square'?)"),
+    ("offset: 3", "offset = 3: must be a list of numbers"),
+    ("offset: [1, x]", "offset[1] = 'x': must be a finite number"),
+    ("offset: [[1, 2], [3]]",
+     "offset = [[1, 2], [3]]: must be a list of numbers, or of rows of equal length"),
+    ("holes: {}", "holes = {}: must be a list"),
+    ("named: []", "named = []: must be a mapping of names to values"),
+    ("holes: [!Round {}]", "holes[0] = '!Round': must be written without a tag"),
+    ("[1]", "the file = [1]: must be a mapping of keys to values"),
+])
+def test_a_mistake_is_named_by_key_value_and_what_is_allowed(text, expected):
+    assert message(text) == expected
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("a: [1, 2\nb: 3", "line 2, column 2: expected ',' or ']', but got ':'"),
+    ("a: *b", "line 1, column 4: found undefined alias 'b'"),
+    ("a: !Tag", "line 1, column 4: expected a mapping node, but found scalar"),
+])
+def test_a_yaml_syntax_error_is_one_line_with_its_place(text, expected):
+    with pytest.raises(ScenarioError) as caught:
+        parse_yaml(text)
+    assert str(caught.value) == expected

@@ -1,0 +1,252 @@
+"""`control.tube_monitor` alone; `test_tube_in_contact` has it on the full dynamics."""
+
+import logging
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from support.scripts import Script, report_of, use_fixed_steps
+
+from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.tube_monitor import (
+    ALARMS,
+    FIELDS,
+    REPORT_FIELDS,
+    SAID,
+    TubeMonitor,
+    deviation,
+)
+from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.tube.conditions import LemmaConstants
+from uvms_drake.tube.tubes import (
+    resolved_preimage_tube,
+    resolved_tube,
+    transpose_tube,
+)
+
+LAW = Resolved(k=20.0, sigma=5.0)
+D_BOUND = 0.1
+
+
+@pytest.fixture
+def pair(states) -> tuple[np.ndarray, np.ndarray]:
+    """A real and a nominal state (20,), a few millimetres and mm/s apart."""
+    nominal = states["deep"][3]
+    return nominal + 0.004 * np.random.default_rng(5).normal(size=20), nominal
+
+
+def test_the_errors_are_those_of_the_laws(model, pair):
+    real, nominal = pair
+    (q, zeta), (q_n, zeta_n) = np.split(real, 2), np.split(nominal, 2)
+    J, J_n = model.task_jacobian(q), model.task_jacobian(q_n)
+    e_y = model.task_pose(q) - model.task_pose(q_n)
+    z = zeta - zeta_n
+    now = deviation(model, LAW, real, nominal)
+    np.testing.assert_allclose(now.e_y, e_y, atol=1e-12)
+    # The first equation of the cascade defines 𝔯: 𝔢̇_y = −σ𝔢_y + J_x 𝔯.
+    np.testing.assert_allclose(
+        J @ now.r, J @ zeta - J_n @ zeta_n + LAW.sigma * e_y, atol=1e-12)
+    blocks = [e_y, e_y[:3], e_y[3:6], e_y[6:], z, now.r]
+    np.testing.assert_allclose(now.norms, [np.linalg.norm(x) for x in blocks], atol=1e-12)
+    np.testing.assert_allclose(
+        now.gains, [np.linalg.norm(rows, 2) for rows in (J, J[:3], J[3:6])] + [1.0, 1.0])
+    w = np.linalg.solve(J, e_y)
+    assert now.norms[4] <= now.norms[5] + now.z_gain * np.linalg.norm(w) + now.z_offset + 1e-12
+
+    transpose = Transpose(k=20.0, sigma=1.5)
+    now = deviation(model, transpose, real, nominal)
+    np.testing.assert_allclose(now.r, z + 1.5 * J_n[:6].T @ e_y[:6], atol=1e-12)
+    assert now.norms[0] == pytest.approx(np.linalg.norm(e_y[:6]))
+    assert now.norms[4] <= now.norms[5] + now.z_gain * now.norms[0]
+
+
+def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
+    real, nominal = pair
+    now = deviation(model, LAW, real, nominal)
+    rate = configuration_rate(real[:10], real[10:])
+    J, ahead, behind = (model.task_jacobian(real[:10] + s * rate) for s in (0.0, 1e-5, -1e-5))
+    turning = np.linalg.solve(J, ahead - behind) / 2e-5
+    w = np.random.default_rng(0).normal(size=(1000, 10))
+    growth = -np.sum(w * (w @ turning.T), axis=1) / np.sum(w * w, axis=1)
+    assert np.max(growth) <= now.mu
+    eigenvalue = np.linalg.eigvalsh(-0.5 * (turning + turning.T))[-1]
+    assert now.mu == pytest.approx(eigenvalue, rel=1e-6)
+
+
+def test_euler_angles_on_either_side_of_pi_are_close(model, states):
+    nominal = states["free"][0].copy()
+    y = model.task_pose(nominal[:10])
+    for yaw, name in ((np.pi - 1e-3, "nominal"), (-np.pi + 1e-3, "real")):
+        y[5] = yaw
+        state = np.concatenate([model.configuration(y), np.zeros(10)])
+        if name == "nominal":
+            nominal = state
+    assert deviation(model, LAW, state, nominal).norms[2] == pytest.approx(2e-3)
+
+
+def scripted(model, law=LAW, radii=None, state=None, nominal=None, disturbance=None, **options):
+    """Returns a Simulator of a monitor fed by a `Script`, and the monitor."""
+    builder = DiagramBuilder()
+    signals = {"state": state, "nominal": nominal}
+    if disturbance is not None:
+        signals["disturbance"] = disturbance
+    script = builder.AddSystem(Script(**signals))
+    monitor = TubeMonitor.AddToBuilder(
+        builder, model, law, D_BOUND, radii or {}, state=script.GetOutputPort("state"),
+        nominal_state=script.GetOutputPort("nominal"),
+        disturbance=script.GetOutputPort("disturbance") if disturbance is not None else None,
+        **options)
+    simulator = Simulator(builder.Build())
+    use_fixed_steps(simulator)
+    return simulator, monitor, monitor.GetMyContextFromRoot(simulator.get_context())
+
+
+def test_the_bounds_are_those_of_the_certificate_where_j_stands_still(model, pair):
+    """The configurations are held, but not the velocities, so that J̇ is not zero."""
+    simulator, monitor, context = scripted(
+        model, state=lambda t: pair[0], nominal=lambda t: pair[1])
+    J, J_n = (model.task_jacobian(state[:10]) for state in pair)
+    mu = deviation(model, LAW, *pair).mu
+    assert abs(mu) > 0.05
+    offset = np.linalg.norm(np.linalg.solve(J, (J_n - J) @ pair[1][10:]))
+    assert offset > 1e-4
+    for t in (0.0, 0.05, 0.3, 2.0):
+        simulator.AdvanceTo(t)
+        bound = dict(zip(FIELDS, monitor.GetOutputPort("bound").Eval(context), strict=True))
+        for name, rows in (("task", J), ("position", J[:3]), ("orientation", J[3:6]),
+                           ("joints", J[6:])):
+            tube = resolved_tube(LAW.k, LAW.sigma, D_BOUND, np.linalg.norm(rows, 2))
+            assert bound[name] == pytest.approx(tube.at(t)[0], abs=1e-8)
+        W, R = resolved_preimage_tube(LAW.k, LAW.sigma, D_BOUND, mu).at(t)
+        assert bound["r"] == pytest.approx(R, abs=1e-7)
+        assert bound["z"] == pytest.approx(R + LAW.sigma * W + offset, abs=1e-7)
+
+
+def test_under_transpose_the_bounds_are_those_of_the_comparison_system(model, states):
+    rest = np.concatenate([states["deep"][0][:10], np.zeros(10)])
+    law = Transpose(k=40.0, sigma=3.0)
+    tube = transpose_tube(LemmaConstants(0.9, 1.4, 0.3, 0.2, 0.5, 0.1), 40.0, 3.0, D_BOUND)
+    assert tube.holds
+    simulator, monitor, context = scripted(
+        model, law, state=lambda t: rest, nominal=lambda t: rest, comparison=tube.matrix)
+    simulator.AdvanceTo(0.7)
+    E, R = tube.at(0.7)
+    J_norm = np.linalg.norm(model.task_jacobian(rest[:10])[:6], 2)
+    np.testing.assert_allclose(
+        monitor.GetOutputPort("bound").Eval(context),
+        [E, E, E, np.inf, R + 3.0 * J_norm * E, R], rtol=1e-6)
+    without = TubeMonitor(model, law, D_BOUND, {})
+    context = without.CreateDefaultContext()
+    assert context.num_continuous_states() == 0
+    for port in ("state", "nominal_state"):
+        without.GetInputPort(port).FixValue(context, rest)
+    np.testing.assert_array_equal(without.GetOutputPort("bound").Eval(context), np.inf)
+    np.testing.assert_array_equal(without.GetOutputPort("ratio").Eval(context), 0.0)
+    unstable = np.array([[-1.0, 2.0], [2.0, -1.0]])
+    with pytest.raises(InvalidParameter, match="stable"):
+        TubeMonitor(model, law, D_BOUND, {}, comparison=unstable)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.0])
+def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, period, caplog):
+    """Out of the set-wise tube twice, and of the disturbance's bound three times."""
+    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+
+    def state(t):
+        moved = rest.copy()
+        moved[0] += 0.002 * (0.3 < t < 0.5) + 0.004 * (0.7 < t < 0.8)
+        return moved
+
+    def disturbance(t):
+        return 0.15 * np.eye(10)[0] * (np.sin(2.0 * np.pi * t / 0.4) > 0.5)
+
+    simulator, monitor, context = scripted(
+        model, radii={"position": 0.001, "r": 1.0}, state=state, nominal=lambda t: rest,
+        disturbance=disturbance, period=period)
+    caplog.set_level(logging.WARNING, LOGGER.name)
+    alarm = monitor.GetOutputPort("alarm")
+    simulator.AdvanceTo(0.25)
+    np.testing.assert_array_equal(alarm.Eval(context), [0.0, 0.0, 0.0])
+    report = report_of(monitor, context)
+    assert report["set_exits"] == report["trajectory_exits"] == 0.0
+    assert report["set_first_exit"] == report["trajectory_first_exit"] == np.inf
+    simulator.AdvanceTo(0.45)
+    np.testing.assert_array_equal(alarm.Eval(context), [1.0, 1.0, 1.0])
+    simulator.AdvanceTo(1.2)
+    report = report_of(monitor, context)
+    assert report["set_exits"] == 2.0
+    assert report["set_first_exit"] == pytest.approx(0.305, abs=0.006)
+    assert report["worst_set_position"] == pytest.approx(4.0)
+    assert report["worst_set_orientation"] == 0.0  # not checked, and no deviation
+    assert report["trajectory_exits"] > 0.0
+    assert report["disturbance_exits"] == 3.0
+    assert report["disturbance_first_exit"] == pytest.approx(0.04, abs=0.011)
+    assert report["worst_disturbance"] == pytest.approx(1.5)
+    for name, text in zip(ALARMS, SAID, strict=True):
+        said = [message for message in caplog.messages if message.endswith(f" s: {text}")]
+        assert len(said) == report[f"{name}_exits"]
+        assert said[0] == f"t = {report[f'{name}_first_exit']:g} s: {text}"
+
+
+def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):
+    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    steps = []
+    for period in (0.0, 1e-3):
+        simulator, *_ = scripted(model, state=lambda t: rest, nominal=lambda t: rest,
+                                 period=period)
+        simulator.AdvanceTo(0.1)
+        steps.append(simulator.get_num_steps_taken())
+    assert steps[0] == pytest.approx(50, abs=3)
+    assert steps[1] >= 100
+
+
+def test_without_a_disturbance_port_nothing_is_said_about_it(model, pair):
+    simulator, monitor, context = scripted(
+        model, state=lambda t: pair[0], nominal=lambda t: pair[1])
+    simulator.AdvanceTo(0.1)
+    report = report_of(monitor, context)
+    assert (report["disturbance_exits"], report["worst_disturbance"]) == (0.0, 0.0)
+    ratio = monitor.GetOutputPort("ratio").Eval(context)
+    np.testing.assert_array_equal(ratio[:6], 0.0)  # no set-wise bound was given
+    assert np.all(ratio[6:] > 0.0)
+
+
+def test_a_cloned_context_goes_on_identically(model, pair):
+    simulator, monitor, _ = scripted(
+        model, radii={"task": 1e-3}, state=lambda t: pair[0] * np.cos(t),
+        nominal=lambda t: pair[1] * np.cos(t))
+    simulator.AdvanceTo(0.2)
+    twin = Simulator(simulator.get_system(), simulator.get_context().Clone())
+    use_fixed_steps(twin)
+    reports = []
+    for each in (simulator, twin):
+        each.AdvanceTo(0.4)
+        context = monitor.GetMyContextFromRoot(each.get_context())
+        reports.append([*report_of(monitor, context).values(),
+                        *monitor.GetOutputPort("bound").Eval(context)])
+    np.testing.assert_allclose(*reports, rtol=1e-11)
+
+
+def test_its_ports_are_the_documented_ones_and_the_disturbance_feeds_none_through(model):
+    monitor = TubeMonitor(model, LAW, D_BOUND, {})
+    outputs = [monitor.get_output_port(i) for i in range(monitor.num_output_ports())]
+    assert {port.get_name(): port.size() for port in outputs} == {
+        "deviation": 6, "bound": 6, "ratio": 12, "report": 19, "alarm": 3, "e_y": 10,
+        "r": 10}
+    disturbance = monitor.GetInputPort("disturbance").get_index()
+    for port in outputs:
+        assert not monitor.HasDirectFeedthrough(disturbance, port.get_index())
+    assert len(REPORT_FIELDS) == 3 * 2 + 2 * len(FIELDS) + 1
+    assert len(ALARMS) == 3
+
+
+@pytest.mark.parametrize(("arguments", "options", "message"), [
+    ((-0.1, {}), {}, "d_bound = -0.1"), ((0.1, {"tip": 1.0}), {}, r"radii = \['tip'\]: .*task"),
+    ((0.1, {"z": -1.0}), {}, "radii = "), ((0.1, {}), {"period": -1.0}, "period = -1"),
+    ((0.1, {}), {"slack": np.nan}, "slack = nan")])
+def test_bad_parameters_are_named(model, arguments, options, message):
+    with pytest.raises(InvalidParameter, match=message):
+        TubeMonitor(model, LAW, *arguments, **options)

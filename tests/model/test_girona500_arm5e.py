@@ -1,0 +1,322 @@
+"""Tests of the robot `girona500_arm5e`: its SDFormat file, its YAML file, and how they agree."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Cylinder, Ellipsoid, Role, Sphere
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import DiagramBuilder
+from support import dh
+
+from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.hydrodynamics_data import added_mass_about_origin
+from uvms_drake.model.uvms import Uvms, add_uvms, model_dir
+from uvms_drake.plant.surface import pose_and_jacobian
+
+# Cylinders of the arm, typed again: radius, length, axis, centre in the body's frame [m].
+CYLINDERS = {
+    "arm_base": [(0.05, 0.15, 0, (-0.075, 0, 0))],
+    "link1": [(0.05, 0.10, 0, (-0.05, 0, 0))],
+    "link2": [(0.06, 0.26, 0, (-0.13, 0, 0))],
+    "link3": [(0.045, 0.09, 0, (-0.045, 0, 0)), (0.045, 0.19, 2, (0, 0, 0.095))],
+    "link4": [(0.037, 0.13, 2, (0, 0, -0.065))],
+}
+ARM = tuple(CYLINDERS)
+ARM_DENSITY = 10.0 / 7.244e-3  # kg/m³: mass over volume of the datasheet
+WATER = 1000.0  # kg/m³
+
+
+def _load() -> Uvms:
+    plant = MultibodyPlant(time_step=0.0)
+    uvms = add_uvms(plant, "girona500_arm5e")
+    plant.Finalize()
+    return uvms
+
+
+@pytest.fixture(scope="module")
+def uvms() -> Uvms:
+    return _load()
+
+
+def _context(uvms: Uvms, eta, q):
+    context = uvms.plant.CreateDefaultContext()
+    state = np.concatenate([eta, q, np.zeros(6 + len(uvms.joints))])
+    uvms.plant.SetPositionsAndVelocities(context, Coordinates(uvms).to_drake(state))
+    return context
+
+
+def test_every_frame_is_where_the_papers_table_puts_it(uvms):
+    for config in dh.random_configurations(seed=1, count=20):
+        eta, q = config[:6], config[6:]
+        context = _context(uvms, eta, q)
+        for name, expected in dh.chain(dh.vehicle(eta), q).items():
+            X_WF = uvms.plant.GetFrameByName(name).CalcPoseInWorld(context)
+            np.testing.assert_allclose(X_WF.GetAsMatrix4(), expected, atol=1e-12, err_msg=name)
+
+
+def test_joint_limits_are_the_papers(uvms):
+    assert [joint.position_lower_limit() for joint in uvms.joints] == list(dh.LOWER)
+    assert [joint.position_upper_limit() for joint in uvms.joints] == list(dh.UPPER)
+
+
+def test_every_joint_has_a_torque_and_a_speed_limit(uvms):
+    for joint in uvms.joints:
+        actuator = uvms.plant.GetJointActuatorByName(joint.name())
+        assert 0.0 < actuator.effort_limit() <= 100.0
+        assert 0.0 < joint.velocity_upper_limit() <= 1.0
+        assert joint.velocity_lower_limit() == -joint.velocity_upper_limit()
+        assert joint.default_damping() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("eta", "q", "chi"),
+    [
+        ((-2.057, 1.017, -1.184, 0, 0, np.pi / 12), (0, 0.9, 0.278, 0),
+         (-1.0, 1.3, -1.0, 0, -np.pi / 8, np.pi / 12)),
+        ((-0.972, 0, 0.058, 0, 0, 0), (0, 1.2, 0.685, np.pi / 3),
+         (0, 0, 0, np.pi / 3, np.pi / 10, 0)),
+    ])
+def test_a_level_vehicle_reaches_the_papers_poses_of_the_end_effector(uvms, eta, q, chi):
+    """The paper's initial and desired χ, to the rounding of η and q."""
+    X_WT = uvms.tip.CalcPoseInWorld(_context(uvms, np.array(eta), np.array(q)))
+    np.testing.assert_allclose(X_WT.translation(), chi[:3], atol=1e-3)
+    np.testing.assert_allclose(RollPitchYaw(X_WT.rotation()).vector(), chi[3:], atol=1e-3)
+
+
+def test_the_end_effector_points_straight_down_at_q_zero(uvms):
+    """Pitch −π/2, the singularity of the Euler angles; x_E is z of the NED frame."""
+    X_WT = uvms.tip.CalcPoseInWorld(_context(uvms, np.zeros(6), np.zeros(4)))
+    assert RollPitchYaw(X_WT.rotation()).pitch_angle() == pytest.approx(-np.pi / 2, abs=1e-7)
+    np.testing.assert_allclose(X_WT.rotation().col(0), [0.0, 0.0, 1.0], atol=1e-12)
+
+
+def test_positive_elbow_angles_lift_the_tool(uvms):
+    """The joints' axes 2 and 3 point to starboard, so a positive turn raises what is ahead."""
+    def height(q) -> float:
+        return -uvms.tip.CalcPoseInWorld(_context(uvms, np.zeros(6), q)).translation()[2]
+
+    assert height([0, 0.1, 0, 0]) > height([0, 0, 0, 0])
+    assert height([0, 0, 0.1, 0]) > height([0, 0, 0, 0])
+
+
+def test_the_water_knows_every_body_and_no_other(uvms):
+    bodies = {uvms.plant.get_body(index).name()
+              for index in uvms.plant.GetBodyIndices(uvms.model_instance)}
+    assert bodies == {"vehicle", *ARM}
+    assert set(uvms.hydrodynamics.bodies) == bodies
+
+
+@pytest.mark.parametrize("name", ARM)
+def test_a_link_has_mass_centre_and_inertia_of_its_cylinders(uvms, name):
+    volumes = [np.pi * r**2 * L for r, L, *_ in CYLINDERS[name]]
+    centres = [np.array(centre, dtype=float) for *_, centre in CYLINDERS[name]]
+    com = np.average(centres, axis=0, weights=volumes)
+    inertia = np.zeros((3, 3))
+    for (r, L, axis, _), volume, centre in zip(CYLINDERS[name], volumes, centres, strict=True):
+        m = ARM_DENSITY * volume
+        moments = np.full(3, m * (3 * r**2 + L**2) / 12)
+        moments[axis] = m * r**2 / 2
+        p = centre - com
+        inertia += np.diag(moments) + m * (p @ p * np.eye(3) - np.outer(p, p))
+
+    M = uvms.plant.GetBodyByName(name).default_spatial_inertia()
+    assert M.get_mass() == pytest.approx(ARM_DENSITY * sum(volumes), rel=1e-3)
+    np.testing.assert_allclose(M.get_com(), com, atol=1e-5)
+    # Three figures are given of each entry.
+    np.testing.assert_allclose(
+        M.Shift(M.get_com()).CalcRotationalInertia().CopyToFullMatrix3(), inertia,
+        rtol=6e-3, atol=1e-6)
+
+    water = uvms.hydrodynamics.bodies[name]
+    assert water.displaced_volume == pytest.approx(sum(volumes), rel=1e-3)
+    np.testing.assert_array_equal(water.center_of_buoyancy, M.get_com())
+    (added,) = water.added_mass
+    np.testing.assert_array_equal(added.point, M.get_com())
+
+
+@pytest.mark.parametrize("name", ARM)
+def test_strips_of_drag_add_up_to_that_of_the_cylinders(uvms, name):
+    """Across its axis, a cylinder has ½ ρ C_D 2r L with C_D = 1.1, spread over its length."""
+    strips = uvms.hydrodynamics.bodies[name].drag
+    assert len(strips) >= 3
+    total = np.sum([strip.quadratic for strip in strips], axis=0)
+    across = np.zeros(3)
+    for r, L, axis, _ in CYLINDERS[name]:
+        across += np.where(np.arange(3) == axis, 0.0, 0.5 * WATER * 1.1 * 2 * r * L)
+    end_area = np.pi * max(r for r, *_ in CYLINDERS[name]) ** 2
+    along = total[:3] - across
+    assert np.all(along > -0.01)
+    assert np.all(along <= 0.5 * WATER * 1.1 * end_area)
+    np.testing.assert_array_equal(total[3:], 0.0)
+
+    for strip in strips:
+        inside = [np.abs(np.array(strip.point) - centre)[axis] < L / 2
+                  and np.allclose(np.delete(np.array(strip.point) - centre, axis), 0.0)
+                  for _, L, axis, centre in CYLINDERS[name]]
+        assert any(inside), strip.point
+    r, L, axis, centre = CYLINDERS[name][-1]
+    stations = sorted(strip.point[axis] - centre[axis] for strip in strips[-3:])
+    np.testing.assert_allclose(stations, [-L / 3, 0.0, L / 3], atol=1e-4)
+
+
+def test_the_arm_weighs_what_its_datasheet_says(uvms):
+    """10 kg in air and 2.75 kg in water."""
+    mass = sum(uvms.plant.GetBodyByName(name).default_mass() for name in ARM)
+    displaced = WATER * sum(uvms.hydrodynamics.bodies[name].displaced_volume for name in ARM)
+    assert mass == pytest.approx(10.0, abs=1e-3)
+    assert displaced == pytest.approx(7.24, abs=0.01)
+    assert mass - displaced == pytest.approx(2.75, abs=0.01)
+
+
+def test_the_robot_floats_up_slowly(uvms):
+    """Vehicles are ballasted to come up if the power fails: here about 1 kg·g."""
+    weight = uvms.plant.CalcTotalMass(uvms.plant.CreateDefaultContext())
+    buoyancy = WATER * sum(body.displaced_volume for body in uvms.hydrodynamics.bodies.values())
+    assert weight - buoyancy == pytest.approx(-1.0, abs=0.1)
+
+
+def test_the_vehicle_is_upright_by_itself(uvms):
+    """The centre of buoyancy is 0.11 m above the centre of mass, and on the same vertical."""
+    com = uvms.vehicle.default_spatial_inertia().get_com()
+    cob = uvms.hydrodynamics.bodies["vehicle"].center_of_buoyancy
+    np.testing.assert_allclose(com - cob, [0.0, 0.0, 0.11], atol=1e-12)
+
+
+def test_inertia_with_added_mass_is_positive_definite_everywhere(uvms):
+    """M = M_RB + Σ Jᵀ M_A J, and the water makes it larger."""
+    plant = uvms.plant
+    permutation = np.r_[3:6, 0:3]  # Drake's (ω, v) to Fossen's (v, ω).
+    for config in dh.random_configurations(seed=2, count=20):
+        context = _context(uvms, config[:6], config[6:])
+        dry = plant.CalcMassMatrix(context)
+        added = np.zeros_like(dry)
+        for name, body in uvms.hydrodynamics.bodies.items():
+            frame = plant.GetFrameByName(name)
+            J = plant.CalcJacobianSpatialVelocity(
+                context, JacobianWrtVariable.kV, frame, [0, 0, 0], plant.world_frame(), frame)
+            J = J[permutation]
+            added += J.T @ added_mass_about_origin(body.added_mass) @ J
+        assert np.linalg.eigvalsh(dry)[0] > 0.05
+        assert np.linalg.eigvalsh(added)[0] > -1e-9
+        assert np.linalg.eigvalsh(dry + added)[0] > 0.1
+
+
+def test_the_water_outweighs_the_vehicle_sideways(uvms):
+    """External flow and flood water together: M_A > M_RB in sway and heave, less in surge."""
+    M = added_mass_about_origin(uvms.hydrodynamics.bodies["vehicle"].added_mass)
+    np.testing.assert_allclose(np.diag(M)[:3], [158.13, 389.90, 396.99], rtol=1e-12)
+    # Flood water 0.03 m above the origin: 110·0.03 kg m couples surge and pitch.
+    assert M[0, 4] == pytest.approx(-6.58 - 110.0 * 0.03)
+    assert M[4, 4] == pytest.approx(34.12 + 38.0 + 110.0 * 0.03**2)
+
+
+def test_motors_add_their_reflected_inertia_to_the_joints(uvms):
+    plant = MultibodyPlant(time_step=0.0)
+    bare = add_uvms(plant, "girona500_arm5e")
+    for joint in bare.joints:
+        plant.GetJointActuatorByName(joint.name()).set_default_rotor_inertia(0.0)
+    plant.Finalize()
+    q = np.array([0.3, 0.7, -0.4, 1.0])
+    with_motors = uvms.plant.CalcMassMatrix(_context(uvms, np.zeros(6), q))
+    without = plant.CalcMassMatrix(_context(bare, np.zeros(6), q))
+    expected = np.zeros(10)
+    expected[6:] = 0.5, 0.5, 0.3, 0.1
+    np.testing.assert_allclose(with_motors - without, np.diag(expected), atol=1e-12)
+    assert without[9, 9] < 1e-3, "the wrist alone is nearly massless"
+
+
+def test_the_package_resolves_its_url():
+    packages = PackageMap()
+    packages.AddPackageXml(str(model_dir("girona500_arm5e") / "package.xml"))
+    assert packages.Contains("girona500_arm5e")
+    plant = MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    parser.package_map().AddMap(packages)
+    (instance,) = parser.AddModelsFromUrl("package://girona500_arm5e/girona500_arm5e.sdf")
+    assert plant.HasFrameNamed("tip", instance)
+
+
+@pytest.fixture(scope="module")
+def shapes() -> dict:
+    """Returns (pose in its body, shape) of each visual by "body/visual"."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    uvms = add_uvms(plant, "girona500_arm5e")
+    plant.Finalize()
+    inspector = scene_graph.model_inspector()
+    shapes = {}
+    for index in plant.GetBodyIndices(uvms.model_instance):
+        body = plant.get_body(index)
+        for geometry in inspector.GetGeometries(
+                plant.GetBodyFrameIdOrThrow(index), Role.kIllustration):
+            name = inspector.GetName(geometry).split("::")[-1]
+            shapes[f"{body.name()}/{name}"] = (
+                inspector.GetPoseInFrame(geometry), inspector.GetShape(geometry))
+    return shapes
+
+
+@pytest.mark.parametrize("side", ["port", "starboard"])
+def test_an_upper_hull_has_length_and_volume_of_the_real_one(shapes, side):
+    """It spans x from −0.803 to 0.704 m and encloses 96.7 L."""
+    X_tube, tube = shapes[f"vehicle/hull_{side}"]
+    X_nose, nose = shapes[f"vehicle/hull_{side}_nose"]
+    X_tail, tail = shapes[f"vehicle/hull_{side}_tail"]
+    assert (type(tube), type(nose), type(tail)) == (Cylinder, Ellipsoid, Ellipsoid)
+    bow, stern = (X_tube.translation()[0] + sign * tube.length() / 2 for sign in (1, -1))
+    assert X_nose.translation()[0] == pytest.approx(bow)
+    assert X_tail.translation()[0] == pytest.approx(stern)
+    assert bow + nose.a() == pytest.approx(0.704, abs=1e-3)
+    assert stern - tail.a() == pytest.approx(-0.803, abs=1e-3)
+    r = tube.radius()
+    volume = np.pi * r**2 * (tube.length() + 2 / 3 * (nose.a() + tail.a()))
+    assert volume == pytest.approx(0.0967, rel=2e-3)
+
+
+def test_the_lower_hull_ends_behind_the_arm(shapes):
+    X_tube, tube = shapes["vehicle/hull_lower"]
+    assert X_tube.translation()[0] + tube.length() / 2 < dh.ARM_BASE[0] - 0.03
+    assert X_tube.translation()[2] == pytest.approx(dh.ARM_BASE[2], abs=2e-3)
+
+
+def test_thrusters_stand_where_the_real_ones_do(shapes):
+    expected = {
+        "surge_port": ([-0.3297, -0.2587, -0.021], [1, 0, 0]),
+        "surge_starboard": ([-0.3297, 0.2587, -0.021], [1, 0, 0]),
+        "heave_bow": ([0.5347, 0.0, -0.3137], [0, 0, 1]),
+        "heave_stern": ([-0.5827, 0.0, -0.3137], [0, 0, 1]),
+        "sway": ([-0.0627, 0.0307, -0.021], [0, 1, 0]),
+    }
+    for name, (position, axis) in expected.items():
+        X, duct = shapes[f"vehicle/{name}_duct"]
+        np.testing.assert_allclose(X.translation(), position, atol=1e-12)
+        np.testing.assert_allclose(np.abs(X.rotation().col(2)), axis, atol=1e-6)
+        assert duct.length() < 2 * duct.radius() == pytest.approx(0.218)
+
+
+def test_the_probe_ends_exactly_at_the_tip(shapes):
+    X, ball = shapes["link4/ball"]
+    assert isinstance(ball, Sphere)
+    np.testing.assert_allclose(X.translation(), [0.0, 0.0, -ball.radius()], atol=1e-12)
+
+
+def test_the_plants_pose_and_jacobian_of_the_tip_are_the_chains(uvms):
+    """χ by the paper's table to 1e-12, J_χ v by its five-point differences to 1e-9."""
+    rng, coordinates, h = np.random.default_rng(4), Coordinates(uvms), 2e-3
+    context = uvms.plant.CreateDefaultContext()
+    for _ in range(10):
+        config = np.concatenate([rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.4, 0.4, 3),
+                                 rng.uniform(dh.LOWER, dh.UPPER)])
+        config[7:9] = [1.1, 0.47] + rng.uniform(-0.2, 0.2, 2)  # The tip is far from straight down.
+        zeta = rng.normal(size=10)
+        state = coordinates.to_drake(np.concatenate([config, zeta]))
+        uvms.plant.SetPositionsAndVelocities(context, state)
+        chi, J = pose_and_jacobian(uvms.plant, context, uvms.tip)
+        np.testing.assert_allclose(chi, dh.chi(config), atol=1e-12)
+        rate = np.concatenate([
+            dh.vehicle(config)[:3, :3] @ zeta[:3],
+            RollPitchYaw(config[3:6]).CalcRpyDtFromAngularVelocityInChild(zeta[3:6]), zeta[6:]])
+        ahead, behind, far, back = (dh.chi(config + s * h * rate) for s in (1, -1, 2, -2))
+        expected = (8.0 * (ahead - behind) - (far - back)) / (12.0 * h)
+        np.testing.assert_allclose(J @ state[uvms.plant.num_positions():], expected, atol=1e-9)

@@ -1,0 +1,264 @@
+"""`plant.adversary`: never above the bound, aimed as it says, and its state is in the Context."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Integrator,
+    LinearSystem,
+    LogVectorOutput,
+)
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.plant.adversary import (
+    AIM_FROM,
+    KINDS,
+    ROWS,
+    AdversarialDisturbance,
+    Adversary,
+    TaskAdversary,
+)
+
+BOUND = 0.3
+DIRECTION = np.arange(1.0, 11.0)
+FIXED = DIRECTION / np.linalg.norm(DIRECTION)
+SQUARE = ("bang_bang", "per_channel")
+
+
+def fixed_inputs(adversary, context, state, e_y=None, r=None):
+    for port, value in (("state", state), ("e_y", e_y), ("r", r)):
+        if value is not None:
+            adversary.GetInputPort(port).FixValue(context, value)
+
+
+def value(adversary, context):
+    return adversary.GetOutputPort("disturbance").Eval(context).copy()
+
+
+def leading_direction(model, state, rows):
+    J = model.task_jacobian(state[:10])[ROWS[rows]]
+    values, vectors = np.linalg.eigh(J.T @ J)
+    return values[-1], vectors[:, -1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("rows", ["all", "position"])
+def test_the_bound_holds_exactly_and_all_but_the_sinusoid_take_it(model, states, kind, rows):
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, kind, rows, phase=1.0))
+    rng, context = np.random.default_rng(0), adversary.CreateDefaultContext()
+    norms = []
+    for state in np.vstack(list(states.values())):
+        for size in (0.0, 1e-12, 1e-6, 1e-3, 1.0):
+            context.SetTime(rng.uniform(0.0, 9.0))
+            fixed_inputs(adversary, context, state, *(size * rng.normal(size=(2, 10))))
+            norms.append(np.linalg.norm(value(adversary, context)))
+    assert np.max(norms) <= BOUND
+    if kind == "sinusoid":
+        assert np.min(norms) < 0.5 * BOUND
+        assert np.max(norms) > 0.95 * BOUND
+    else:
+        np.testing.assert_allclose(norms, BOUND, rtol=1e-12)
+
+
+def test_along_r_is_along_r_and_along_the_fixed_direction_where_r_is_zero(model):
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, "along_r", direction=DIRECTION))
+    context, r = adversary.CreateDefaultContext(), np.linspace(-0.01, 0.02, 10)
+    fixed_inputs(adversary, context, None, r=r)  # it needs nothing else
+    np.testing.assert_allclose(
+        value(adversary, context), BOUND * r / np.linalg.norm(r), atol=1e-4 * BOUND)
+    fixed_inputs(adversary, context, None, r=np.zeros(10))
+    np.testing.assert_allclose(value(adversary, context), BOUND * FIXED, rtol=1e-12)
+    fixed_inputs(adversary, context, None, r=-1e-6 * FIXED)  # where the two cancel
+    assert np.linalg.norm(value(adversary, context)) <= BOUND
+
+
+@pytest.mark.parametrize("rows", ROWS)
+def test_along_the_task_error_it_drives_the_error_of_the_rows_outward(model, states, rows):
+    """No d of this size makes 𝔢_bᵀ J_b d larger."""
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, "along_task_error", rows))
+    context, rng = adversary.CreateDefaultContext(), np.random.default_rng(1)
+    for state in states["deep"]:
+        e_y = 0.01 * rng.normal(size=10)
+        fixed_inputs(adversary, context, state, e_y)
+        slope = model.task_jacobian(state[:10])[ROWS[rows]].T @ e_y[ROWS[rows]]
+        assert slope @ value(adversary, context) == pytest.approx(
+            BOUND * np.linalg.norm(slope), rel=1e-5)
+
+
+@pytest.mark.parametrize("rows", ROWS)
+def test_leading_is_what_j_amplifies_most_with_a_sign_that_stays(model, states, rows):
+    adversary = Adversary(
+        model, AdversarialDisturbance(BOUND, "leading", rows, direction=DIRECTION))
+    context = adversary.CreateDefaultContext()
+    for state in states["free"]:
+        fixed_inputs(adversary, context, state)
+        d = value(adversary, context)
+        J_b = model.task_jacobian(state[:10])[ROWS[rows]]
+        assert np.linalg.norm(J_b @ d) == pytest.approx(BOUND * np.linalg.norm(J_b, 2))
+        assert d @ DIRECTION >= 0.0
+        before = d
+        state = state + 1e-4
+        fixed_inputs(adversary, context, state)
+        if rows in ("position", "all"):  # the others' leading direction is not unique
+            np.testing.assert_allclose(value(adversary, context), before, atol=1e-2 * BOUND)
+
+
+def test_the_fixed_direction_is_kept_with_the_waveform_of_the_kind(model):
+    for kind, expected in (("constant", lambda t: 1.0),
+                           ("sinusoid", lambda t: np.sin(2.0 * np.pi * t / 0.8 + 0.5))):
+        adversary = Adversary(model, AdversarialDisturbance(
+            BOUND, kind, direction=DIRECTION, period=0.8, phase=0.5))
+        context = adversary.CreateDefaultContext()
+        for t in np.linspace(0.0, 2.0, 9):
+            context.SetTime(t)
+            np.testing.assert_allclose(
+                value(adversary, context), BOUND * expected(t) * FIXED, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", SQUARE)
+@pytest.mark.parametrize("phase", [0.0, 0.7, 3.5, -1.0])
+def test_a_square_wave_is_the_sign_of_the_sine(model, kind, phase):
+    config = AdversarialDisturbance(
+        BOUND, kind, direction=DIRECTION, channel=4, period=0.8, phase=phase)
+    adversary = Adversary(model, config)
+    simulator = Simulator(adversary)
+    base = FIXED if kind == "bang_bang" else np.eye(10)[4]
+    for t in np.linspace(0.013, 4.0, 150):
+        simulator.AdvanceTo(t)
+        sine = np.sin(2.0 * np.pi * t / 0.8 + phase)
+        if abs(sine) > 1e-3:
+            np.testing.assert_allclose(value(adversary, simulator.get_context()),
+                                       BOUND * np.sign(sine) * base, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", SQUARE)
+def test_a_step_of_the_integration_ends_where_the_sign_changes(model, kind):
+    """The integral of d is exact with steps that are longer than the intervals between."""
+    builder = DiagramBuilder()
+    adversary = Adversary.AddToBuilder(builder, model, AdversarialDisturbance(
+        BOUND, kind, direction=DIRECTION, channel=2, period=0.37, phase=0.9))
+    integrator = builder.AddSystem(Integrator(10))
+    builder.Connect(adversary.get_output_port(), integrator.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    simulator.get_mutable_integrator().set_maximum_step_size(1.0)
+    simulator.AdvanceTo(1.7)
+    t = (np.arange(1_000_000) + 0.5) * 1.7e-6
+    expected = np.mean(np.sign(np.sin(2.0 * np.pi * t / 0.37 + 0.9))) * 1.7
+    base = FIXED if kind == "bang_bang" else np.eye(10)[2]
+    final = integrator.get_output_port().Eval(
+        integrator.GetMyContextFromRoot(simulator.get_context()))
+    np.testing.assert_allclose(final, BOUND * expected * base, atol=1e-5)
+
+
+def test_a_square_wave_may_start_at_any_time_and_a_cloned_context_goes_on(model):
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, "bang_bang", period=0.8))
+    simulator = Simulator(adversary)
+    simulator.get_mutable_context().SetTime(0.5)  # the second half of the period
+    simulator.Initialize()
+    assert value(adversary, simulator.get_context())[0] < 0.0
+    simulator.AdvanceTo(0.9)
+    twin = Simulator(adversary, simulator.get_context().Clone())
+    for time in (0.9, 1.1, 1.3, 1.7):
+        for each in (simulator, twin):
+            each.AdvanceTo(time)
+        np.testing.assert_array_equal(value(adversary, simulator.get_context()),
+                                      value(adversary, twin.get_context()))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_the_square_waves_have_state_and_only_the_aimed_kinds_read_ports(model, kind):
+    adversary = Adversary(model, AdversarialDisturbance(BOUND, kind))
+    assert adversary.CreateDefaultContext().num_total_states() == (1 if kind in SQUARE else 0)
+    read = {adversary.get_input_port(i).get_name() for i in range(3)
+            if adversary.HasDirectFeedthrough(i, 0)}
+    assert read == {"along_r": {"r"}, "along_task_error": {"state", "e_y"},
+                    "ahead": {"state", "e_y", "r"},
+                    "leading": {"state"}}.get(kind, set())
+
+
+def test_it_works_in_a_users_diagram(model, states):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(states["free"][0]))
+    adversary = Adversary.AddToBuilder(
+        builder, model, AdversarialDisturbance(BOUND, "leading"), state=source.get_output_port(),
+        name="worst")
+    assert adversary.get_name() == "worst"
+    logger = LogVectorOutput(adversary.get_output_port(), builder, 0.5)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    _, vector = leading_direction(model, states["free"][0], "all")
+    log = logger.FindLog(simulator.get_context()).data()
+    np.testing.assert_allclose(np.abs(log), np.abs(BOUND * np.tile(vector, (3, 1)).T), atol=1e-9)
+
+
+@pytest.mark.parametrize(("config", "message"), [
+    (AdversarialDisturbance(-0.1), r"^bound = -0\.1: must be zero or positive$"),
+    (AdversarialDisturbance(0.1, "sideways"),
+     r"^kind = 'sideways': must be one of along_r, .*channel$"),
+    (AdversarialDisturbance(0.1, rows="head"), r"^rows = 'head': must be one of all, .*joints$"),
+    (AdversarialDisturbance(0.1, channel=10), r"^channel = 10: must be 0 to 9$"),
+    (AdversarialDisturbance(0.1, period=0.0), r"^period = 0\.0: must be positive$"),
+    (AdversarialDisturbance(0.1, phase=np.inf), r"^phase = inf: must be finite$"),
+    (AdversarialDisturbance(0.1, direction=np.ones(3)),
+     r"^direction = .*: must be 10 finite numbers$")])
+def test_bad_parameters_are_named(model, config, message):
+    with pytest.raises(InvalidParameter, match=message):
+        Adversary(model, config)
+
+
+def pushed(adversary, e) -> np.ndarray:
+    """Returns w of a `TaskAdversary` at 𝔢."""
+    context = adversary.CreateDefaultContext()
+    adversary.GetInputPort("e").FixValue(context, e)
+    return value(adversary, context)
+
+
+def test_the_task_adversary_pushes_along_the_error_with_all_it_has():
+    adversary, rng = TaskAdversary(BOUND), np.random.default_rng(2)
+    norms = []
+    for size in (1e-12, 1e-6, 1e-3, 1.0):
+        for e in size * rng.normal(size=(10, 6)):
+            w = pushed(adversary, e)
+            norms.append(np.linalg.norm(w))
+            if size > 1e-6:
+                assert w @ e == pytest.approx(BOUND * np.linalg.norm(e), rel=1e-5)
+    assert np.max(norms) <= BOUND
+    np.testing.assert_allclose(norms, BOUND, rtol=1e-12)
+
+
+def test_where_there_is_no_task_error_it_pushes_along_the_fixed_direction():
+    direction = np.arange(1.0, 7.0)
+    unit = direction / np.linalg.norm(direction)
+    adversary = TaskAdversary(BOUND, direction)
+    np.testing.assert_allclose(pushed(adversary, np.zeros(6)), BOUND * unit, rtol=1e-12)
+    np.testing.assert_allclose(pushed(TaskAdversary(BOUND), np.zeros(6)), BOUND / np.sqrt(6.0))
+    halfway = pushed(adversary, AIM_FROM * np.roll(unit, 1))
+    np.testing.assert_allclose(halfway @ unit, halfway @ np.roll(unit, 1), rtol=1e-9)
+    assert np.linalg.norm(pushed(adversary, -AIM_FROM * unit)) <= BOUND  # where the two cancel
+
+
+def test_the_task_adversary_drives_an_error_to_the_solution_of_the_comparison():
+    """𝔢̇ = −σ𝔢 + w takes ‖𝔢‖ to w̃(1 − e^{−σt})/σ."""
+    sigma, builder = 2.0, DiagramBuilder()
+    error = builder.AddSystem(LinearSystem(-sigma * np.eye(6), np.eye(6), np.eye(6), []))
+    adversary = TaskAdversary.AddToBuilder(
+        builder, BOUND, np.eye(6)[3], e=error.get_output_port(), name="worst")
+    assert adversary.get_name() == "worst"
+    builder.Connect(adversary.get_output_port(), error.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_integrator().set_target_accuracy(1e-9)
+    simulator.AdvanceTo(1.0)
+    e = error.get_output_port().Eval(error.GetMyContextFromRoot(simulator.get_context()))
+    np.testing.assert_allclose(
+        e, BOUND * (1.0 - np.exp(-sigma)) / sigma * np.eye(6)[3], atol=1e-8)
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((-0.1,), r"^bound = -0\.1: must be zero or positive$"),
+    ((0.1, np.ones(10)), r"^direction = .*: must be 6 finite numbers$")])
+def test_bad_parameters_of_the_task_adversary_are_named(arguments, message):
+    with pytest.raises(InvalidParameter, match=message):
+        TaskAdversary(*arguments)

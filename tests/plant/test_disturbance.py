@@ -1,0 +1,210 @@
+"""`BoundedDisturbance`: the bound, the closed forms, and that the Context holds its state."""
+
+import numpy as np
+import pytest
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.plant.disturbance import (
+    BoundedDisturbance,
+    ConstantDisturbance,
+    RandomDisturbance,
+    SinusoidalDisturbance,
+    ball_sample,
+    unit_vector,
+)
+
+SIZE, BOUND = 7, 0.3
+KINDS = [ConstantDisturbance(BOUND), SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4),
+         RandomDisturbance(BOUND, bandwidth=3.0)]
+
+
+def record(config, times, seed=0, size=SIZE):
+    """Returns d (len(times), size), simulated through `times`."""
+    simulator = Simulator(BoundedDisturbance(size, config, seed))
+    port = simulator.get_system().GetOutputPort("disturbance")
+    simulator.get_mutable_context().SetTime(times[0])
+    simulator.Initialize()
+    values = []
+    for time in times:
+        simulator.AdvanceTo(time)
+        values.append(port.Eval(simulator.get_context()).copy())
+    return np.array(values)
+
+
+@pytest.mark.parametrize("config", KINDS)
+def test_the_bound_holds_at_a_hundred_thousand_times(config):
+    """Exactly, so rounding must not exceed it either."""
+    values = record(config, np.linspace(0.0, 500.0, 100_000))
+    norms = np.linalg.norm(values, axis=1)
+    assert np.max(norms) <= BOUND
+    assert np.max(norms) > 0.8 * BOUND
+
+
+@pytest.mark.parametrize("size", range(1, 40))
+def test_no_direction_exceeds_a_unit_vector(size):
+    direction = np.random.default_rng(size).normal(size=size)
+    assert 1.0 - 1e-14 < np.linalg.norm(unit_vector(direction, size)) <= 1.0
+    assert 1.0 - 1e-14 < np.linalg.norm(unit_vector(np.zeros(0), size)) <= 1.0
+
+
+def test_the_constant_is_the_bound_along_the_direction():
+    direction = np.array([3.0, 0.0, -4.0])
+    values = record(ConstantDisturbance(BOUND, direction), np.array([0.0, 7.0]), size=3)
+    expected = [0.6 * BOUND, 0.0, -0.8 * BOUND]
+    np.testing.assert_allclose(values, [expected, expected], rtol=1e-14)
+
+
+def test_the_sinusoid_is_the_papers_with_the_two_norm_as_its_bound():
+    times = np.linspace(0.0, 9.0, 50)
+    values = record(SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4), times)
+    expected = np.outer(BOUND * np.sin(1.7 * times + 0.4), np.ones(SIZE) / np.sqrt(SIZE))
+    np.testing.assert_allclose(values, expected, rtol=1e-13)
+
+
+def test_samples_fill_the_ball_uniformly():
+    """For uniform samples ‖x‖ⁿ is uniform on [0, 1] and the mean is zero."""
+    samples = np.array([ball_sample(3, 5, i) for i in range(4000)])
+    radii = np.sort(np.linalg.norm(samples, axis=1)) ** 3
+    np.testing.assert_allclose(radii, np.linspace(0.0, 1.0, 4000), atol=0.03)
+    np.testing.assert_allclose(np.mean(samples, axis=0), 0.0, atol=0.03)
+
+
+def test_a_random_disturbance_passes_through_its_samples_with_zero_slope():
+    bandwidth, h = 2.0, 1e-5
+    knots = np.arange(1, 9) / (2.0 * bandwidth)
+    times = np.sort(np.concatenate([knots - h, knots, knots + h]))
+    before, at, after = record(RandomDisturbance(BOUND, bandwidth), times, 4).reshape(
+        8, 3, SIZE).swapaxes(0, 1)
+    samples = BOUND * np.array([ball_sample(SIZE, 4, i) for i in range(1, 9)])
+    np.testing.assert_allclose(at, samples, atol=1e-15)
+    np.testing.assert_allclose((at - before) / h, 0.0, atol=1e-3)
+    np.testing.assert_allclose((after - at) / h, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("bandwidth", [2.0, 24.5])
+def test_a_random_disturbance_is_half_way_between_two_samples_half_way_in_time(bandwidth):
+    """Also if the samples are at times that are no binary fractions."""
+    times = (np.arange(60) + 0.5) / (2.0 * bandwidth)
+    samples = BOUND * np.array([ball_sample(SIZE, 4, i) for i in range(61)])
+    np.testing.assert_allclose(
+        record(RandomDisturbance(BOUND, bandwidth), times, 4), 0.5 * (samples[:-1] + samples[1:]),
+        atol=1e-13)
+
+
+def test_most_of_the_power_of_a_random_disturbance_is_below_the_bandwidth():
+    bandwidth, step = 1.5, 0.02
+    values = record(RandomDisturbance(BOUND, bandwidth), np.arange(0.0, 400.0, step))
+    power = np.sum(np.abs(np.fft.rfft(values, axis=0)) ** 2, axis=1)
+    frequency = np.fft.rfftfreq(len(values), step)
+    assert np.sum(power[frequency <= bandwidth]) > 0.9 * np.sum(power)
+    assert np.sum(power[frequency <= 0.5 * bandwidth]) < 0.9 * np.sum(power)
+
+
+def test_the_seed_decides():
+    times = np.linspace(0.0, 5.0, 40)
+    config = RandomDisturbance(BOUND, 2.0)
+    np.testing.assert_array_equal(record(config, times, 3), record(config, times, 3))
+    assert not np.allclose(record(config, times, 3), record(config, times, 4))
+
+
+def test_the_steps_of_the_simulation_do_not_matter():
+    config = RandomDisturbance(BOUND, 2.0)
+    coarse = np.linspace(0.0, 5.0, 11)
+    fine = np.linspace(0.0, 5.0, 1001)
+    np.testing.assert_array_equal(record(config, coarse), record(config, fine)[::100])
+
+
+def test_a_simulation_may_start_at_any_time():
+    config = RandomDisturbance(BOUND, 2.0)
+    late = np.linspace(3.1, 5.0, 20)
+    np.testing.assert_allclose(
+        record(config, late), record(config, np.concatenate([[0.0], late]))[1:], atol=1e-14)
+
+
+def test_a_cloned_context_continues_identically():
+    system = BoundedDisturbance(SIZE, RandomDisturbance(BOUND, 2.0), 9)
+    port = system.GetOutputPort("disturbance")
+    simulator = Simulator(system)
+    simulator.AdvanceTo(3.3)
+    twin = Simulator(system, simulator.get_context().Clone())
+    for time in (3.3, 3.4, 3.5, 4.1, 7.0):
+        values = []
+        for each in (simulator, twin):
+            each.AdvanceTo(time)
+            values.append(port.Eval(each.get_context()).copy())
+        np.testing.assert_array_equal(*values)
+
+
+def test_what_the_output_interpolates_is_in_the_context():
+    system = BoundedDisturbance(SIZE, RandomDisturbance(BOUND, 2.0), 9)
+    context = system.CreateDefaultContext()
+    port = system.GetOutputPort("disturbance")
+    context.SetTime(12.5 / 4.0)
+    port.Eval(context)  # A new state at the same time is noticed.
+    start, end = np.linspace(0.0, 0.1, SIZE), np.linspace(0.1, -0.1, SIZE)
+    context.SetDiscreteState(np.concatenate([[12], start, end]))
+    np.testing.assert_allclose(port.Eval(context), 0.5 * (start + end), atol=1e-16)
+
+
+def test_the_output_draws_nothing():
+    """The same Context gives the same value after everything was computed anew."""
+    system = BoundedDisturbance(SIZE, RandomDisturbance(BOUND, 2.0), 1)
+    context = system.CreateDefaultContext()
+    port = system.GetOutputPort("disturbance")
+    context.SetTime(0.1)
+    first = port.Eval(context).copy()
+    context.SetTime(0.2)
+    assert not np.allclose(first, port.Eval(context))
+    context.SetTime(0.1)
+    np.testing.assert_array_equal(first, port.Eval(context))
+
+
+@pytest.mark.parametrize(("config", "states"), [
+    (KINDS[0], 0), (KINDS[1], 0), (KINDS[2], 1 + 2 * SIZE)])
+def test_only_the_random_kind_has_state(config, states):
+    context = BoundedDisturbance(SIZE, config).CreateDefaultContext()
+    assert context.num_total_states() == states
+
+
+def test_it_works_in_a_users_diagram():
+    builder = DiagramBuilder()
+    system = BoundedDisturbance.AddToBuilder(builder, 2, RandomDisturbance(BOUND), name="gusts")
+    logger = LogVectorOutput(system.GetOutputPort("disturbance"), builder, 0.25)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(10.0)
+    log = logger.FindLog(simulator.get_context()).data()
+    assert log.shape == (2, 41)
+    assert 0.0 < np.max(np.linalg.norm(log, axis=0)) <= BOUND
+
+
+@pytest.mark.parametrize("config", KINDS)
+def test_a_config_survives_a_round_trip_through_yaml(config):
+    text = yaml_dump_typed(config)
+    again = yaml_load_typed(schema=type(config), data=text)
+    assert yaml_dump_typed(again) == text
+
+
+@pytest.mark.parametrize(("config", "message"), [
+    (ConstantDisturbance(-0.1), r"^bound = -0\.1: must be zero or positive$"),
+    (SinusoidalDisturbance(float("inf")), r"^bound = inf: must be zero or positive$"),
+    (RandomDisturbance(float("nan")), r"^bound = nan: must be zero or positive$"),
+    (ConstantDisturbance(0.1, np.ones(3)),
+     r"^direction = \[1\., 1\., 1\.\]: must be 7 finite numbers$"),
+    (SinusoidalDisturbance(0.1, np.zeros(7)),
+     r"^direction = \[0\., 0\., 0\., 0\., 0\., 0\., 0\.\]: must be a vector that is not zero$"),
+    (SinusoidalDisturbance(0.1, frequency=float("nan")), r"^frequency = nan: must be finite$"),
+    (SinusoidalDisturbance(0.1, phase=float("inf")), r"^phase = inf: must be finite$"),
+    (RandomDisturbance(0.1, bandwidth=0.0), r"^bandwidth = 0\.0: must be positive$"),
+])
+def test_bad_parameters_are_named(config, message):
+    with pytest.raises(InvalidParameter, match=message):
+        BoundedDisturbance(SIZE, config)
+
+
+def test_a_negative_seed_is_named():
+    with pytest.raises(InvalidParameter, match=r"^seed = -1: must be zero or positive$"):
+        BoundedDisturbance(SIZE, RandomDisturbance(), -1)

@@ -1,0 +1,490 @@
+"""The water's forces and the acceleration they leave, against closed forms.
+
+Tests are written in a frame I with z down. `X_WI` puts I into World, once upright and once turned
+and moved, so that mistakes of frame cannot cancel; gravity turns with it.
+"""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.hydrodynamics_data import (
+    AddedMass,
+    BodyHydrodynamics,
+    Drag,
+    HydrodynamicParameters,
+)
+from uvms_drake.plant.hydrodynamics import Hydrodynamics, kirchhoff_force
+
+G = 9.81  # m/s²
+MASS, VOLUME, DENSITY = 3.2, 0.0024, 1025.0  # kg, m³, kg/m³
+INERTIA = (0.31, 0.27, 0.43)  # kg m²
+
+
+@pytest.fixture(params=[
+    RigidTransform(),
+    RigidTransform(RollPitchYaw(0.7, -0.4, 2.1), np.array([3.0, -5.0, 0.8])),
+], ids=["upright", "turned and moved"])
+def X_WI(request):
+    return request.param
+
+
+def link(name: str, mass: float = MASS, com=(0.0, 0.0, 0.0), parent="__model__",
+         pose="0 0 0 0 0 0") -> str:
+    ixx, iyy, izz = INERTIA
+    return f"""
+      <link name="{name}"><pose relative_to="{parent}">{pose}</pose>
+        <inertial><pose>{com[0]} {com[1]} {com[2]} 0 0 0</pose><mass>{mass}</mass>
+          <inertia><ixx>{ixx}</ixx><iyy>{iyy}</iyy><izz>{izz}</izz>
+                   <ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"""
+
+
+def joint(name: str, parent: str, child: str, axis: str, damping: float) -> str:
+    return f"""
+      <joint name="{name}" type="revolute"><parent>{parent}</parent><child>{child}</child>
+        <axis><xyz>{axis}</xyz><limit><effort>7</effort></limit>
+          <dynamics><damping>{damping}</damping></dynamics></axis>
+        <drake:rotor_inertia>0.002</drake:rotor_inertia><drake:gear_ratio>11</drake:gear_ratio>
+      </joint>"""
+
+
+def robot(damping: float = 0.0) -> str:
+    """A vehicle with an arm of two joints that are neither parallel nor orthogonal."""
+    return (
+        link("vehicle", 7.3, (0.03, -0.02, 0.06))
+        + link("upper", 1.9, (0.11, 0.02, -0.01), "vehicle", "0.4 0.1 0.2 0.1 0.3 -0.5")
+        + link("lower", 1.1, (0.17, -0.03, 0.0), "upper", "0.35 0 0.05 -0.4 0.2 0.1")
+        + joint("shoulder", "vehicle", "upper", "0 0.6 0.8", damping)
+        + joint("elbow", "upper", "lower", "0 1 0", 0.7 * damping))
+
+
+def random_added_mass(seed: int) -> np.ndarray:
+    A = np.random.default_rng(seed).normal(size=(6, 6))
+    return A @ A.T + np.diag([2.0, 5.0, 7.0, 0.2, 0.4, 0.3])
+
+
+def robot_water(drag: bool = True, buoyancy: bool = True) -> HydrodynamicParameters:
+    random = np.random.default_rng(3)
+    return HydrodynamicParameters(DENSITY, {
+        name: BodyHydrodynamics(
+            displaced_volume=0.0016 * (i + 1) if buoyancy else 0.0,
+            center_of_buoyancy=random.normal(scale=0.1, size=3),
+            added_mass=[AddedMass(random_added_mass(i), random.normal(scale=0.2, size=3))],
+            drag=[Drag(random.uniform(1, 3, 6), random.uniform(1, 3, 6),
+                       random.normal(scale=0.2, size=3)) for _ in range(2) if drag])
+        for i, name in enumerate(("vehicle", "lower", "upper"))})
+
+
+class Tank:
+    """One robot under water, in nobody else's Diagram."""
+
+    def __init__(self, X_WI, parameters, model=None, *, time_step=0.0, gravity=G, solver=None):
+        self.X_WI = X_WI
+        builder = DiagramBuilder()
+        self.plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
+        Parser(self.plant).AddModelsFromString(
+            f"""<sdf version="1.9" xmlns:drake="drake.mit.edu"><model name="robot">
+                {model or link("vehicle")}</model></sdf>""", "sdf")
+        self.plant.mutable_gravity_field().set_gravity_vector(
+            X_WI.rotation() @ np.array([0.0, 0.0, gravity]))
+        if solver is not None:
+            self.plant.set_discrete_contact_approximation(solver)
+        self.plant.Finalize()
+        self.water = Hydrodynamics.AddToBuilder(builder, self.plant, parameters)
+        self.diagram = builder.Build()
+        self.context = self.diagram.CreateDefaultContext()
+        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
+        self.nv = self.plant.num_velocities()
+
+    def set(self, nu, X_IB=None, q=(), q_dot=()):
+        """Sets the body-axes velocity ν = (v, ω) of the vehicle, its pose in I, and the joints."""
+        X_WB = self.X_WI @ (X_IB or RigidTransform())
+        R = X_WB.rotation().matrix()
+        nu = np.asarray(nu, dtype=float)
+        self.plant.SetPositionsAndVelocities(self.plant_context, np.concatenate([
+            X_WB.rotation().ToQuaternion().wxyz(), X_WB.translation(), q,
+            R @ nu[3:], R @ nu[:3], q_dot]))
+
+    def fix(self, port, value):
+        self.water.GetInputPort(port).FixValue(
+            self.water.GetMyMutableContextFromRoot(self.context), value)
+
+    def fix_current(self, current_I):
+        self.fix("current", self.X_WI.rotation() @ np.asarray(current_I))
+
+    def fix_force(self, f_B):
+        """Applies a force and moment (6,) in vehicle axes about its origin."""
+        R = self.pose_W().rotation().matrix()
+        tau = np.zeros(self.nv)
+        tau[:6] = np.concatenate([R @ f_B[3:], R @ f_B[:3]])
+        self.fix("generalized_force", tau)
+
+    def pose_W(self):
+        return self.plant.GetBodyByName("vehicle").EvalPoseInWorld(self.plant_context)
+
+    def v_dot(self):
+        """Returns what the plant makes of it: v̇, or (v⁺ − v)/h of a discrete plant."""
+        if self.plant.time_step() == 0.0:
+            return self.diagram.EvalTimeDerivatives(self.context).CopyToVector()[-self.nv:]
+        h = self.plant.time_step()
+        simulator = Simulator(self.diagram, self.context.Clone())
+        simulator.AdvanceTo(0.5 * h)  # The step from 0 to h is taken at 0.
+        after = self.plant.GetMyContextFromRoot(simulator.get_context())
+        return (self.plant.GetVelocities(after) - self.plant.GetVelocities(self.plant_context)) / h
+
+    def solved(self):
+        return self.water.GetOutputPort("acceleration").Eval(
+            self.water.GetMyContextFromRoot(self.context))
+
+    def nu(self):
+        v = self.plant.GetVelocities(self.plant_context)
+        R = self.pose_W().rotation().matrix()
+        return np.concatenate([v[3:6] @ R, v[:3] @ R])
+
+    def nu_dot(self):
+        """Returns ν̇ of the vehicle: body-axes derivative of body-axes components."""
+        v_dot, nu, R = self.v_dot(), self.nu(), self.pose_W().rotation().matrix()
+        return np.concatenate([v_dot[3:6] @ R - np.cross(nu[3:], nu[:3]), v_dot[:3] @ R])
+
+    def simulate(self, duration, accuracy=1e-10):
+        simulator = Simulator(self.diagram, self.context)
+        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1)
+        simulator.get_mutable_integrator().set_target_accuracy(accuracy)
+        simulator.AdvanceTo(duration)
+
+    def kinetic_energy(self, parameters):
+        energy = self.plant.CalcKineticEnergy(self.plant_context)
+        for name, body in parameters.bodies.items():
+            frame = self.plant.GetFrameByName(name)
+            X_WB = frame.CalcPoseInWorld(self.plant_context)
+            V = frame.CalcSpatialVelocityInWorld(self.plant_context)
+            R = X_WB.rotation().matrix()
+            for item in body.added_mass:
+                v_P = V.translational() + np.cross(V.rotational(), R @ item.point)
+                nu_P = np.concatenate([v_P @ R, V.rotational() @ R])
+                energy += 0.5 * nu_P @ item.matrix @ nu_P
+        return energy
+
+    def potential_energy(self, parameters):
+        energy = self.plant.CalcPotentialEnergy(self.plant_context)
+        g_W = self.plant.gravity_field().gravity_vector()
+        for name, body in parameters.bodies.items():
+            p_WBb = self.plant.GetFrameByName(name).CalcPoseInWorld(
+                self.plant_context) @ body.center_of_buoyancy
+            energy += parameters.fluid_density * body.displaced_volume * g_W @ p_WBb
+        return energy
+
+
+def one_body(**kwargs) -> HydrodynamicParameters:
+    return HydrodynamicParameters(DENSITY, {"vehicle": BodyHydrodynamics(**kwargs)})
+
+
+def sphere(**kwargs) -> HydrodynamicParameters:
+    half = 0.5 * DENSITY * VOLUME
+    return one_body(displaced_volume=VOLUME,
+                    added_mass=[AddedMass(np.array([half, half, half, 0, 0, 0]))], **kwargs)
+
+
+TILTED = RigidTransform(RollPitchYaw(0.4, 0.9, -1.3), np.array([0.3, 0.2, -4.0]))
+ROBOT_STATE = {"nu": [0.4, -0.3, 0.2, 0.5, -0.6, 0.7], "X_IB": TILTED, "q": [0.3, -0.8],
+               "q_dot": [0.9, -1.1]}
+
+
+# One body ----------------------------------------------------------------------------------------
+
+
+def test_a_sphere_released_in_water_accelerates_with_half_its_displaced_mass_added(X_WI):
+    tank = Tank(X_WI, sphere())
+    tank.set(np.zeros(6), TILTED)
+    a = (MASS - DENSITY * VOLUME) * G / (MASS + 0.5 * DENSITY * VOLUME)
+    a_I = X_WI.rotation().matrix().T @ tank.v_dot()[3:]
+    np.testing.assert_allclose(a_I, [0.0, 0.0, a], atol=1e-13)
+    np.testing.assert_allclose(tank.v_dot()[:3], 0.0, atol=1e-13)
+
+
+def test_a_sinking_sphere_reaches_the_speed_at_which_drag_balances_weight_in_water(X_WI):
+    linear, quadratic = 6.0, 19.0
+    drag = Drag(np.array([linear] * 3 + [0.1] * 3), np.array([quadratic] * 3 + [0.1] * 3))
+    tank = Tank(X_WI, sphere(drag=[drag]))
+    weight = (MASS - DENSITY * VOLUME) * G
+    speed = (-linear + np.sqrt(linear**2 + 4.0 * quadratic * weight)) / (2.0 * quadratic)
+    tank.set([0.0, 0.0, speed, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(tank.nu_dot(), 0.0, atol=1e-13)
+    tank.set(np.zeros(6))
+    tank.simulate(6.0)
+    np.testing.assert_allclose(tank.nu(), [0.0, 0.0, speed, 0.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_buoyant_body_feels_its_buoyancy_at_the_centre_of_buoyancy(X_WI):
+    center = np.array([0.05, -0.02, -0.11])
+    tank = Tank(X_WI, one_body(displaced_volume=MASS / DENSITY, center_of_buoyancy=center))
+    tank.set(np.zeros(6), TILTED)
+    up_B = TILTED.rotation().matrix().T @ [0.0, 0.0, -MASS * G]
+    expected = np.cross(center, up_B) / INERTIA
+    np.testing.assert_allclose(tank.nu_dot(), [0.0, 0.0, 0.0, *expected], atol=1e-12)
+
+
+def test_a_neutral_body_with_balanced_centres_stays_at_rest(X_WI):
+    tank = Tank(X_WI, one_body(displaced_volume=MASS / DENSITY,
+                               added_mass=[AddedMass(random_added_mass(0))]))
+    tank.set(np.zeros(6), TILTED)
+    np.testing.assert_allclose(tank.nu_dot(), 0.0, atol=1e-13)
+
+
+def test_an_elongated_body_at_an_angle_feels_the_munk_moment(X_WI):
+    X, Y, N = 0.8, 3.9, 0.6
+    tank = Tank(X_WI, one_body(added_mass=[AddedMass(np.array([X, Y, Y, 0.1, 0.5, N]))]),
+                gravity=0.0)
+    u, v = 1.3, 0.4
+    tank.set([u, v, 0.0, 0.0, 0.0, 0.0], TILTED)
+    moment = -(Y - X) * u * v
+    np.testing.assert_allclose(
+        tank.nu_dot(), [0.0, 0.0, 0.0, 0.0, 0.0, moment / (INERTIA[2] + N)], atol=1e-13)
+
+
+def test_drag_acts_at_its_point(X_WI):
+    """A strip at r, turning with ω about z, has the lever r both for its speed and its moment."""
+    r, omega, linear, quadratic = 0.7, -1.3, 2.0, 5.0
+    strip = Drag(np.array([0, linear, 0, 0, 0, 0]), np.array([0, quadratic, 0, 0, 0, 0]),
+                 np.array([r, 0.0, 0.0]))
+    tank = Tank(X_WI, one_body(drag=[strip]), gravity=0.0)
+    tank.set([0.0, 0.0, 0.0, 0.0, 0.0, omega], TILTED)
+    force = -(linear + quadratic * abs(r * omega)) * r * omega
+    np.testing.assert_allclose(
+        tank.nu_dot(), [0.0, force / MASS, 0.0, 0.0, 0.0, r * force / INERTIA[2]], atol=1e-13)
+
+
+def S(a):
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def fossen_coriolis(M, nu):
+    """Returns C(ν) of Fossen (2021, chapter 3): a skew-symmetric form for any 6×6 inertia."""
+    s1 = S(M[:3, :3] @ nu[:3] + M[:3, 3:] @ nu[3:])
+    s2 = S(M[3:, :3] @ nu[:3] + M[3:, 3:] @ nu[3:])
+    return np.block([[np.zeros((3, 3)), -s1], [-s1, -s2]])
+
+
+def test_a_free_body_obeys_fossens_matrix_equation(X_WI):
+    """(M_RB + M_A) ν̇ + C_RB(ν) ν + C_A(ν_r) ν_r − M_A ν̇_c = f, off-centre, in a current."""
+    com, M_A = np.array([0.12, -0.07, 0.21]), random_added_mass(1)
+    tank = Tank(
+        X_WI, one_body(added_mass=[AddedMass(M_A)]), link("vehicle", MASS, com), gravity=0.0)
+    nu = np.array([0.7, -0.4, 0.9, 1.1, -0.8, 0.6])
+    current_I = np.array([0.3, -0.2, 0.5])
+    f = np.array([4.0, -3.0, 2.0, 0.7, 1.3, -0.9])
+    tank.set(nu, TILTED)
+    tank.fix_current(current_I)
+    tank.fix_force(f)
+
+    M_RB = np.block([[MASS * np.eye(3), -MASS * S(com)],
+                     [MASS * S(com), np.diag(INERTIA) - MASS * S(com) @ S(com)]])
+    nu_c = np.concatenate([TILTED.rotation().matrix().T @ current_I, np.zeros(3)])
+    nu_c_dot = np.concatenate([-np.cross(nu[3:], nu_c[:3]), np.zeros(3)])
+    nu_r = nu - nu_c
+    expected = np.linalg.solve(M_RB + M_A, f + M_A @ nu_c_dot - fossen_coriolis(M_RB, nu) @ nu
+                               - fossen_coriolis(M_A, nu_r) @ nu_r)
+    np.testing.assert_allclose(tank.nu_dot(), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_the_kirchhoff_force_does_no_work_at_constant_velocity_components():
+    nu = np.random.default_rng(0).normal(size=(50, 6))
+    M_A = np.stack([random_added_mass(i) for i in range(50)])
+    power = np.sum(kirchhoff_force(M_A, nu, np.zeros((50, 6))) * nu, axis=-1)
+    np.testing.assert_allclose(power, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("time_step", [0.0, 1e-3])
+def test_five_times_its_own_mass_in_added_mass_is_stable(X_WI, time_step):
+    D, F, duration = 4.0, 9.0, 2.0
+    parameters = one_body(
+        added_mass=[AddedMass(5.0 * np.array([MASS] * 3 + list(INERTIA)))],
+        drag=[Drag(linear=np.array([D, D, D, 0.2, 0.2, 0.2]))])
+    tank = Tank(X_WI, parameters, time_step=time_step, gravity=0.0)
+    tank.set(np.zeros(6), TILTED)
+    tank.fix_force(np.array([0.0, F, 0.0, 0.0, 0.0, 0.0]))
+    if time_step == 0.0:
+        tank.simulate(duration)
+        decay = np.exp(-D * duration / (6.0 * MASS))
+    else:
+        Simulator(tank.diagram, tank.context).AdvanceTo(duration)
+        decay = (1.0 - time_step * D / (6.0 * MASS)) ** round(duration / time_step)
+    np.testing.assert_allclose(tank.nu(), [0.0, F / D * (1.0 - decay), 0, 0, 0, 0], atol=1e-8)
+
+
+# A robot with joints -----------------------------------------------------------------------------
+
+
+def test_the_inertia_is_symmetric_positive_definite_and_contains_all_added_mass(X_WI):
+    """M⁻¹ is what unit forces do; ½vᵀMv is the kinetic energy of robot and water."""
+    parameters = robot_water()
+    tank = Tank(X_WI, parameters, robot())
+    tank.set(**ROBOT_STATE)
+    tank.fix("generalized_force", np.zeros(tank.nv))
+    at_zero = tank.v_dot()
+    columns = []
+    for unit in np.eye(tank.nv):
+        tank.fix("generalized_force", unit)
+        columns.append(tank.v_dot() - at_zero)
+    inverse = np.array(columns).T
+    np.testing.assert_allclose(inverse, inverse.T, atol=1e-12)
+    M = np.linalg.inv(inverse)
+    assert np.linalg.eigvalsh(M)[0] > 0.0
+    v = tank.plant.GetVelocities(tank.plant_context)
+    # Drake counts a rotor's kinetic energy with the rest.
+    np.testing.assert_allclose(0.5 * v @ M @ v, tank.kinetic_energy(parameters), rtol=1e-10)
+
+
+def test_kinetic_energy_grows_by_the_power_of_the_forces_without_drag_and_weight(X_WI):
+    parameters = robot_water(drag=False, buoyancy=False)
+    tank = Tank(X_WI, parameters, robot(), gravity=0.0)
+    tank.set(**ROBOT_STATE)
+    tau = np.random.default_rng(1).normal(size=tank.nv)
+    tank.fix("generalized_force", tau)
+    x = tank.plant.GetPositionsAndVelocities(tank.plant_context)
+    x_dot = tank.diagram.EvalTimeDerivatives(tank.context).CopyToVector()
+    power = tau @ tank.plant.GetVelocities(tank.plant_context)
+
+    h = 1e-5
+    energies = []
+    for step in (h, -h):
+        tank.plant.SetPositionsAndVelocities(tank.plant_context, x + step * x_dot)
+        energies.append(tank.kinetic_energy(parameters))
+    assert (energies[0] - energies[1]) / (2.0 * h) == pytest.approx(power, rel=1e-6)
+
+
+def test_total_energy_is_conserved_in_ten_seconds_of_free_motion_without_drag(X_WI):
+    parameters = robot_water(drag=False)
+    tank = Tank(X_WI, parameters, robot())
+    tank.set(**ROBOT_STATE)
+
+    def total():
+        return tank.kinetic_energy(parameters) + tank.potential_energy(parameters)
+
+    before, kinetic = total(), tank.kinetic_energy(parameters)
+    tank.simulate(10.0, accuracy=1e-9)
+    assert abs(tank.kinetic_energy(parameters) - kinetic) > 1.0  # The weight has done work.
+    assert total() == pytest.approx(before, abs=1e-6 * kinetic)
+
+
+def test_a_uniform_current_is_still_water_seen_by_a_moving_observer(X_WI):
+    current_I, duration = np.array([0.4, -0.3, 0.2]), 2.0
+    still = Tank(X_WI, robot_water(), robot(damping=0.3))
+    still.set(**ROBOT_STATE)
+    still.simulate(duration)
+
+    moving = Tank(X_WI, robot_water(), robot(damping=0.3))
+    current_B = TILTED.rotation().matrix().T @ current_I
+    moving.set(**ROBOT_STATE | {"nu": ROBOT_STATE["nu"] + np.append(current_B, np.zeros(3))})
+    moving.fix_current(current_I)
+    moving.simulate(duration)
+
+    drift = np.zeros(still.plant.num_multibody_states())
+    drift[4:7] = X_WI.rotation() @ current_I * duration
+    drift[9 + 3:9 + 6] = X_WI.rotation() @ current_I
+    np.testing.assert_allclose(
+        moving.plant.GetPositionsAndVelocities(moving.plant_context) - drift,
+        still.plant.GetPositionsAndVelocities(still.plant_context), atol=1e-7)
+
+
+def test_the_same_motion_in_a_turned_and_moved_world():
+    states = []
+    for X_WI in (RigidTransform(),
+                 RigidTransform(RollPitchYaw(0.7, -0.4, 2.1), np.array([3.0, -5.0, 0.8]))):
+        tank = Tank(X_WI, robot_water(), robot(damping=0.3))
+        tank.set(**ROBOT_STATE)
+        tank.fix_current([0.3, 0.2, -0.1])
+        tank.simulate(2.0)
+        X_IB = X_WI.inverse() @ tank.pose_W()
+        states.append(np.concatenate([
+            X_IB.GetAsMatrix4().ravel(), tank.nu(),
+            tank.plant.GetPositions(tank.plant_context)[7:],
+            tank.plant.GetVelocities(tank.plant_context)[6:]]))
+    np.testing.assert_allclose(states[1], states[0], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("time_step", "solver"),
+    [(0.0, None), *((0.004, each) for each in DiscreteContactApproximation.__members__.values())])
+def test_the_plant_accelerates_exactly_as_solved(X_WI, time_step, solver):
+    """With joint damping, rotors, current, force and disturbance; h times damping ≫ inertia."""
+    tank = Tank(X_WI, robot_water(), robot(damping=400.0), time_step=time_step, solver=solver)
+    tank.set(**ROBOT_STATE)
+    tank.fix_current([0.3, 0.2, -0.1])
+    tank.fix("generalized_force", np.linspace(-3.0, 5.0, tank.nv))
+    tank.fix("acceleration_disturbance", np.linspace(0.4, -0.2, tank.nv))
+    np.testing.assert_allclose(tank.v_dot(), tank.solved(), rtol=1e-9, atol=1e-9)
+
+
+def test_the_acceleration_disturbance_is_added_to_the_acceleration(X_WI):
+    tank = Tank(X_WI, robot_water(), robot(damping=0.3))
+    tank.set(**ROBOT_STATE)
+    without, d = tank.v_dot(), np.linspace(0.4, -0.2, tank.nv)
+    tank.fix("acceleration_disturbance", d)
+    np.testing.assert_allclose(tank.v_dot() - without, d, atol=1e-12)
+
+
+def test_a_robot_that_feels_no_water_moves_as_in_a_vacuum(X_WI):
+    tank = Tank(X_WI, HydrodynamicParameters(), robot(damping=0.3))
+    tank.set(**ROBOT_STATE)
+    plant = tank.plant
+    alone = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(
+        alone, plant.GetPositionsAndVelocities(tank.plant_context))
+    expected = plant.EvalTimeDerivatives(alone).CopyToVector()[-tank.nv:]
+    np.testing.assert_allclose(tank.v_dot(), expected, rtol=1e-12, atol=1e-12)
+
+
+# The system --------------------------------------------------------------------------------------
+
+
+def test_the_system_has_no_state_and_its_workspace_is_not_one():
+    tank = Tank(RigidTransform(), robot_water(), robot())
+    water = tank.water
+    contexts = [water.CreateDefaultContext(), water.CreateDefaultContext()]
+    assert contexts[0].num_total_states() == 0
+    port = water.GetOutputPort("applied_generalized_force")
+    states = []
+    for q_dot in ([0.9, -1.1], [-0.2, 0.3]):
+        tank.set(**ROBOT_STATE | {"q_dot": q_dot})
+        states.append(tank.plant.GetPositionsAndVelocities(tank.plant_context))
+    fixed = [water.GetInputPort("plant_state").FixValue(c, x)
+             for c, x in zip(contexts, states, strict=True)]
+    first = [port.Eval(c).copy() for c in contexts]
+    assert not np.allclose(first[0], first[1])
+    for value in fixed:
+        value.GetMutableData()  # Marks the input as changed: everything is computed anew.
+    again = [port.Eval(c).copy() for c in reversed(contexts)][::-1]
+    np.testing.assert_array_equal(again, first)
+
+
+def test_a_quaternion_that_is_off_by_rounding_does_no_harm():
+    tank = Tank(RigidTransform(), robot_water(), robot())
+    tank.set(**ROBOT_STATE)
+    exact = tank.v_dot()
+    q = tank.plant.GetPositions(tank.plant_context)
+    q[:4] *= 1.0 + 1e-9
+    tank.plant.SetPositions(tank.plant_context, q)
+    np.testing.assert_allclose(tank.v_dot(), exact, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("parameters", "message"), [
+    (HydrodynamicParameters(bodies={"gripper": BodyHydrodynamics()}),
+     r"^bodies = 'gripper': must be the name of one body of the plant: vehicle, upper, lower$"),
+    (HydrodynamicParameters(fluid_density=-1.0), r"^fluid_density = -1\.0: must be positive$"),
+    (one_body(added_mass=[AddedMass(np.triu(np.ones((6, 6))))]),
+     r"^bodies\.vehicle\.added_mass\[0\]\.matrix = .*: must be a symmetric positive semidefinite "
+     r"6×6 matrix \(it is not symmetric\)$"),
+    (one_body(added_mass=[AddedMass(np.array([1, 1, -2.0, 0, 0, 0]))]),
+     r"^bodies\.vehicle\.added_mass\[0\]\.matrix = .* \(its smallest eigenvalue is -2\)$"),
+    (one_body(drag=[Drag(linear=np.array([0, 0, 0, 0, 0, -1.0]))]),
+     r"^bodies\.vehicle\.drag\[0\]\.linear = .*: must be six numbers, none negative$"),
+])
+def test_bad_parameters_are_named(parameters, message):
+    with pytest.raises(InvalidParameter, match=message):
+        Tank(RigidTransform(), parameters, robot())

@@ -1,0 +1,119 @@
+"""The order converters on a robot and in a Diagram of their own."""
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
+
+ROBOT = """
+<sdf version="1.9"><model name="robot">
+  <link name="vehicle"><inertial><mass>7.3</mass></inertial></link>
+  <link name="upper"><pose relative_to="vehicle">0.3 0.1 -0.2 0.4 -0.1 0.2</pose>
+    <inertial><mass>1.7</mass></inertial></link>
+  <link name="lower"><pose relative_to="upper">0.2 0 0.1 0 -0.3 0.2</pose>
+    <inertial><mass>1.1</mass></inertial></link>
+  <joint name="shoulder" type="revolute"><parent>vehicle</parent><child>upper</child>
+    <axis><xyz>0 0.6 0.8</xyz></axis></joint>
+  <joint name="elbow" type="revolute"><parent>upper</parent><child>lower</child>
+    <axis><xyz>0 1 0</xyz></axis></joint>
+  <frame name="tip" attached_to="lower"/>
+</model></sdf>"""
+
+
+@pytest.fixture
+def robot():
+    """Returns the Coordinates of the robot, its plant and the plant's builder."""
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    Parser(plant).AddModelsFromString(ROBOT, "sdf")
+    plant.Finalize()
+    coordinates = Coordinates(Uvms(
+        plant, plant.GetModelInstanceByName("robot"), plant.GetBodyByName("vehicle"),
+        (plant.GetJointByName("shoulder"), plant.GetJointByName("elbow")),
+        plant.GetFrameByName("tip"), HydrodynamicParameters()))
+    return coordinates, plant, builder
+
+
+def random_state(plant):
+    """Returns a plant state and a Context with it."""
+    x = np.random.default_rng(0).normal(size=plant.num_multibody_states())
+    x[:4] = RollPitchYaw(0.7, -0.4, 2.1).ToQuaternion().wxyz()
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, x)
+    return x, context
+
+
+def test_the_state_is_pose_and_body_velocity(robot):
+    coordinates, plant, builder = robot
+    system = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    x, plant_context = random_state(plant)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plant_state").FixValue(context, x)
+    state = system.GetOutputPort("state").Eval(context)
+
+    vehicle = plant.GetBodyByName("vehicle")
+    X_WB = vehicle.EvalPoseInWorld(plant_context)
+    V_WB = vehicle.EvalSpatialVelocityInWorld(plant_context)
+    R_WB = X_WB.rotation().matrix()
+    joints = [plant.GetJointByName(name) for name in ("shoulder", "elbow")]
+    np.testing.assert_allclose(state, np.concatenate([
+        X_WB.translation(), RollPitchYaw(X_WB.rotation()).vector(),
+        [joint.get_angle(plant_context) for joint in joints],
+        R_WB.T @ V_WB.translational(), R_WB.T @ V_WB.rotational(),
+        [joint.get_angular_rate(plant_context) for joint in joints]]), atol=1e-14)
+
+
+def test_a_force_keeps_its_power(robot):
+    coordinates, plant, builder = robot
+    system = ToDrakeOrder.AddToBuilder(builder, plant, coordinates)
+    x, plant_context = random_state(plant)
+    tau = np.random.default_rng(1).normal(size=8)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plant_state").FixValue(context, x)
+    system.GetInputPort("paper_order").FixValue(context, tau)
+    tau_drake = system.GetOutputPort("drake_order").Eval(context)
+    zeta = coordinates.from_drake(x)[8:]
+    assert tau_drake @ plant.GetVelocities(plant_context) == pytest.approx(tau @ zeta, rel=1e-12)
+
+
+def test_an_acceleration_of_the_vehicle_is_that_of_its_body_less_the_turning_of_its_axes(robot):
+    coordinates, plant, builder = robot
+    system = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
+    x, plant_context = random_state(plant)
+    v_dot = np.random.default_rng(2).normal(size=8)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plant_state").FixValue(context, x)
+    system.GetInputPort("v_dot").FixValue(context, v_dot)
+    zeta_dot = system.GetOutputPort("acceleration").Eval(context)
+
+    vehicle = plant.GetBodyByName("vehicle")
+    A_WB = plant.CalcSpatialAccelerationsFromVdot(plant_context, v_dot)[int(vehicle.index())]
+    R_WB = vehicle.EvalPoseInWorld(plant_context).rotation().matrix()
+    nu = coordinates.from_drake(x)[8:14]
+    np.testing.assert_allclose(
+        zeta_dot[:3] + np.cross(nu[3:], nu[:3]), R_WB.T @ A_WB.translational(), atol=1e-13)
+    np.testing.assert_allclose(zeta_dot[3:6], R_WB.T @ A_WB.rotational(), atol=1e-13)
+    joints = [plant.GetJointByName(name).velocity_start() for name in ("shoulder", "elbow")]
+    np.testing.assert_array_equal(zeta_dot[6:], v_dot[joints])
+
+
+def test_nothing_connected_means_zero(robot):
+    coordinates, plant, _ = robot
+    system = ToDrakeOrder(coordinates)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plant_state").FixValue(context, random_state(plant)[0])
+    np.testing.assert_array_equal(
+        system.GetOutputPort("drake_order").Eval(context), np.zeros(plant.num_velocities()))
+
+
+def test_the_systems_have_no_state(robot):
+    coordinates, _, _ = robot
+    for system in (kind(coordinates) for kind in (ToPaperOrder, ToDrakeOrder)):
+        assert system.CreateDefaultContext().num_total_states() == 0

@@ -1,0 +1,161 @@
+"""`CompliantSurface` on a small arm of its own."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane, make_surface_law
+from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
+
+ARM = """
+<sdf version="1.9"><model name="arm">
+  <link name="vehicle"><inertial><mass>5.3</mass></inertial></link>
+  <link name="forearm"><pose relative_to="vehicle">0.3 0.1 -0.2 0.4 -0.1 0.2</pose>
+    <inertial><mass>1.7</mass></inertial></link>
+  <joint name="elbow" type="revolute"><parent>vehicle</parent><child>forearm</child>
+    <axis><xyz>0 0.6 0.8</xyz></axis></joint>
+  <frame name="tip" attached_to="forearm"><pose>0.4 -0.05 0.1 0.3 0.5 -0.2</pose></frame>
+</model></sdf>"""
+BALL = """
+<sdf version="1.9"><model name="ball">
+  <link name="tip"><inertial><mass>2.3</mass></inertial></link></model></sdf>"""
+
+POSES = [RigidTransform(),
+         RigidTransform(RollPitchYaw(0.7, -0.4, 2.1), np.array([3.0, -5.0, 0.8]))]
+
+
+def make_plant(sdf):
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModelsFromString(sdf, "sdf")
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    plant.Finalize()
+    return plant
+
+
+def random_state(plant, X_WV, seed=0):
+    """Returns a plant state with the vehicle near X_WV and everything moving."""
+    rng = np.random.default_rng(seed)
+    X = X_WV @ RigidTransform(RollPitchYaw(0.2, -0.3, 0.4), rng.normal(size=3))
+    joints = plant.num_positions() - 7
+    return np.concatenate([X.rotation().ToQuaternion().wxyz(), X.translation(),
+                           rng.uniform(-0.5, 0.5, joints), rng.normal(size=plant.num_velocities())])
+
+
+def spring_config():
+    A = np.random.default_rng(1).normal(size=(6, 6))
+    return BilateralSpring(100.0 * (A @ A.T + np.eye(6)),
+                           np.array([0.2, -0.1, 0.3, 0.4, -0.2, 0.1]))
+
+
+def plane_config(plant, state, depth=0.03):
+    """Returns a plane with the tip of the robot `depth` inside."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, state)
+    chi, _ = pose_and_jacobian(plant, context, plant.GetFrameByName("tip"))
+    normal = np.array([-0.6, 0.48, 0.64])
+    return UnilateralPlane(chi[:3] + depth * normal, normal, 700.0, 1.3, 0.004)
+
+
+def outputs(system, state):
+    context = system.CreateDefaultContext()
+    system.GetInputPort("plant_state").FixValue(context, state)
+    return {name: system.GetOutputPort(name).Eval(context)
+            for name in ("generalized_force", "force", "penetration")}
+
+
+def chi_of(plant, state):
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, state)
+    X_WT = plant.GetFrameByName("tip").CalcPoseInWorld(context)
+    return np.concatenate([X_WT.translation(), RollPitchYaw(X_WT.rotation()).vector()])
+
+
+def chi_rate(plant, state, h=1e-6):
+    """Returns χ̇ by central differences along q̇ = N(q) v."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, state)
+    q_dot = plant.MapVelocityToQDot(context, plant.GetVelocities(context))
+    step = np.append(h * q_dot, np.zeros(plant.num_velocities()))
+    return (chi_of(plant, state + step) - chi_of(plant, state - step)) / (2.0 * h)
+
+
+@pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
+def test_the_jacobian_gives_the_rate_of_the_pose(X_WV):
+    plant = make_plant(ARM)
+    state = random_state(plant, X_WV)
+    context = plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, state)
+    chi, J = pose_and_jacobian(plant, context, plant.GetFrameByName("tip"))
+    np.testing.assert_allclose(chi, chi_of(plant, state), atol=1e-14)
+    np.testing.assert_allclose(J @ plant.GetVelocities(context), chi_rate(plant, state), atol=1e-7)
+
+
+@pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
+@pytest.mark.parametrize("kind", ["spring", "plane"])
+def test_the_force_is_the_laws_at_the_pose_and_rate_of_the_tip(X_WV, kind):
+    plant = make_plant(ARM)
+    state = random_state(plant, X_WV)
+    config = spring_config() if kind == "spring" else plane_config(plant, state)
+    system = CompliantSurface(plant, plant.GetFrameByName("tip"), config)
+    law = make_surface_law(config)
+    chi = chi_of(plant, state)
+    out = outputs(system, state)
+    np.testing.assert_allclose(
+        out["force"], law.force(chi, chi_rate(plant, state)), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(out["penetration"], [law.penetration(chi)], rtol=1e-12)
+
+
+@pytest.mark.parametrize("X_WV", POSES, ids=["upright", "turned and moved"])
+@pytest.mark.parametrize("kind", ["spring", "plane"])
+def test_the_robot_feels_minus_the_power_that_the_surface_takes(X_WV, kind):
+    """By virtual power: vᵀτ = −𝔉ᵀχ̇ for every v, with χ̇ by finite differences."""
+    plant = make_plant(ARM)
+    state = random_state(plant, X_WV)
+    config = spring_config() if kind == "spring" else plane_config(plant, state)
+    out = outputs(CompliantSurface(plant, plant.GetFrameByName("tip"), config), state)
+    assert np.linalg.norm(out["force"]) > 1.0
+    for v in np.eye(plant.num_velocities()):
+        virtual = np.append(state[: plant.num_positions()], v)
+        assert v @ out["generalized_force"] == pytest.approx(
+            -out["force"] @ chi_rate(plant, virtual), abs=1e-6 * np.linalg.norm(out["force"]))
+
+
+def test_a_ball_bounces_off_a_plane_and_leaves_with_less_energy():
+    """Wired straight to a plant in air; without dissipation it leaves as fast as it came."""
+    speeds = []
+    for dissipation in (0.0, 3.0):
+        builder = DiagramBuilder()
+        plant = builder.AddNamedSystem("plant", make_plant(BALL))
+        surface = CompliantSurface.AddToBuilder(
+            builder, plant, plant.GetFrameByName("tip"),
+            UnilateralPlane(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0]), 900.0, dissipation))
+        builder.Connect(surface.GetOutputPort("generalized_force"),
+                        plant.get_applied_generalized_force_input_port())
+        simulator = Simulator(builder.Build())
+        simulator.get_mutable_integrator().set_target_accuracy(1e-8)
+        context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        plant.SetPositionsAndVelocities(
+            context, np.array([1, 0, 0, 0, 0.9, 0, 0, 0, 0, 0, 0.5, 0.2, 0.0]))
+        simulator.AdvanceTo(1.0)
+        v = plant.GetVelocities(context)
+        np.testing.assert_allclose(v[4], 0.2, atol=1e-12)  # No friction.
+        speeds.append(-v[3])
+    assert speeds[0] == pytest.approx(0.5, abs=1e-5)
+    assert 0.0 < speeds[1] < 0.4
+
+
+def test_the_system_has_no_state():
+    plant = make_plant(BALL)
+    system = CompliantSurface(plant, plant.GetFrameByName("tip"), UnilateralPlane())
+    assert system.CreateDefaultContext().num_total_states() == 0
+
+
+def test_bad_parameters_are_named():
+    plant = make_plant(BALL)
+    with pytest.raises(InvalidParameter, match=r"^stiffness = -5\.0: must be positive$"):
+        CompliantSurface(plant, plant.GetFrameByName("tip"), UnilateralPlane(stiffness=-5.0))

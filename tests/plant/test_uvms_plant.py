@@ -1,0 +1,275 @@
+"""The assembled plant: its ports, its wiring, and that it moves as its parts say."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+from support.meshcat import packed_transform
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.model.uvms import add_uvms
+from uvms_drake.plant.disturbance import (
+    ConstantDisturbance,
+    RandomDisturbance,
+    SinusoidalDisturbance,
+)
+from uvms_drake.plant.hydrodynamics import Hydrodynamics
+from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
+from uvms_drake.plant.uvms_plant import MESHCAT_NED, make_uvms_plant, set_state
+
+MODEL = "girona500_arm5e"
+FAR_AWAY = UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
+CALM = ConstantDisturbance(bound=0.0)
+
+
+def make(surface=FAR_AWAY, disturbance=CALM, **kwargs):
+    return make_uvms_plant(model=MODEL, surface=surface, disturbance=disturbance, **kwargs)
+
+
+def moving_state():
+    rng = np.random.default_rng(0)
+    eta = np.array([0.4, -1.2, 2.0, 0.1, -0.2, 0.7])
+    return np.concatenate([eta, rng.uniform(-0.3, 0.3, 4), rng.uniform(-0.3, 0.3, 10)])
+
+
+def parts_of(uvms):
+    plant = uvms.GetSubsystemByName("plant")
+    return plant, uvms.GetSubsystemByName("to_paper_order").coordinates
+
+
+def simulator_of(uvms, context=None):
+    simulator = Simulator(uvms) if context is None else Simulator(uvms, context)
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.01)
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    return simulator
+
+
+def test_the_ports_have_the_names_and_sizes_of_the_docstring():
+    uvms = make()
+    assert uvms.get_name() == "uvms"
+    inputs = [uvms.get_input_port(i) for i in range(uvms.num_input_ports())]
+    outputs = [uvms.get_output_port(i) for i in range(uvms.num_output_ports())]
+    assert {port.get_name(): port.size() for port in inputs} == {"tau": 10, "current": 3}
+    assert {port.get_name(): port.size() for port in outputs} == {
+        "state": 20, "force": 6, "penetration": 1, "disturbance": 10, "acceleration": 10,
+        "plant_state": 21}
+    for name in ("plant", "scene_graph", "hydrodynamics", "surface", "disturbance"):
+        assert uvms.HasSubsystemNamed(name)
+
+
+def test_the_state_that_is_set_comes_out():
+    uvms = make()
+    context = uvms.CreateDefaultContext()
+    set_state(uvms, context, moving_state())
+    np.testing.assert_allclose(
+        uvms.GetOutputPort("state").Eval(context), moving_state(), atol=1e-14)
+
+
+def test_the_state_can_be_set_inside_a_larger_diagram():
+    builder = DiagramBuilder()
+    uvms = builder.AddSystem(make())
+    station = builder.Build()
+    root = station.CreateDefaultContext()
+    set_state(uvms, uvms.GetMyMutableContextFromRoot(root), moving_state())
+    state = uvms.GetOutputPort("state").Eval(uvms.GetMyContextFromRoot(root))
+    np.testing.assert_allclose(state, moving_state(), atol=1e-14)
+
+
+def test_the_diagram_equals_its_parts_wired_by_hand():
+    """Force, current, surface and disturbance each arrive once, in the right order and sign."""
+    rng = np.random.default_rng(1)
+    tau, current = rng.normal(scale=20.0, size=10), np.array([0.2, -0.1, 0.05])
+    d = ConstantDisturbance(0.3, rng.normal(size=10))
+    spring = BilateralSpring(np.diag([90.0, 80, 70, 3, 2, 1]), np.array([1, -1, 2, 0.1, 0.2, 0.3]))
+    uvms = make(spring, d)
+    context = uvms.CreateDefaultContext()
+    set_state(uvms, context, moving_state())
+    uvms.GetInputPort("tau").FixValue(context, tau)
+    uvms.GetInputPort("current").FixValue(context, current)
+    actual = uvms.EvalTimeDerivatives(context).CopyToVector()
+
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    robot = add_uvms(plant, MODEL)
+    plant.Finalize()
+    coordinates = Coordinates(robot)
+    x = coordinates.to_drake(moving_state())
+    water = Hydrodynamics.AddToBuilder(builder, plant, robot.hydrodynamics)
+    surface = CompliantSurface(plant, robot.tip, spring)
+    surface_context = surface.CreateDefaultContext()
+    surface.GetInputPort("plant_state").FixValue(surface_context, x)
+    push = surface.GetOutputPort("generalized_force").Eval(surface_context)
+    by_hand = builder.Build()
+    context = by_hand.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), x)
+    water_context = water.GetMyMutableContextFromRoot(context)
+    water.GetInputPort("generalized_force").FixValue(
+        water_context, push + coordinates.vector_to_drake(x, tau))
+    water.GetInputPort("current").FixValue(water_context, current)
+    d_paper = d.bound * d.direction / np.linalg.norm(d.direction)
+    water.GetInputPort("acceleration_disturbance").FixValue(
+        water_context, coordinates.vector_to_drake(x, d_paper))
+    expected = by_hand.EvalTimeDerivatives(context).CopyToVector()
+    np.testing.assert_allclose(actual, expected, rtol=1e-11, atol=1e-11)
+
+
+def test_a_disturbance_of_the_users_own_comes_in_through_a_port():
+    rates = []
+    d = np.linspace(-0.2, 0.3, 10)
+    for uvms in (make(disturbance=None), make(disturbance=ConstantDisturbance(
+            float(np.linalg.norm(d)), d))):
+        context = uvms.CreateDefaultContext()
+        set_state(uvms, context, moving_state())
+        if uvms.HasInputPort("disturbance"):
+            uvms.GetInputPort("disturbance").FixValue(context, d)
+        np.testing.assert_allclose(uvms.GetOutputPort("disturbance").Eval(context), d, rtol=1e-13)
+        rates.append(uvms.EvalTimeDerivatives(context).CopyToVector())
+    np.testing.assert_allclose(*rates, rtol=1e-12, atol=1e-12)
+
+
+def test_the_disturbance_is_what_is_added_to_the_rate_of_zeta():
+    """ζ̇ by central differences of the `state` port along the motion."""
+    rates = []
+    for bound in (0.0, 0.4):
+        uvms = make(disturbance=SinusoidalDisturbance(bound, phase=0.9))
+        context = uvms.CreateDefaultContext()
+        plant, _ = parts_of(uvms)
+        set_state(uvms, context, moving_state())
+        plant_context = plant.GetMyMutableContextFromRoot(context)
+        d = uvms.GetOutputPort("disturbance").Eval(context)
+        x = plant.GetPositionsAndVelocities(plant_context)
+        x_dot = uvms.EvalTimeDerivatives(context).CopyToVector()[: len(x)]
+        h, ends = 1e-6, []
+        for step in (h, -h):
+            plant.SetPositionsAndVelocities(plant_context, x + step * x_dot)
+            ends.append(uvms.GetOutputPort("state").Eval(context)[10:].copy())
+        rates.append((ends[0] - ends[1]) / (2.0 * h))
+    assert np.linalg.norm(d) > 0.1
+    np.testing.assert_allclose(rates[1] - rates[0], d, atol=1e-7)
+
+
+def test_the_acceleration_is_the_rate_of_zeta_along_a_trajectory():
+    """In a current and in contact, disturbed and driven, by central differences."""
+    uvms = make(UnilateralPlane(point=np.array([0.5, 0.0, 0.0]), stiffness=200.0, transition=0.5),
+                SinusoidalDisturbance(0.4, phase=0.9))
+    simulator = simulator_of(uvms)
+    context, step = simulator.get_mutable_context(), 2e-4
+    set_state(uvms, context, moving_state())
+    tau = [20.0, -10.0, 30.0, 5.0, -5.0, 8.0, 1.0, -1.0, 0.5, 0.01]
+    uvms.GetInputPort("tau").FixValue(context, tau)
+    uvms.GetInputPort("current").FixValue(context, [0.2, -0.1, 0.05])
+    zeta, rates = [], []
+    for time in step * np.arange(51):
+        simulator.AdvanceTo(time)
+        zeta.append(uvms.GetOutputPort("state").Eval(context)[10:].copy())
+        rates.append(uvms.GetOutputPort("acceleration").Eval(context).copy())
+    assert np.linalg.norm(uvms.GetOutputPort("force").Eval(context)) > 1.0
+    expected = (np.array(zeta[2:]) - np.array(zeta[:-2])) / (2.0 * step)
+    np.testing.assert_allclose(rates[1:-1], expected, atol=1e-5 * np.max(np.abs(expected)))
+
+
+def test_left_alone_it_floats_up_slowly_and_arm_and_water_bring_it_to_rest():
+    """It is trimmed a little light; nothing blows up although added mass exceeds the dry mass."""
+    uvms = make()
+    simulator = simulator_of(uvms)
+    set_state(uvms, simulator.get_mutable_context(), moving_state())
+    simulator.AdvanceTo(10.0)
+    state = uvms.GetOutputPort("state").Eval(simulator.get_context())
+    assert np.all(np.isfinite(state))
+    assert np.linalg.norm(state[10:16]) < 0.3
+
+
+def test_it_drifts_with_a_current():
+    uvms = make()
+    simulator = simulator_of(uvms)
+    current = np.array([0.0, 0.25, 0.0])
+    uvms.GetInputPort("current").FixValue(simulator.get_mutable_context(), current)
+    simulator.AdvanceTo(15.0)
+    state = uvms.GetOutputPort("state").Eval(simulator.get_context())
+    assert state[1] > 1.0  # m
+
+
+def test_the_surface_is_where_the_scenario_puts_it():
+    """At rest in the plane the force is stiffness times depth, and `penetration` is the depth."""
+    uvms = make()
+    plant, _ = parts_of(uvms)
+    context = plant.CreateDefaultContext()
+    chi, _ = pose_and_jacobian(plant, context, plant.GetFrameByName("tip"))
+    depth, wall = 0.02, UnilateralPlane(stiffness=800.0, transition=0.001)
+    wall.point = chi[:3] + depth * wall.normal
+    uvms = make(wall)
+    context = uvms.CreateDefaultContext()
+    np.testing.assert_allclose(
+        uvms.GetOutputPort("force").Eval(context)[:3], -800.0 * (depth - 0.0005) * wall.normal,
+        atol=1e-9)
+    np.testing.assert_allclose(uvms.GetOutputPort("penetration").Eval(context), [depth], atol=1e-12)
+
+
+def test_a_cloned_context_continues_identically():
+    uvms = make(disturbance=RandomDisturbance(0.2, 1.0), seed=3)
+    simulator = simulator_of(uvms)
+    set_state(uvms, simulator.get_mutable_context(), moving_state())
+    simulator.AdvanceTo(0.5)
+    twin = simulator_of(uvms, simulator.get_context().Clone())
+    twin.AdvanceTo(2.0)
+    simulator.AdvanceTo(2.0)
+    port = uvms.GetOutputPort("plant_state")
+    np.testing.assert_array_equal(
+        port.Eval(simulator.get_context()), port.Eval(twin.get_context()))
+
+
+def test_the_seed_decides_the_disturbance():
+    def values(seed):
+        uvms = make(disturbance=RandomDisturbance(0.2, 1.0), seed=seed)
+        context = uvms.CreateDefaultContext()
+        context.SetTime(0.3)
+        return uvms.GetOutputPort("disturbance").Eval(context)
+
+    np.testing.assert_array_equal(values(3), values(3))
+    assert not np.allclose(values(3), values(4))
+
+
+def test_joint_limits_raise_no_warning_and_can_be_read(caplog):
+    uvms = make()
+    simulator_of(uvms).AdvanceTo(0.02)
+    assert not caplog.records
+    plant, _ = parts_of(uvms)
+    assert np.all(np.isfinite(plant.GetPositionLowerLimits()[7:]))
+    assert np.all(plant.GetPositionLowerLimits()[7:] < plant.GetPositionUpperLimits()[7:])
+
+
+def test_meshcat_shows_the_robot_the_right_way_up_also_after_initialization():
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    uvms = make(meshcat=meshcat)
+    assert uvms.HasSubsystemNamed("meshcat")
+    Simulator(uvms).Initialize()
+    assert meshcat.HasPath(f"/drake/{MESHCAT_NED}/uvms/{MODEL}")
+    np.testing.assert_allclose(
+        packed_transform(meshcat, MESHCAT_NED), np.diag([1.0, -1.0, -1.0, 1.0]), atol=1e-15)
+
+
+@pytest.mark.parametrize(("kwargs", "message"), [
+    ({"surface": UnilateralPlane(stiffness=-1.0)},
+     r"^surface\.stiffness = -1\.0: must be positive$"),
+    ({"disturbance": ConstantDisturbance(-0.1)},
+     r"^disturbance\.bound = -0\.1: must be zero or positive$"),
+    ({"seed": -2}, r"^seed = -2: must be zero or positive$"),
+])
+def test_bad_parameters_are_named(kwargs, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make(**kwargs)
+
+
+def test_an_unknown_model_is_named():
+    with pytest.raises(InvalidParameter, match=r"^model = 'nautilus': must be one of "):
+        make_uvms_plant(model="nautilus", surface=FAR_AWAY, disturbance=CALM)
+
+
+def test_a_state_of_the_wrong_size_is_named():
+    uvms = make()
+    with pytest.raises(InvalidParameter, match=r"^state = .*: must be 20 finite numbers$"):
+        set_state(uvms, uvms.CreateDefaultContext(), np.zeros(12))

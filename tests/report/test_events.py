@@ -1,0 +1,177 @@
+"""Tests of `uvms_drake.report.events` and `uvms_drake.common.alarm`: what a run says of itself."""
+
+import logging
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.synthetic import synthetic_record
+
+from uvms_drake.campaign import run
+from uvms_drake.campaign.campaign import make_campaign
+from uvms_drake.command.main import main
+from uvms_drake.common.alarm import LOGGER, warn
+from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.report.events import ALARMING, Event, events, intervals
+from uvms_drake.station.scenario import load_scenario
+
+
+def changed(name, when, value, channel=...):
+    """Returns the synthetic record with one signal set to a value at some samples."""
+    record = synthetic_record(4.0)
+    signal = getattr(record, name).copy()
+    signal[when, channel] = value
+    return replace(record, **{name: signal})
+
+
+def of_kind(record, kind) -> list[Event]:
+    return [event for event in events(record) if event.kind == kind]
+
+
+def test_a_run_as_planned_makes_contact_and_settles():
+    record = synthetic_record()
+    contact, settled = events(record)
+    depth = 1e3 * np.max(record.penetration)
+    assert contact == Event(pytest.approx(2.02), None, "contact",
+                            f"contact, at most {depth:.3g} mm deep")
+    assert settled.kind == "settled"
+    assert settled.end == settled.start
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
+    assert np.all(error[record.time >= settled.start] <= 2.0)
+    assert error[np.searchsorted(record.time, settled.start) - 1] > 2.0
+
+
+def test_what_never_settles_does_not_say_so():
+    assert of_kind(changed("force", -1, 0.0), "settled") == []
+
+
+def test_an_interval_ends_where_it_is_over_and_short_gaps_are_bridged():
+    time = np.arange(8.0)
+    holds = np.array([1, 0, 1, 0, 0, 1, 1, 1], dtype=bool)
+    assert intervals(holds, time, 0.0) == [slice(0, 1), slice(2, 3), slice(5, 8)]
+    assert intervals(holds, time, 1.5) == [slice(0, 3), slice(5, 8)]
+    assert intervals(holds, time, 2.5) == [slice(0, 8)]
+    assert intervals(~holds, time, 0.0) == [slice(1, 2), slice(3, 5)]
+    assert intervals(np.zeros(3, dtype=bool), time[:3], 1.0) == []
+    assert intervals(np.zeros(0, dtype=bool), time[:0], 1.0) == []
+
+
+def test_a_bouncing_contact_is_one_contact():
+    bouncing = changed("penetration", slice(120, 140, 2), 0.0)
+    (contact,) = of_kind(bouncing, "contact")
+    assert contact.end is None
+    before, after = of_kind(changed("penetration", slice(120, 140), 0.0), "contact")
+    assert (before.end, after.start) == (pytest.approx(2.4), pytest.approx(2.8))
+
+
+def test_kinematic_motion_touches_nothing():
+    record = synthetic_record()
+    kinematic = replace(record.scenario, motion="kinematic")
+    assert [event.kind for event in events(replace(record, scenario=kinematic))] == ["settled"]
+
+
+def test_leaving_the_tube_says_which_part_and_by_how_much():
+    left = changed("tube_deviation", slice(50, 60), 0.01, channel=FIELDS.index("position"))
+    assert of_kind(left, "tube_left") == [Event(
+        pytest.approx(1.0), pytest.approx(1.2), "tube_left",
+        "left the tube (set-wise): position at most 2 of its bound")]
+    assert of_kind(left, "bound_left") == [Event(
+        pytest.approx(1.0), pytest.approx(1.2), "bound_left",
+        "left the bound along the run: position at most 2.5 of its bound")]
+
+
+def test_what_is_left_is_what_is_beyond_the_monitors_slack():
+    at = FIELDS.index("z")
+    assert of_kind(changed("tube_deviation", 50, 1.002 * 0.04 + 1e-4, at), "tube_left") == []
+    assert len(of_kind(changed("tube_deviation", 50, 1.012 * 0.04 + 1e-4, at), "tube_left")) == 1
+
+
+def test_without_a_bound_along_the_run_none_is_left():
+    record = changed("tube_deviation", 50, 1.0)
+    unbounded = replace(record, tube_bound=np.full_like(record.tube_bound, np.inf))
+    assert of_kind(unbounded, "bound_left") == []
+    assert len(of_kind(unbounded, "tube_left")) == 1
+
+
+def test_a_disturbance_above_its_bound_is_measured_by_its_norm():
+    pair = changed("effective_disturbance", slice(-3, None), [0.3, -0.4] + 8 * [0.0])
+    assert of_kind(pair, "disturbance_exceeded") == [Event(
+        pytest.approx(3.96), None, "disturbance_exceeded",
+        "all that disturbs above its bound of 0.1, at most 0.5")]
+
+
+@pytest.mark.parametrize(("channel", "value", "text"), [
+    (3, -0.35, "limit roll violated, by at most 0.1"),
+    (6, -0.65, "limit q1_min violated, by at most 0.25"),
+    (6, 1.66, "limit q1_max violated, by at most 0.2")])
+def test_a_violated_limit_is_named(channel, value, text):
+    assert of_kind(changed("state", [50, 53], value, channel), "limit_violated") == [
+        Event(pytest.approx(1.0), pytest.approx(1.08), "limit_violated", text)]
+
+
+def test_a_limited_command_is_an_event_that_alarms():
+    assert of_kind(changed("input_limited", [50, 53], 1.0), "input_limited") == [Event(
+        pytest.approx(1.0), pytest.approx(1.08), "input_limited", "the command is limited")]
+    assert "input_limited" in ALARMING
+
+
+@pytest.mark.parametrize(("status", "kind", "text"), [
+    (1.0, "solver_failed", "the solver failed"), (2.0, "solver_late", "the solver was too late"),
+    (3.0, "sample_dropped", "the sample was dropped")])
+def test_samples_in_a_row_that_fail_are_one_event(status, kind, text):
+    record = changed("mpc_status", [3, 4, 6, 19], status)
+    assert [event for event in events(record) if event.kind in ALARMING] == [
+        Event(pytest.approx(0.6), pytest.approx(1.0), kind, f"{text}, 2 samples in a row"),
+        Event(pytest.approx(1.2), pytest.approx(1.4), kind, text),
+        Event(pytest.approx(3.8), None, kind, text)]
+
+
+def test_a_refused_force_is_an_event_that_does_not_alarm():
+    record = changed("mpc_refused", slice(5, 10), 1.0)
+    assert of_kind(record, "force_refused") == [Event(
+        pytest.approx(1.0), pytest.approx(2.0), "force_refused",
+        "another desired force was refused, 5 samples in a row")]
+    assert "force_refused" not in ALARMING
+
+
+def test_events_are_in_order():
+    record = changed("effective_disturbance", [10, 100, 190], 1.0)
+    starts = [event.start for event in events(record)]
+    assert starts == sorted(starts)
+    assert len(starts) > 3
+
+
+def test_a_script_without_handlers_gets_it_on_stderr():
+    done = subprocess.run(
+        [sys.executable, "-c",
+         "from uvms_drake.common.alarm import warn; warn(0.74, 'left the tube')"],
+        capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "t = 0.74 s: left the tube\n")
+
+
+def test_a_run_says_on_stderr_and_in_its_summary_what_is_alarming(tmp_path, capsys):
+    assert main(["run", "--uncertified", "--no-figures", "--no-replay", "--duration", "0.5",
+                 "--set", "faults=[!ExcessDisturbance {factor: 5}]",
+                 "--output", str(tmp_path / "out")]) == 0
+    out, err = capsys.readouterr()
+    said = [line for line in err.splitlines() if line.startswith("t = ")]
+    assert any(line.endswith(" s: disturbance above its bound") for line in said)
+    assert any(line.endswith(" s: left the bound along the run") for line in said)
+    block = out[out.index("\nevents "):]
+    assert "all that disturbs above its bound of 0.1, at most " in block
+    assert "left the bound along the run: " in block
+    assert LOGGER.handlers == []
+
+
+def test_a_worker_of_a_campaign_is_silent(monkeypatch, caplog):
+    def alarmed(scenario):
+        warn(0.1, "left the tube")
+        raise RuntimeError("enough")
+
+    caplog.set_level(logging.WARNING, LOGGER.name)
+    monkeypatch.setattr(run, "simulate", alarmed)
+    campaign = make_campaign(load_scenario("girona500_contact", ["duration=0.6"]), 3, None)
+    assert run.run_one(campaign, 0)["result"]["error"] == "RuntimeError: enough"
+    assert caplog.messages == []

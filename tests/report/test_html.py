@@ -1,0 +1,146 @@
+"""Tests of `uvms_drake.report.html`."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.synthetic import desiring, synthetic_record
+
+from uvms_drake.certificate.certificate import Certificate, write_certificate
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.report.figures import make_figures
+from uvms_drake.report.html import format_report, load_run
+from uvms_drake.station.record import LOG_FILE, save_record
+from uvms_drake.tube.conditions import Condition
+
+HOLDS = Condition("tube in limits.nu1", 0.1, "<", 0.3)
+
+
+def certificate(record, **changes):
+    return replace(Certificate(
+        scenario=record.scenario.name, law="resolved", k=20.0, sigma=5.0, d_bound=0.1, files={},
+        inputs="", versions={}, conditions=(HOLDS,), tube=record.scenario.tube,
+        bounds={"force": 2.64}), **changes)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return synthetic_record(4.0)
+
+
+def test_it_is_one_file_with_figures_in_it_that_loads_nothing(record, tmp_path):
+    text = format_report(record, make_figures(record, tmp_path), None)
+    assert text.startswith("<!DOCTYPE html>")
+    assert text.count('src="data:image/png;base64,') == 8
+    assert not re.search(r'(src|href)="(?!data:)|url\(|@import', text)
+
+
+def test_it_says_what_it_is_about_and_how_to_run_it_again(record):
+    text = format_report(record, [], None)
+    for part in ("girona500_contact", "compliant wall", "stiffness: 1000.0", "Drake 1.",
+                 "uvms-drake run scenario.yaml --uncertified", "seed 0", "20 N", "tip_pitch"):
+        assert part in text, part
+
+
+def test_a_log_of_an_older_version_is_refused_with_one_line(record, tmp_path):
+    save_record(record, tmp_path)
+    with np.load(tmp_path / LOG_FILE) as log:
+        older = {name: log[name] for name in log.files if name != "acceleration"}
+    np.savez(tmp_path / LOG_FILE, **older)
+    with pytest.raises(InvalidParameter, match="acceleration is not a file in the archive") as seen:
+        load_run(tmp_path)
+    assert "\n" not in str(seen.value)
+
+
+def test_a_run_without_a_certificate_says_so(record):
+    text = format_report(record, [], None)
+    assert "Run without a certificate" in text
+    assert "certified: all" not in text.lower()
+
+
+def test_a_certificate_is_shown_as_its_table_and_its_verdict(record):
+    text = format_report(record, [], certificate(record))
+    assert "Certified: all 1 conditions hold." in text
+    assert "less than 2.64 N" in text
+    assert "tube in limits.nu1" in text
+    assert "ithout a certificate" not in text
+    assert "<pre>uvms-drake run scenario.yaml</pre>" in text
+
+
+def test_a_violated_limit_is_marked(record):
+    broken = replace(record, state=1.5 * record.state)
+    assert "VIOLATED" in format_report(broken, [], None)
+    assert "VIOLATED" not in format_report(replace(record, state=record.nominal_state), [], None)
+
+
+def test_events_are_a_table_in_which_alarms_are_bold(record):
+    status = np.zeros_like(record.mpc_status)
+    status[5] = 1.0
+    text = format_report(replace(record, mpc_status=status), [], None)
+    assert "<tr><th>2.02 s to the end</th><td>contact, " in text
+    assert '<tr><th>1.00 s to 1.20 s</th><td class="violated">the solver failed</td></tr>' in text
+    assert "the solver failed" not in format_report(record, [], None)
+
+
+def test_what_the_scenario_says_cannot_become_html(record):
+    scenario = replace(record.scenario, description="<script>alert(1)</script>")
+    text = format_report(replace(record, scenario=scenario), [], None)
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_a_force_that_never_settled_and_a_run_without_plans_are_no_trouble(record):
+    never = replace(record, force=np.zeros_like(record.force), mpc_time=np.zeros(0),
+                    mpc_status=np.zeros(0), mpc_terminal_slack=np.zeros(0),
+                    mpc_violation=np.zeros(0), mpc_refused=np.zeros(0), step_seconds=np.zeros(0))
+    assert "never" in format_report(never, [], None)
+
+
+@pytest.mark.parametrize(("wrench", "text"), [
+    ([0, 0, 20, 0, 0, 0], "20 N"), ([0, 0, 0, 0.6, 0, 0.8], "1 N m"),
+    ([3, 0, 0, 0, 4, 0], "5 N, N m")])
+def test_the_desired_force_and_its_error_have_their_unit(record, wrench, text):
+    report = format_report(desiring(wrench, record), [], None)
+    unit = text.split(maxsplit=1)[1]
+    assert f"<th>desired force</th><td>{text}</td>" in report
+    assert re.search(rf"<th>force error at the end</th><td>[\d.]+ {unit}</td>", report)
+
+
+def test_a_run_is_loaded_with_its_certificate(record, tmp_path):
+    certified = replace(record, certified=np.array(True))
+    save_record(certified, tmp_path)
+    with pytest.raises(InvalidParameter, match=r"its certificate[.]json is missing"):
+        load_run(tmp_path)
+    write_certificate(certificate(record), tmp_path)
+    assert load_run(tmp_path)[1].conditions == (HOLDS,)
+    other = replace(record.scenario.tube, nu1=0.02)
+    write_certificate(certificate(record, tube=other), tmp_path)
+    with pytest.raises(InvalidParameter, match="made for another run"):
+        load_run(tmp_path)
+    (tmp_path / "certificate.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(RunFailed, match="SHA-256"):
+        load_run(tmp_path)
+
+
+def test_a_run_without_a_certificate_is_loaded_without(record, tmp_path):
+    save_record(record, tmp_path)
+    (tmp_path / "certificate.json").write_text("another one's", encoding="utf-8")
+    assert load_run(tmp_path)[1] is None
+
+
+@pytest.mark.parametrize(("name", "content", "message"), [
+    ("log.npz", None, r"\(log.npz: No such file or directory\)"),
+    ("log.npz", b"junk", r"\(.*pickled.*\)"),
+    ("log.npz", b"PK\x03\x04", r"\(.*zip.*\)"),
+    ("timing.npz", None, r"\(timing.npz: No such"),
+    ("scenario.yaml", None, r"\(.*scenario.yaml"),
+    ("scenario.yaml", b"seed: x", r"\(.*scenario.yaml: seed = 'x'")])
+def test_a_folder_that_is_no_run_is_refused_in_a_line(record, tmp_path, name, content, message):
+    save_record(record, tmp_path)
+    (tmp_path / name).unlink()
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidParameter, match=message) as caught:
+        load_run(tmp_path)
+    assert "\n" not in str(caught.value)

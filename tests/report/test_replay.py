@@ -1,0 +1,62 @@
+"""Tests of `uvms_drake.report.replay`."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.synthetic import synthetic_record
+
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.report.replay import frame_indices, moment_of, write_replay, write_still
+from uvms_drake.station.scenario import load_scenario
+
+
+def test_frames_are_thinned_to_the_rate():
+    time = np.arange(0.0, 2.0, 0.001)
+    frames = frame_indices(time, 25.0)
+    assert len(frames) == 50
+    np.testing.assert_allclose(np.diff(time[frames]), 0.04, atol=2e-3)
+
+
+def test_a_slow_log_is_shown_in_full():
+    np.testing.assert_array_equal(frame_indices(np.array([0.0, 0.5, 1.0]), 25.0), [0, 1, 2])
+
+
+def test_the_path_ahead_is_what_the_nominal_robot_then_does():
+    record = synthetic_record(4.0)
+    path = moment_of(record, 50).path
+    assert len(path) == record.scenario.mpc.horizon + 1
+    np.testing.assert_allclose(path[0], record.chi_nominal[50, :3])
+    np.testing.assert_allclose(path[1], record.chi_nominal[60, :3], atol=1e-9)
+    np.testing.assert_array_equal(path[-1], record.chi_nominal[200, :3])
+
+
+@pytest.mark.parametrize("write", [write_replay, lambda *args: write_still(args[0], 0.2, args[1])])
+def test_it_is_one_html_file_that_loads_nothing(write, tmp_path):
+    write(synthetic_record(0.5), tmp_path / "replay.html")
+    html = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert html.lstrip().lower().startswith("<!doctype html>")
+    assert not re.search(r'<(script|link|img|iframe)\b[^>]*\b(src|href)="(?!data:)', html)
+
+
+def test_twenty_seconds_are_less_than_ten_megabytes(tmp_path):
+    write_replay(synthetic_record(20.0), tmp_path / "replay.html")
+    assert (tmp_path / "replay.html").stat().st_size < 10e6
+
+
+@pytest.mark.parametrize("name", ["girona500_bilateral", "paper_kinematic"])
+def test_the_papers_surface_and_motion_can_be_shown(name, tmp_path):
+    record = replace(synthetic_record(0.2), scenario=load_scenario(name))
+    write_replay(record, tmp_path / "replay.html")
+    assert (tmp_path / "replay.html").stat().st_size > 0
+
+
+def test_a_run_without_a_tube_can_be_shown(tmp_path):
+    record = synthetic_record(0.2)
+    tube = TubeRadii(u=np.zeros(10))
+    write_replay(record, tmp_path / "with.html")
+    write_replay(replace(record, scenario=replace(record.scenario, tube=tube)),
+                 tmp_path / "without.html")
+    sizes = [(tmp_path / f"{name}.html").stat().st_size for name in ("with", "without")]
+    assert 0 < sizes[1] < sizes[0], "the tube and its inset are not drawn"

@@ -1,0 +1,339 @@
+"""The closed loop of a scenario, and what the main one achieves."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.plant.disturbance import RandomDisturbance
+from uvms_drake.report.signals import constraint_signals
+from uvms_drake.station.diagram import LOGGED, initialize, make_station, read_logs
+from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.simulation import simulate
+
+SHORT = ["mpc.horizon=8"]
+WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
+        "limits.pitch=0.3"]
+"""The joint limits of the robot itself, and a wide range of attitudes."""
+
+
+def logs_of(scenario: Scenario, duration: float) -> dict[str, np.ndarray]:
+    """Returns the logs of a run, without the wall times."""
+    station = make_station(scenario)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    initialize(station, simulator.get_mutable_context(), scenario)
+    simulator.AdvanceTo(duration)
+    return without_wall_times(read_logs(station, simulator.get_context()))
+
+
+def without_wall_times(logs: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: values for name, values in logs.items() if name != "step_seconds"}
+
+
+def assert_identical(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    assert one.keys() == other.keys()
+    for name, values in one.items():
+        np.testing.assert_array_equal(other[name], values, err_msg=name)
+
+
+# The main scenario -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def main() -> Record:
+    """The main scenario as it is: 20 s, disturbed, seed 0."""
+    return simulate(load_scenario("girona500_contact"))
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Record:
+    return simulate(load_scenario("girona500_contact", ["disturbance.bound=0"]))
+
+
+def last_normal_forces(record: Record) -> np.ndarray:
+    """Returns the force on the wall over the last 5 s [N]."""
+    assert record.time[-1] == pytest.approx(20.0)
+    return record.force[record.time >= 15.0, 0]
+
+
+def test_it_starts_off_the_wall_and_makes_contact(main):
+    assert main.chi[0, 0] == pytest.approx(-0.3, abs=0.01)
+    assert np.all(main.penetration[main.time < 0.5] == 0.0)
+    assert np.all(main.penetration[main.time > 5.0] > 0.0)
+
+
+def test_it_holds_20_newtons_within_5_under_the_disturbance(main):
+    np.testing.assert_allclose(last_normal_forces(main), 20.0, atol=5.0)
+    size = np.linalg.norm(main.disturbance, axis=1)
+    assert 0.09 < np.max(size) <= 0.1
+
+
+def test_without_the_disturbance_it_holds_20_newtons_within_1(undisturbed):
+    assert np.max(np.abs(undisturbed.disturbance)) == 0.0
+    np.testing.assert_allclose(last_normal_forces(undisturbed), 20.0, atol=1.0)
+    np.testing.assert_allclose(undisturbed.chi[-1], undisturbed.chi_des, atol=1e-3)
+
+
+@pytest.mark.parametrize("run", ["main", "undisturbed"])
+def test_no_limit_is_exceeded(request, run):
+    record = request.getfixturevalue(run)
+    limits, signals = record.scenario.limits, constraint_signals(record)
+    assert len(signals) == 3 + 8 + 3 + 1 + 10
+    for i in range(4):  # The scenario's are narrower than the robot's.
+        assert signals[f"q{i + 1}_min"][1] == limits.q_lower[i]
+        assert signals[f"q{i + 1}_max"][1] == limits.q_upper[i]
+    for name, (values, limit) in signals.items():
+        excess = limit - values if name.endswith("_min") else values - limit
+        assert np.max(excess) <= 0.0, name
+
+
+@pytest.mark.parametrize("run", ["main", "undisturbed"])
+def test_every_solve_succeeds_and_reaches_the_terminal_set(request, run):
+    record = request.getfixturevalue(run)
+    np.testing.assert_array_equal(record.mpc_status, 0.0)
+    np.testing.assert_allclose(record.mpc_terminal_slack, 0.0, atol=1e-9)
+    np.testing.assert_allclose(record.mpc_violation, 0.0, atol=1e-6)
+
+
+def test_every_sample_of_the_mpc_is_in_the_logs_once(main):
+    np.testing.assert_allclose(main.mpc_time[:100], 0.2 * np.arange(100), atol=1e-9)
+    assert len(main.mpc_time) in (100, 101)  # with or without the one at 20 s
+
+
+def test_the_real_state_stays_in_the_declared_tube(main):
+    tube = main.scenario.tube
+    config, zeta = main.config - main.nominal_config, main.zeta - main.nominal_zeta
+    chi = task_error(main.chi, main.chi_nominal)
+    for name, vectors in (
+        ("e", np.hstack([chi, config[:, 6:]])), ("z", zeta),
+        ("position", chi[:, :3]), ("orientation", chi[:, 3:]), ("joints", config[:, 6:]),
+        ("roll", config[:, 3:4]), ("pitch", config[:, 4:5]),
+        ("nu1", zeta[:, :3]), ("nu2", zeta[:, 3:6]), ("qdot", zeta[:, 6:]),
+    ):
+        worst = np.max(np.linalg.norm(vectors, axis=1))
+        assert 0.0 < worst <= getattr(tube, name), name
+    assert np.all(np.max(np.abs(main.u - main.nominal_input), axis=0) <= tube.u)
+
+
+def test_the_limits_are_used(main):
+    """The run is fast enough for the tightened limits to matter, and keeps to them."""
+    limits, tube, zeta = main.scenario.limits, main.scenario.tube, main.nominal_zeta
+    speeds = [np.max(np.linalg.norm(zeta[:, block], axis=1)) / (limit - radius)
+              for block, limit, radius in (
+                  (slice(0, 3), limits.nu1, tube.nu1), (slice(3, 6), limits.nu2, tube.nu2),
+                  (slice(6, 10), limits.qdot, tube.qdot))]
+    inputs = np.max(np.abs(main.nominal_input), axis=0) / (limits.u - tube.u)
+    for ratios in (speeds, inputs):
+        assert np.max(ratios) == pytest.approx(1.0, rel=0.01)
+        assert np.max(ratios) <= 1.0 + 1e-5
+
+
+# Other scenarios ---------------------------------------------------------------------------------
+
+
+def test_the_papers_spring_is_pressed_from_inside_the_contact():
+    record = simulate(load_scenario("girona500_bilateral", ["duration=6"]))
+    assert np.linalg.norm(record.force[0] - record.scenario.task.force) > 5.0
+    late = record.force[record.time > 5.0]
+    assert np.max(np.linalg.norm(late - record.scenario.task.force, axis=1)) < 5.0
+    np.testing.assert_array_equal(record.mpc_status, 0.0)
+    stiffness = record.scenario.surface.stiffness
+    np.testing.assert_allclose(record.force, record.chi @ stiffness.T, atol=1e-9)
+
+
+def test_a_current_that_the_controller_does_not_know_is_felt():
+    calm, flow = (logs_of(load_scenario("girona500_contact", [*SHORT, *more]), 0.6)
+                  for more in ([], ["current=[0, 0.05, 0]"]))
+    np.testing.assert_array_equal(calm["nominal_state"], flow["nominal_state"])
+    assert 1e-5 < np.max(np.abs(flow["state"] - calm["state"])) < 0.05
+
+
+def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
+    overrides = ["duration=1.2", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
+    known, closer = (simulate(load_scenario("girona500_contact", [*overrides, *more]))
+                     for more in ([], ["surface_error.shift=[-0.005, 0, 0]"]))
+    np.testing.assert_array_equal(closer.chi_des, known.chi_des)
+    np.testing.assert_array_equal(closer.nominal_state, known.nominal_state)
+    deeper = closer.penetration > 0.005
+    np.testing.assert_allclose(
+        closer.penetration[deeper], closer.chi[deeper, 0] + 0.005, atol=1e-12)
+    first = [record.time[np.argmax(record.penetration > 0.0)] for record in (closer, known)]
+    assert first[0] < first[1]
+
+
+def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
+    """Bit for bit, with a law that is told the limits and with one that is not."""
+    scenario = load_scenario(
+        "girona500_contact", ["start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"])
+    told = []
+
+    def without_limits(ocp, ancillary, targets, limits):
+        told.append(limits)
+        return make_tube_mpc(ocp, ancillary, targets)
+
+    limited = logs_of(scenario, 2.0)
+    monkeypatch.setattr("uvms_drake.station.diagram.make_tube_mpc", without_limits)
+    assert_identical(limited, logs_of(scenario, 2.0))
+    assert told == [scenario.limits]
+    assert np.all(limited["limited"] == 0.0)
+
+
+@pytest.mark.parametrize(("law", "scheme", "limited"), [
+    ("Transpose {k: 10000, sigma: 11.5, joints: true}", "radau3", False),
+    ("Resolved {k: 20, sigma: 5}", "implicit_euler", False),
+    ("Resolved {k: 20, sigma: 5}", "runge_kutta3", True)])
+def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limited):
+    """By the command of a robot that is far from the plan, on the way."""
+    scenario = load_scenario("paper_dynamic", [
+        "mpc.horizon=8", f"ancillary=!{law}", f"simulator.integration_scheme={scheme}"])
+    station = make_station(scenario)
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    initialize(station, context, scenario)
+    simulator.Initialize()
+    scenario.start.eta[0] += 0.1
+    initialize(station, context, scenario)
+    u, flag = (station.GetOutputPort(name).Eval(context) for name in ("u", "limited"))
+    assert bool(flag) == limited == bool(np.max(np.abs(u) / scenario.limits.u) <= 1.0)
+
+
+# Repeatability -----------------------------------------------------------------------------------
+
+
+def with_random_disturbance(seed: int = 0) -> Scenario:
+    scenario = load_scenario("girona500_contact", [*SHORT, f"seed={seed}"])
+    scenario.disturbance = RandomDisturbance(bound=0.1, bandwidth=2.0)
+    return scenario
+
+
+def test_the_same_seed_gives_identical_logs_and_another_seed_does_not():
+    first, again, other = (logs_of(with_random_disturbance(seed), 0.6) for seed in (3, 3, 4))
+    assert_identical(first, again)
+    assert not np.array_equal(first["disturbance"], other["disturbance"])
+    assert not np.array_equal(first["state"], other["state"])
+    assert np.max(np.linalg.norm(first["disturbance"], axis=1)) <= 0.1
+
+
+@pytest.mark.parametrize("pause", [5.0, 1.0, 0.93])
+def test_a_clone_of_the_context_goes_on_as_the_original(pause):
+    """Bit for bit, in a Simulator of its own, with the logs so far.
+
+    1.0 s and 5.0 s are sampling instants of the MPC, where a pause does not cut a step of the
+    integrator: then it also equals the run that was not interrupted.
+    """
+    end = pause + 1.0
+    scenario = with_random_disturbance()
+    station = make_station(scenario)
+    original = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, original)
+    initialize(station, original.get_mutable_context(), scenario)
+    original.AdvanceTo(pause)
+    clone = original.get_context().Clone()
+    original.AdvanceTo(end)
+
+    other = Simulator(station, clone)
+    ApplySimulatorConfig(scenario.simulator, other)
+    clone.SetTime(pause)  # The configuration has a start time.
+    other.Initialize()
+    other.AdvanceTo(end)
+    continued, expected = (without_wall_times(read_logs(station, each.get_context()))
+                           for each in (other, original))
+    for logs in (continued, expected):
+        np.testing.assert_allclose(logs["mpc_time"][:9], 0.2 * np.arange(9), atol=1e-9)
+    for name in ("time", *LOGGED["dynamic"]):
+        late = continued["time"] > pause, expected["time"] > pause
+        assert np.sum(late[0]) >= 50
+        np.testing.assert_array_equal(
+            continued[name][late[0]], expected[name][late[1]], err_msg=name)
+    if pause in (1.0, 5.0):
+        assert_identical(expected, logs_of(scenario, end))
+
+
+# Ports and bad values ----------------------------------------------------------------------------
+
+
+def test_the_station_exports_what_it_documents():
+    station = make_station(load_scenario("girona500_contact", SHORT))
+    names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
+    assert names == {*LOGGED["dynamic"], "plan", "report", "solve_seconds", "tube_report",
+                     "tube_alarm"}
+    assert station.num_input_ports() == 1
+    assert station.HasInputPort("desired_force")
+    assert station.get_name() == "station"
+
+
+def test_the_start_is_the_scenarios_at_rest():
+    scenario = load_scenario("girona500_contact", SHORT)
+    state = start_state(scenario, make_ocp(scenario))
+    np.testing.assert_array_equal(state[:6], scenario.start.eta)
+    np.testing.assert_array_equal(state[6:10], scenario.start.q)
+    np.testing.assert_array_equal(state[10:], 0.0)
+
+
+def test_plant_and_controller_have_models_of_their_own():
+    """A mismatch put into the controller's model leaves the plant as it is."""
+    scenario = load_scenario("girona500_contact", SHORT)
+    assert make_ocp(scenario).model is not make_ocp(scenario).model
+
+
+@pytest.mark.parametrize(("name", "overrides", "key"), [
+    ("girona500_contact", ["start.eta.3=0.296", "limits.roll=0.299"], "start.eta"),
+    ("girona500_contact", ["start.eta.4=0.296", "limits.pitch=0.299"], "start.eta"),
+    ("girona500_contact", ["start.q.1=0.1", *WIDE], "start.eta"),  # the tip's pitch
+    ("girona500_contact", ["start.q.2=0.7295", *WIDE], "start.q"),
+    ("girona500_contact", ["start.q.0=-0.6", *WIDE], "start.q"),
+    ("girona500_contact", ["limits.q_lower=[-0.4, 0.8995, -1, -3]"], "start.q"),
+    ("girona500_contact", ["limits.q_upper=[0.1505, 1.3, 0.7, 3]"], "start.q"),
+    ("girona500_contact", ["limits.q_lower=[-0.53, -0.1, -1, -3]"], "limits.q_lower"),
+    ("girona500_contact", ["limits.q_upper=[1.4, 1.3, 0.7]"], "limits.q_upper"),
+    ("girona500_contact", ["limits.q_upper=[1.4, 1.0, 0.7, 3]"], "task.posture"),
+    ("girona500_contact", ["start.q=[0, 1]"], "start.q"),
+    ("girona500_contact", ["task.force=[-20, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.force=[20, 5, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.pose.4=0.9"], "task.pose"),
+    ("girona500_contact", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
+    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.pose"),  # vehicle's pitch
+    ("girona500_contact", ["task.posture=[0, 1.1]"], "task.posture"),
+    ("girona500_contact", ["limits.u.4=0.14"], "limits.u[4]"),
+    ("girona500_contact", ["limits.u.4=0"], "limits.u"),
+    ("girona500_contact", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "tube.tau"),
+    ("girona500_contact", ["limits.tau=[1, 1, 1]"], "limits.tau"),
+    ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_contact", ["task.force.0=400", "limits.static_force=500"], "limits.u"),
+    ("girona500_contact", ["limits.static_force=1.5"], "limits.static_force"),
+    ("girona500_contact", ["limits.static_force=0"], "limits.static_force"),
+    ("girona500_bilateral", ["limits.static_force=25"], "start.eta"),
+    ("girona500_contact", ["limits.nu1=0.03", "tube.nu1=0.03"], "limits.nu1"),
+    ("girona500_contact", ["limits.roll=0.003", "tube.roll=0.004"], "limits.roll"),
+    ("girona500_contact", ["tube.qdot=-1"], "tube.qdot"),
+    ("girona500_contact", ["tube.joints=0.75", *WIDE], "limits.q2"),
+    ("girona500_contact", ["surface.stiffness=-1"], "surface.stiffness"),
+    ("girona500_contact", ["disturbance.bound=-0.1"], "disturbance.bound"),
+    ("girona500_contact", ["ancillary.k=0"], "ancillary.k"),
+    ("girona500_contact", ["mpc.weight_u.3=0"], "mpc.weight_u"),
+    ("girona500_contact", ["mpc.horizon=0"], "mpc.horizon"),
+    ("girona500_contact", ["model=no_such_robot"], "model"),
+    ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
+    ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
+    ("paper_kinematic", ["surface_error.stiffness=1.1"], "surface_error"),
+    ("paper_kinematic", ["surface_error.shift=[0, 0, 0.01]"], "surface_error"),
+])
+def test_what_cannot_be_used_is_named(name, overrides, key):
+    with pytest.raises(InvalidParameter) as caught:
+        make_station(load_scenario(name, overrides))
+    assert caught.value.key == key
+    assert "\n" not in str(caught.value)
+
+
+def test_a_plane_needs_a_pose():
+    scenario = load_scenario("girona500_contact")
+    scenario.task.pose = None
+    with pytest.raises(InvalidParameter) as caught:
+        make_station(scenario)
+    assert caught.value.key == "task.pose"

@@ -1,0 +1,60 @@
+"""Tests of `uvms_drake.station.record`."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.synthetic import synthetic_record
+
+from uvms_drake.station.record import LOG_FILE, load_record, save_record
+from uvms_drake.station.scenario import dump_scenario
+
+
+@pytest.fixture(scope="module")
+def record():
+    return synthetic_record(2.0)
+
+
+def test_a_loaded_record_is_the_saved_one(record, tmp_path):
+    save_record(record, tmp_path)
+    loaded = load_record(tmp_path)
+    assert dump_scenario(loaded.scenario) == dump_scenario(record.scenario)
+    for name in vars(record):
+        if name != "scenario":
+            np.testing.assert_array_equal(getattr(loaded, name), getattr(record, name))
+
+
+def test_the_state_is_split_into_configuration_and_velocity(record):
+    np.testing.assert_array_equal(np.hstack([record.config, record.zeta]), record.state)
+    np.testing.assert_array_equal(
+        np.hstack([record.nominal_config, record.nominal_zeta]), record.nominal_state)
+    assert record.zeta.shape[1] == 6 + record.num_joints == 10
+
+
+def test_deviations_and_their_bounds_are_found_by_name(record):
+    for i, part in enumerate(("task", "position", "orientation", "joints", "z", "r")):
+        np.testing.assert_array_equal(record.deviation_of(part), record.tube_deviation[:, i])
+        np.testing.assert_array_equal(record.bound_of(part), record.tube_bound[:, i])
+
+
+def test_whether_the_tube_is_certified_is_kept(record, tmp_path):
+    for certified in (False, True):
+        save_record(replace(record, certified=np.array(certified)), tmp_path)
+        assert bool(load_record(tmp_path).certified) is certified
+
+
+def test_the_log_does_not_depend_on_when_it_is_written(record, tmp_path, monkeypatch):
+    save_record(record, tmp_path)
+    first = (tmp_path / LOG_FILE).read_bytes()
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 1e6)
+    save_record(record, tmp_path)
+    assert (tmp_path / LOG_FILE).read_bytes() == first
+
+
+def test_wall_times_are_kept_out_of_the_log(record, tmp_path):
+    save_record(record, tmp_path)
+    with np.load(tmp_path / LOG_FILE) as log:
+        assert not {"step_seconds", "wall_time_s"} & set(log.files)
+        assert {"time", "state", "force", "mpc_status"} <= set(log.files)

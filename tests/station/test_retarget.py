@@ -1,0 +1,84 @@
+"""Another desired force while it runs, through the station's port `desired_force`."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.report.summary import summarise
+from uvms_drake.station.diagram import initialize, make_station, read_logs
+from uvms_drake.station.problem import retargeted_ocp
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.simulation import make_record
+
+FORCES = ((10.0, 30.0), (16.0, 44.0), (17.0, 25.0))
+"""From these times on [s] these forces are asked for [N]; the second is more than the tube leaves
+of `limits.static_force`."""
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    scenario = load_scenario("girona500_contact", ["duration=20"])
+    return certified_once(scenario).applied_to(scenario)
+
+
+@pytest.fixture(scope="module")
+def record(scenario) -> Record:
+    station = make_station(scenario)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    context = simulator.get_mutable_context()
+    initialize(station, context, scenario)
+    for time, force in FORCES:
+        simulator.AdvanceTo(time)
+        station.GetInputPort("desired_force").FixValue(context, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+    simulator.AdvanceTo(scenario.duration)
+    return make_record(scenario, read_logs(station, context), 1.0, certified=True)
+
+
+def during(record: Record, start: float, end: float) -> np.ndarray:
+    return (record.time > start - 1e-9) & (record.time < end + 1e-9)
+
+
+def test_the_new_force_is_there_within_5_seconds(record):
+    """To within 1 N, from 20 to 30 N and from 30 to 25 N."""
+    for start, end, force in ((15.0, 16.0, 30.0), (19.0, 20.0, 25.0)):
+        pressed = record.force[during(record, start, end), 0]
+        assert np.max(np.abs(pressed - force)) < 1.0
+
+
+def test_a_force_beyond_its_limit_is_refused_and_the_old_one_kept(record):
+    kept = during(record, 16.1, 16.9)
+    np.testing.assert_array_equal(record.desired_force[kept, 0], 30.0)
+    assert np.max(np.abs(record.force[kept, 0] - 30.0)) < 1.0
+    asked = (record.mpc_time > 16.1) & (record.mpc_time < 16.9)
+    assert np.all(record.mpc_refused[asked] == 1.0)
+    assert not np.any(record.mpc_refused[record.mpc_time < 15.9])
+
+
+def test_limits_and_tube_are_kept_and_no_plan_leaves_its_terminal_set(record):
+    summary = summarise(record)
+    assert all(row["margin"] >= 0.0 for row in summary["constraints"].values())
+    assert (summary["tube"]["exits"], summary["tube"]["exits_along_the_run"]) == (0, 0)
+    assert summary["mpc"]["fallbacks"] == 0
+    assert summary["mpc"]["worst_terminal_slack"] < 1e-6
+    assert summary["mpc"]["worst_violation"] < 1e-6
+
+
+def test_a_problem_of_another_force_has_its_own_equilibrium_and_terminal_set(scenario):
+    one, other = (retargeted_ocp(scenario, np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0]))
+                  for force in (20.0, 30.0))
+    assert np.linalg.norm(one.u_eq - other.u_eq) > 0.01
+    assert np.linalg.norm(one.terminal.P - other.terminal.P) > 0.0
+    assert other.y_des[0] - one.y_des[0] == pytest.approx(0.01, abs=2e-3)  # 10 N at 1000 N/m
+    assert other.terminal.radius > 0.0
+
+
+def test_a_force_that_the_tube_does_not_leave_of_its_limit_is_an_error(scenario):
+    """1.7 mm of tube at 1000 N/m."""
+    with pytest.raises(InvalidParameter, match=r"task\.force.*44 N, is at most 43\.29 N"):
+        retargeted_ocp(scenario, np.array([44.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(InvalidParameter, match=r"task\.force"):
+        retargeted_ocp(scenario, np.full(6, np.nan))

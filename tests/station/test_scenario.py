@@ -1,0 +1,201 @@
+"""Tests of `uvms_drake.station.scenario`."""
+
+import dataclasses
+import shlex
+import types
+import typing
+
+import numpy as np
+import pytest
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
+
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.plant.disturbance import RandomDisturbance, SinusoidalDisturbance
+from uvms_drake.station.scenario import (
+    Scenario,
+    check_scenario,
+    dump_scenario,
+    load_scenario,
+    scenario_path,
+    shipped_scenarios,
+)
+
+SHIPPED = ("girona500_bilateral", "girona500_contact", "paper_dynamic",
+           "paper_dynamic_resolved", "paper_kinematic", "paper_kinematic_certified")
+
+
+def load_text(tmp_path, text, overrides=()):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_scenario(str(path), overrides)
+
+
+def error_of(*args):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(*args)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_scenarios_are_shipped():
+    assert tuple(shipped_scenarios()) == SHIPPED
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_scenario_has_its_name_and_a_description(name):
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.description
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_loading_the_dump_gives_the_same_scenario(name, tmp_path):
+    dump = dump_scenario(load_scenario(name))
+    assert dump_scenario(load_text(tmp_path, dump)) == dump
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_dump_has_the_fields_in_their_order(name):
+    data = yaml_load_data(dump_scenario(load_scenario(name)))
+    assert list(data) == [field.name for field in dataclasses.fields(Scenario)]
+    assert list(data["start"]) == ["eta", "q"]
+    assert list(data["simulator"]) == [
+        "integration_scheme", "max_step_size", "accuracy", "use_error_control", "start_time",
+        "target_realtime_rate"]
+
+
+@pytest.mark.parametrize("description", [
+    "publish_every_time_step: is mentioned first",
+    "One line.\npublish_every_time_step: false\n",
+    "One line.\n  publish_every_time_step: true\nAnother line.",
+    yaml_dump_typed(Scenario().simulator, child_name="simulator"),
+])
+def test_no_text_is_lost_in_the_dump(description, tmp_path):
+    """Whatever it says about a setting that is left out for the sake of other versions of Drake."""
+    dump = dump_scenario(Scenario(name="mine", description=description))
+    assert "publish_every_time_step" not in yaml_load_data(dump)["simulator"]
+    loaded = load_text(tmp_path, dump)
+    assert loaded.description == description
+    assert dump_scenario(loaded) == dump
+
+
+def test_an_empty_file_is_the_default_scenario_named_after_the_file(tmp_path):
+    scenario = load_text(tmp_path, "")
+    assert dump_scenario(scenario) == dump_scenario(Scenario(name="mine"))
+
+
+def test_the_default_of_every_choice_is_its_first_type():
+    for field in dataclasses.fields(Scenario):
+        if isinstance(field.type, types.UnionType):
+            assert type(getattr(Scenario(), field.name)) is typing.get_args(field.type)[0]
+
+
+def test_a_file_of_the_same_content_loads_by_path():
+    path = str(scenario_path("girona500_contact"))
+    assert dump_scenario(load_scenario(path)) == dump_scenario(load_scenario("girona500_contact"))
+
+
+def test_overrides_change_values_at_any_depth():
+    scenario = load_scenario("girona500_contact", [
+        "seed=7", "surface.stiffness=2e3", "limits.u.0=0.125", "current=[0, 0.1, 0]",
+        "simulator.max_step_size=1e-3"])
+    assert scenario.seed == 7
+    assert scenario.surface.stiffness == 2000.0
+    assert scenario.limits.u[0] == 0.125
+    assert scenario.simulator.max_step_size == 1e-3
+    np.testing.assert_array_equal(scenario.current, [0.0, 0.1, 0.0])
+
+
+def test_an_override_below_a_tag_keeps_the_tag():
+    spring = load_scenario("girona500_bilateral", ["surface.equilibrium.0=0.5"]).surface
+    assert isinstance(spring, BilateralSpring)
+    assert spring.equilibrium[0] == 0.5
+
+
+def test_an_override_reaches_into_what_the_file_leaves_at_its_default(tmp_path):
+    scenario = load_text(tmp_path, "seed: 1", ["disturbance.bound=0.2", "surface.stiffness=50"])
+    assert isinstance(scenario.disturbance, SinusoidalDisturbance)
+    assert scenario.disturbance.bound == 0.2
+    assert isinstance(scenario.surface, UnilateralPlane)
+    assert scenario.surface.stiffness == 50.0
+
+
+def test_an_override_with_a_tag_changes_the_type():
+    scenario = load_scenario("girona500_contact", [
+        "disturbance=!RandomDisturbance {bound: 0.05, bandwidth: 2}"])
+    assert scenario.disturbance == RandomDisturbance(bound=0.05, bandwidth=2.0)
+
+
+def test_an_optional_value_can_be_taken_away():
+    assert load_scenario("girona500_contact", ["task.pose=null"]).task.pose is None
+
+
+def test_the_last_override_of_a_key_wins():
+    assert load_scenario("girona500_contact", ["seed=1", "seed=2"]).seed == 2
+
+
+def test_private_top_level_keys_are_room_for_anchors(tmp_path):
+    assert load_text(tmp_path, "_value: &value 3\nseed: *value").seed == 3
+
+
+@pytest.mark.parametrize(("override", "expected"), [
+    ("surface.stifness=3", "surface.stifness = 3: must be under one of the keys point, normal, "
+                           "stiffness, dissipation, transition (did you mean 'stiffness'?)"),
+    ("simulator.accurcy=3", "(did you mean 'accuracy'?)"),
+    ("duration=long", "duration = 'long': must be a finite number"),
+    ("duration=0", "duration = 0.0: must be positive"),
+    ("duration.x=1", "duration = {'x': 1}: must be a finite number"),
+    ("log_period=1e3", "log_period = 1000.0: must be at most the duration, 20 s"),
+    ("seed=0.5", "seed = 0.5: must be a whole number"),
+    ("current=[0, 0, .inf]", "current[2] = inf: must be a finite number"),
+    ("surface_error.stiffness=0", "surface_error.stiffness = 0.0: must be between 0.01 and 100"),
+    ("surface_error.turn=[0, 0]", "surface_error.turn = [0., 0.]: must be 3 finite numbers"),
+    ("task.force_tolerance=0", "task.force_tolerance = 0.0: must be positive"),
+    ("limits.u.99=1", "limits.u.99 = 1: must be given with an index below 10"),
+    ("surface=!Wall {}", "surface = '!Wall': must be a mapping tagged !UnilateralPlane or "
+                         "!BilateralSpring"),
+    ("simulator.integration_scheme=euler", "must be one of"),
+    ("simulator.max_step_size=-1", "simulator.max_step_size = -1.0: must be positive"),
+    ("name=a/b", "name = 'a/b': must be usable as the name of a folder"),
+    ("seed", "--set = 'seed': must be key.path=value"),
+    ("a..b=1", "--set = 'a..b=1': must be key.path=value"),
+    ("seed=[1", "seed = '[1': must be a YAML value"),
+    ("seed=1\nduration: 2", "seed = '1\\nduration: 2': must be a YAML value"),
+])
+def test_a_bad_override_is_one_line_with_the_file_the_option_and_what_is_allowed(
+        override, expected):
+    text = error_of("girona500_contact", ["log_period=0.05", override])
+    option = shlex.quote(" ".join(override.split()))
+    source = f"{scenario_path('girona500_contact')} with --set log_period=0.05 --set {option}: "
+    assert text.startswith(source)
+    assert expected in text.removeprefix(source)
+
+
+def test_a_bad_override_is_named_where_it_makes_another_value_bad():
+    assert error_of("girona500_contact", ["duration=0.001"]) == (
+        f"{scenario_path('girona500_contact')} with --set duration=0.001: "
+        "log_period = 0.02: must be at most the duration, 0.001 s")
+
+
+def test_a_mistake_in_the_file_is_reported_without_mention_of_overrides(tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_text("mpc: {horizn: 5}", encoding="utf-8")
+    assert error_of(str(path), ["seed=1"]).startswith(f"{path}: mpc.horizn = 5: must be under")
+
+
+def test_an_unknown_scenario_names_the_shipped_ones_and_the_closest():
+    assert error_of("girona500_contcat") == (
+        f"scenario = 'girona500_contcat': must be one of {', '.join(SHIPPED)}, "
+        "or a YAML file (did you mean 'girona500_contact'?)")
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(b"\xff\xfe\x00")
+    assert error_of(str(path)) == f"{path}: cannot be read: it is not UTF-8 text"
+
+
+def test_a_scenario_made_in_python_is_checked_too():
+    with pytest.raises(InvalidParameter, match="duration = nan: must be positive"):
+        check_scenario(Scenario(duration=float("nan")))

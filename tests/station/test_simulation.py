@@ -1,0 +1,157 @@
+"""Tests of `uvms_drake.station.simulation`."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import LeafSystem
+
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
+from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.record import LOG_FILE, save_record
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.simulation import _run, make_record, simulate
+
+SHORT = ["duration=1.5", "log_period=0.01"]
+
+
+class Breaks(LeafSystem):
+    """Raises an error at t = 0.25 s."""
+
+    def __init__(self, error):
+        super().__init__()
+        self._error = error
+        self.DeclarePeriodicPublishEvent(1.0, 0.25, self._publish)
+
+    def _publish(self, context):
+        raise self._error
+
+
+def logs_of(record):
+    logs = {field.name: getattr(record, field.name) for field in fields(record)
+            if field.name not in ("scenario", "wall_time_s")}
+    return logs | {"accepted_force": record.desired_force, "lost": record.state_lost[:, None],
+                   "limited": record.input_limited[:, None]}
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(load_scenario("girona500_contact", SHORT))
+
+
+def test_the_record_has_all_signals_at_all_samples(record):
+    np.testing.assert_allclose(record.time, np.arange(151) * 0.01, atol=1e-12)
+    for name in ("state", "nominal_state", "chi", "chi_nominal", "nominal_input", "u", "tau",
+                 "state_lost", "input_limited", "force", "penetration", "disturbance",
+                 "acceleration", "effective_disturbance"):
+        assert len(getattr(record, name)) == 151
+    assert record.penetration.ndim == record.state_lost.ndim == record.input_limited.ndim == 1
+    assert record.state.shape[1] == 20
+    for field in fields(record):
+        if field.name not in ("scenario", "tube_report"):
+            assert np.all(np.isfinite(getattr(record, field.name))), field.name
+    assert record.tube_deviation.shape == record.tube_bound.shape == (151, len(FIELDS))
+    assert record.tube_report.shape == (len(REPORT_FIELDS),)
+    assert not np.any(np.isnan(record.tube_report))  # inf: no exit
+
+
+def test_the_deviation_is_that_of_pose_joints_and_velocity(record):
+    pose = task_error(record.chi, record.chi_nominal)
+    joints = (record.config - record.nominal_config)[:, 6:]
+    for part, error in (
+            ("task", np.hstack([pose, joints])), ("position", pose[:, :3]),
+            ("orientation", pose[:, 3:]), ("joints", joints),
+            ("z", record.zeta - record.nominal_zeta)):
+        np.testing.assert_allclose(record.deviation_of(part), np.linalg.norm(error, axis=1),
+                                   atol=1e-12, err_msg=part)
+
+
+def test_where_the_controller_knows_all_else_the_disturbance_is_the_effective_one(record):
+    assert np.max(np.abs(record.disturbance)) > 0.03
+    np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
+
+
+def test_another_surface_is_in_the_effective_disturbance():
+    """By the difference of the two forces on the robot."""
+    scenario = load_scenario("girona500_contact", [
+        *SHORT, "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]", "surface_error.stiffness=1.2",
+        "surface_error.shift=[-0.002, 0, 0]", "surface_error.turn=[0, 0.05, 0.02]"])
+    record = simulate(scenario)
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    kinematics = model.kinematics(record.config)
+    chi_dot = (kinematics.J_chi @ record.zeta[..., None])[..., 0]
+    unknown = record.force - model.surface.force(record.chi, chi_dot)
+    assert np.max(np.abs(unknown)) > 2.0
+    torque = kinematics.J_chi.swapaxes(-1, -2) @ unknown[..., None]
+    induced = -np.linalg.solve(model.mass_matrix(kinematics), torque)[..., 0]
+    np.testing.assert_allclose(
+        record.effective_disturbance, record.disturbance + induced, atol=1e-8)
+
+
+def test_with_kinematic_motion_the_effective_disturbance_is_the_one_of_the_tip():
+    record = simulate(load_scenario("paper_kinematic", ["duration=0.2"]))
+    assert np.max(np.abs(record.disturbance)) > 0.0
+    np.testing.assert_array_equal(record.effective_disturbance, record.disturbance)
+    assert record.acceleration.shape == (len(record.time), 0)
+    np.testing.assert_array_equal(record.input_limited, np.zeros(len(record.time)))
+
+
+def test_the_joint_limits_are_those_in_force(record):
+    """Those of the scenario where it has its own, which are narrower; the robot's elsewhere."""
+    limits = record.scenario.limits
+    np.testing.assert_array_equal(record.joint_lower, limits.q_lower)
+    np.testing.assert_array_equal(record.joint_upper, limits.q_upper)
+    wide = replace(record.scenario, limits=replace(limits, q_lower=None))
+    recorded = make_record(wide, logs_of(record), 1.0, certified=False)
+    robot = UvmsModel.load(wide.model, make_surface_law(wide.surface))
+    np.testing.assert_array_equal(recorded.joint_lower, robot.q_lower)
+    np.testing.assert_array_equal(recorded.joint_upper, limits.q_upper)
+    assert np.all(recorded.joint_lower < record.joint_lower)
+
+
+def test_the_record_knows_whether_the_tube_is_certified(record):
+    assert not record.certified
+    assert make_record(record.scenario, logs_of(record), 1.0, certified=True).certified
+
+
+def test_the_run_starts_at_the_scenario_start_at_rest(record):
+    start = record.scenario.start
+    np.testing.assert_allclose(
+        record.state[0], [*start.eta, *start.q, *np.zeros(10)], atol=1e-12)
+
+
+def test_the_mpc_is_sampled_at_its_period(record):
+    np.testing.assert_allclose(record.mpc_time, np.arange(8) * 0.2, atol=1e-12)
+
+
+def test_the_same_seed_gives_the_same_log_byte_for_byte(record, tmp_path):
+    times = []
+    again = simulate(record.scenario, progress=times.append)
+    for name, item in (("a", record), ("b", again)):
+        (tmp_path / name).mkdir()
+        save_record(item, tmp_path / name)
+    assert (tmp_path / "a" / LOG_FILE).read_bytes() == (tmp_path / "b" / LOG_FILE).read_bytes()
+    assert times == sorted(times)
+    assert 14 <= len(times) <= 16
+
+
+def test_a_value_that_cannot_be_used_is_named(record):
+    del record
+    scenario = load_scenario("girona500_contact", ["disturbance.bound=-0.1"])
+    with pytest.raises(InvalidParameter, match=r"disturbance\.bound = -0\.1"):
+        simulate(scenario)
+
+
+@pytest.mark.parametrize("kind", [RuntimeError, np.linalg.LinAlgError])
+def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
+    with pytest.raises(RunFailed, match=r"stopped at t = 0\.250 s: no way on"):
+        _run(Simulator(Breaks(kind("no\n  way on"))), 1.0)
+
+
+def test_a_failed_run_keeps_its_own_message():
+    with pytest.raises(RunFailed, match=r"^no plan$"):
+        _run(Simulator(Breaks(RunFailed("no plan"))), 1.0)

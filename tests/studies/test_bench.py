@@ -1,0 +1,361 @@
+"""What `studies.bench` counts, and that parts add up; never how long it takes."""
+
+import json
+from dataclasses import asdict, fields, replace
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import LeafSystem
+
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control import scp
+from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.report.summary import jsonable
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.problem import start_state
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.studies import bench
+from uvms_drake.studies.bench import (
+    STEP_PARTS,
+    Bench,
+    Effort,
+    NominalLoop,
+    Stopwatch,
+    Timing,
+    conic_programs,
+    format_bench,
+    leaf_systems,
+    measure,
+    measure_controller,
+    measure_growth,
+    penetrations,
+    replaced,
+    run_instants,
+    stopwatch,
+    timings,
+    watched_station,
+    write_bench,
+)
+
+LITTLE = Effort(warm_up=1, steps=4, first_plans=2, instants=3, rounds=2, simulated=3.0,
+                horizons=(3, 6), horizon_steps=2)
+SHORT = ["mpc.horizon=6"]
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario("girona500_contact", SHORT)
+
+
+@pytest.fixture(scope="module")
+def measured(scenario) -> tuple[Bench, list[str]]:
+    """Measurements of the main scenario, and what was said meanwhile."""
+    said: list[str] = []
+    return measure(scenario, LITTLE, said.append), said
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Replaces wall time: it goes on by one second whenever somebody looks at it."""
+    now = [0.0]
+
+    def look() -> float:
+        now[0] += 1.0
+        return now[0]
+
+    monkeypatch.setattr(bench.time, "perf_counter", look)
+    return now
+
+
+def assert_ordered(timing: Timing) -> None:
+    assert 0.0 <= timing.min <= timing.p50 <= timing.p95 <= timing.p99 <= timing.max
+    assert timing.min <= timing.mean <= timing.max
+
+
+# Timers ------------------------------------------------------------------------------------------
+
+
+def test_statistics_of_known_times():
+    timing = Timing.of(np.arange(101) * 1e-3)
+    expected = Timing(min=0.0, mean=50.0, p50=50.0, p95=95.0, p99=99.0, max=100.0)
+    assert asdict(timing) == pytest.approx(asdict(expected))
+
+
+def test_a_part_is_timed_without_the_parts_that_it_calls(clock):
+    watch = Stopwatch()
+    inner = watch.timed("inner", lambda: None)
+    outer = watch.timed("outer", lambda: (inner(), inner()))
+    assert watch.measure(outer) == {"inner": 2.0, "outer": 3.0, "rest": 2.0}
+    assert sum(watch.measure(outer).values()) == 7.0
+    assert watch.lap() == {}
+
+
+def test_a_part_that_calls_itself_is_counted_once(clock):
+    watch = Stopwatch()
+
+    def down(depth: int) -> None:
+        if depth:
+            timed(depth - 1)
+
+    timed = watch.timed("down", down)
+    started = clock[0]
+    timed(3)
+    assert watch.lap() == {"down": clock[0] - started - 1.0}
+
+
+def test_a_part_that_raises_is_timed_and_does_not_spoil_the_next(clock):
+    watch = Stopwatch()
+
+    def fail():
+        raise RunFailed("no")
+
+    outer = watch.timed("outer", watch.timed("inner", fail))
+    with pytest.raises(RunFailed):
+        outer()
+    assert watch.lap() == {"inner": 1.0, "outer": 2.0}
+    watch.timed("outer", lambda: None)()
+    assert watch.lap() == {"outer": 1.0}
+
+
+def test_a_timed_function_takes_and_returns_the_same():
+    assert Stopwatch().timed("divmod", divmod)(7, 2) == (3, 1)
+    assert Stopwatch().timed("dict", dict)(a=1) == {"a": 1}
+
+
+def test_what_is_replaced_comes_back_as_it_was():
+    class Owner:
+        def method(self):
+            return "class"
+
+    one, other = Owner(), Owner()
+    other.method = lambda: "own"
+    for owner in (one, other, Owner):
+        before = dict(vars(owner))
+        with pytest.raises(RunFailed), replaced(owner, "method", lambda *args: "new"):
+            assert owner.method() == "new"
+            raise RunFailed("no")
+        assert dict(vars(owner)) == before
+    assert (one.method(), other.method()) == ("class", "own")
+
+
+def test_the_product_is_left_as_it_was(measured, ocp):
+    for function in (scp.solve_staged, type(ocp).linearise, type(ocp).staged_program):
+        assert function.__module__ != bench.__name__
+    for name in ("DeclareVectorOutputPort", "DeclareAbstractOutputPort"):
+        assert getattr(LeafSystem, name).__name__ == name
+
+
+def test_missing_parts_took_no_time():
+    total, parts = timings([{"a": 1e-3, "b": 2e-3}, {"a": 3e-3}])
+    assert (parts["a"].mean, parts["b"].mean, total.mean) == pytest.approx((2.0, 1.0, 3.0))
+    assert (parts["b"].min, total.min, total.max) == pytest.approx((0.0, 3.0, 3.0))
+
+
+# Measurements ------------------------------------------------------------------------------------
+
+
+def test_the_parts_add_up_to_the_total(measured):
+    result = measured[0]
+    for times in (result.controller, result.derivative):
+        mean = sum(part.mean for part in times.parts.values())
+        assert mean == pytest.approx(times.total.mean, rel=1e-9)
+        for timing in (times.total, *times.parts.values()):
+            assert_ordered(timing)
+
+
+def test_the_controller_is_measured_as_often_as_asked(measured):
+    times = measured[0].controller
+    assert (times.horizon, times.steps, times.failures) == (6, 4, 0)
+    assert tuple(times.parts) == STEP_PARTS
+    assert all(part.min > 0.0 for part in times.parts.values())
+    assert sum(times.conic_programs.values()) == 4
+    assert 1 <= times.first_iterations < FIRST_SOLVE_ITERATIONS
+    assert_ordered(times.first_plan)
+
+
+def test_the_loop_makes_the_plans_of_the_controller(scenario):
+    loop = NominalLoop(scenario)
+    solver = SequentialConvexSolver(loop.ocp)
+    plan = solver.solve(loop.ocp.resting_plan(0.0, start_state(scenario, loop.ocp)),
+                        FIRST_SOLVE_ITERATIONS).plan
+    loop.first()
+    np.testing.assert_array_equal(loop.plan.decision, plan.decision)
+    for _ in range(2):
+        plan = solver.solve(loop.ocp.continued(plan), loop.ocp.iterations).plan
+        loop.step()
+        np.testing.assert_array_equal(loop.plan.decision, plan.decision)
+    assert loop.plan.start_time == pytest.approx(2 * loop.ocp.time_step)
+    assert not loop.failed()
+
+
+def test_conic_programs_are_counted(scenario, monkeypatch):
+    solve, counts = scp.solve_staged, iter([3, None, 0, 2, 5])
+
+    def solve_staged(program):
+        count = next(counts)
+        return None if count is None else solve(program)._replace(cone_programs=count)
+
+    monkeypatch.setattr(scp, "solve_staged", solve_staged)
+    loop = NominalLoop(replace(scenario, mpc=replace(scenario.mpc, iterations=1)))
+    taken = []
+    with conic_programs() as take:
+        for _ in range(5):
+            loop.step()
+            taken.append((take(), loop.failed()))
+    assert taken == [(3, False), (0, True), (0, False), (2, False), (5, False)]
+    assert scp.solve_staged is solve_staged
+
+
+def test_failed_steps_are_counted_and_go_on_with_the_old_plan(scenario, monkeypatch):
+    monkeypatch.setattr(scp, "solve_staged", lambda program: None)
+    times = measure_controller(scenario, LITTLE)
+    assert (times.steps, times.failures, times.conic_programs) == (4, 4, {0: 4})
+
+
+def test_the_derivative_is_measured_off_and_on_the_surface(measured):
+    times = measured[0].derivative
+    assert times.evaluations == 6
+    assert times.on_surface + times.off_surface == 3
+    assert min(times.on_surface, times.off_surface) > 0
+
+
+def test_the_systems_in_python_that_the_derivative_needs_are_its_parts(measured, scenario):
+    *parts, last = measured[0].derivative.parts
+    assert last == "rest"
+    assert set(parts) <= set(leaf_systems(make_station(scenario)))
+    assert not [path for path in parts if path.startswith("log.") or path == "uvms/plant"]
+    assert set(parts) >= {"uvms/surface", "uvms/hydrodynamics", "uvms/disturbance",
+                          "uvms/to_paper_order", "tube_mpc/nominal_mpc", "tube_mpc/ancillary",
+                          "tube_monitor"}
+    assert all(part.min > 0.0 for part in measured[0].derivative.parts.values())
+
+
+def test_a_watched_station_has_the_same_derivative_and_nothing_is_left_in_caches(scenario):
+    watch = Stopwatch()
+    stations = [make_station(scenario), watched_station(scenario, watch)]
+    assert set(leaf_systems(stations[0])) == set(leaf_systems(stations[1]))
+    contexts = [run_instants(station, scenario, replace(LITTLE, instants=1, simulated=0.1))[0]
+                for station in stations]
+    values = [station.EvalTimeDerivatives(context).CopyToVector()
+              for station, context in zip(stations, contexts, strict=True)]
+    np.testing.assert_array_equal(*values)
+    context, station = contexts[1], stations[1]
+    parts = []
+    for _ in range(2):
+        context.SetTimeAndContinuousState(
+            context.get_time(), context.get_continuous_state_vector().CopyToVector())
+        parts.append(set(watch.measure(lambda: station.EvalTimeDerivatives(context))))
+    assert parts[0] == parts[1]
+    assert set(leaf_systems(station).values()) > parts[0] - {"rest"} != set()
+    assert set(watch.measure(lambda: station.EvalTimeDerivatives(context))) == {"rest"}
+
+
+def test_what_is_on_the_surface_is_what_the_plant_says(scenario):
+    station = make_station(scenario)
+    contexts = run_instants(station, scenario, LITTLE)
+    depth = station.GetOutputPort("penetration")
+    states = np.stack([station.GetOutputPort("state").Eval(context) for context in contexts])
+    np.testing.assert_allclose(
+        penetrations(scenario, states), [depth.Eval(context)[0] for context in contexts],
+        atol=1e-12)
+
+
+def test_the_simulation_is_no_longer_than_the_scenario(measured, scenario):
+    times = measured[0].simulation
+    assert times.simulated_s == LITTLE.simulated
+    assert times.real_time_factor == pytest.approx(times.simulated_s / times.wall_s)
+    short = replace(scenario, duration=0.2)
+    assert bench.measure_simulation(short, LITTLE).simulated_s == 0.2
+
+
+def test_the_growth_is_relative_to_the_first_horizon(measured):
+    first, second = measured[0].growth
+    assert (first.horizon, second.horizon, first.ratio) == (3, 6, 1.0)
+    assert second.per_interval == pytest.approx(second.step.p50 / 6)
+    assert second.ratio == pytest.approx(second.per_interval / first.per_interval)
+    for row in (first, second):
+        assert row.conic_programs >= 0.0
+        assert (row.steps, row.failures) == (LITTLE.horizon_steps, 0)
+        assert_ordered(row.step)
+
+
+def test_the_growth_takes_one_step_at_least(scenario):
+    rows = measure_growth(scenario, replace(LITTLE, horizon_seconds=0.0))
+    assert [row.steps for row in rows] == [1, 1]
+
+
+def test_what_is_measured_next_is_said(measured):
+    assert len(measured[1]) == len(set(measured[1])) == 4
+
+
+@pytest.mark.parametrize(("name", "overrides"), [
+    ("girona500_contact", ["mpc.iterations=2", f"limits.tau={[500] * 10}", f"tube.tau={[10] * 10}",
+                           "simulator.target_realtime_rate=0.5"]),
+    ("girona500_bilateral", ["ancillary=!Transpose {k: 20, sigma: 1}", "duration=0.1",
+                             "simulator.integration_scheme=runge_kutta2"])])
+def test_other_scenarios_can_be_measured_too(name, overrides):
+    scenario = load_scenario(name, ["mpc.horizon=4", *overrides])
+    result = measure(scenario, replace(LITTLE, first_plans=1, simulated=0.2, horizons=(2,)))
+    assert result.simulation.simulated_s == min(0.2, scenario.duration)
+    assert format_bench(result).startswith(f"{name}: ")
+
+
+def test_a_value_that_cannot_be_used_is_refused_before_anything_is_measured(scenario):
+    said: list[str] = []
+    with pytest.raises(InvalidParameter, match=r"ancillary\.k"):
+        measure(replace(scenario, ancillary=replace(scenario.ancillary, k=-1.0)), LITTLE,
+                said.append)
+    assert said == []
+
+
+# Output ------------------------------------------------------------------------------------------
+
+
+def test_the_file_holds_what_was_measured(measured, tmp_path):
+    write_bench(measured[0], tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["bench.json"]
+    stored = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
+    assert set(stored) == {field.name for field in fields(Bench)}
+    assert stored == json.loads(json.dumps(jsonable(asdict(measured[0]))))
+    assert set(stored["machine"]) == {"cpus", "load_average", "cpu_share"}
+    assert set(stored["versions"]) == {"uvms_drake", "drake", "numpy", "python"}
+
+
+def test_every_key_of_the_file_is_explained(measured):
+    stored = jsonable(asdict(measured[0]))
+    keys = {*stored, *stored["machine"], *stored["versions"], *stored["growth"][0],
+            *stored["controller"]["parts"], *stored["controller"]["total"],
+            *(key for name in ("controller", "derivative", "simulation") for key in stored[name])}
+    assert [key for key in keys if f"`{key}`" not in bench.__doc__] == []
+
+
+def test_the_table_shows_every_part(measured):
+    result = measured[0]
+    text = format_bench(result)
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 120
+    for name in (*result.controller.parts, *result.derivative.parts, "first plan", "N = 3"):
+        assert any(line.strip().startswith(name) for line in lines), name
+    assert text.count("100.0%") == 2
+    assert "4 steps, 0 failures" in text
+    assert f"Drake {result.versions['drake']}" in text
+
+
+def test_the_load_average_may_be_unknown(measured, monkeypatch):
+    def unknown():
+        raise OSError
+
+    monkeypatch.setattr(bench.os, "getloadavg", unknown)
+    assert bench.load_average() is None
+    machine = {**measured[0].machine, "load_average": None}
+    assert "load average unknown" in format_bench(replace(measured[0], machine=machine))
+
+
+def test_the_stopwatch_times_functions_of_objects_and_modules(start_plans, short_ocp):
+    plan = start_plans["off"][0]
+    parts = {"linearise": (short_ocp, "linearise"), "solve": (scp, "solve_staged")}
+    with stopwatch(parts) as watch:
+        seconds = watch.measure(lambda: SequentialConvexSolver(short_ocp).solve(plan, 1))
+    assert set(seconds) == {"linearise", "solve", "rest"}
+    assert "linearise" not in vars(short_ocp)

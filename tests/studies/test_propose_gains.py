@@ -1,0 +1,41 @@
+"""Tests of `uvms_drake.studies.propose_gains`."""
+
+import pytest
+
+from uvms_drake.certificate.certify import (
+    constants_of,
+    declared_set,
+    resolved_radii_of,
+    room_of,
+)
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.studies.propose_gains import propose_gains
+from uvms_drake.tube.ultimate_bounds import ultimate_bounds
+
+
+def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(model):
+    scenario = load_scenario("girona500_contact")
+    law, error = propose_gains(scenario, 15.0)
+    assert max(law.k, law.sigma) <= 15.0
+    scenario.ancillary = law
+    declared = declared_set(scenario, model)
+    tube, _ = resolved_radii_of(
+        scenario, model, declared, constants_of(scenario, model, declared))
+    assert all(item.holds for item in room_of(scenario, tube, model))
+    assert ultimate_bounds(tube, scenario, model)["force"] == pytest.approx(error)
+
+
+def test_more_bandwidth_never_certifies_a_larger_error():
+    scenario = load_scenario("girona500_contact")
+    assert propose_gains(scenario, 30.0)[1] < propose_gains(scenario, 15.0)[1]
+
+
+def test_a_disturbance_beyond_the_inputs_has_no_gains():
+    with pytest.raises(RunFailed, match="what would help"):
+        propose_gains(load_scenario("girona500_contact", ["disturbance.bound=5"]), 8.0)
+
+
+def test_a_bandwidth_must_be_positive():
+    with pytest.raises(InvalidParameter, match="bandwidth"):
+        propose_gains(load_scenario("girona500_contact"), -1.0)

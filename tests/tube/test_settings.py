@@ -1,0 +1,19 @@
+"""Tests of `uvms_drake.tube.settings`."""
+
+import pytest
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.tube.settings import CertificateSettings, check_settings
+
+
+def test_the_defaults_are_fit():
+    assert check_settings(CertificateSettings()) is None
+
+
+@pytest.mark.parametrize(("key", "value"), [
+    ("constant_samples", 9), ("tube_samples", 0), ("terminal_samples", -5),
+    ("safety_factor", 0.99), ("seed", -1)])
+def test_what_means_nothing_is_named(key, value):
+    with pytest.raises(InvalidParameter) as caught:
+        check_settings(CertificateSettings(**{key: value}))
+    assert caught.value.key == key

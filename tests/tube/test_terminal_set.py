@@ -1,0 +1,328 @@
+"""Tests of `uvms_drake.tube.terminal_set`."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.limits import NominalLimits
+from uvms_drake.control.ocp import TERMINAL_PENALTY
+from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.terminal import INFLATION, terminal_ingredients
+from uvms_drake.model.surface.law import (
+    BilateralSpring,
+    UnilateralPlane,
+    make_surface_law,
+    static_force,
+)
+from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube import terminal_set
+from uvms_drake.tube.terminal_set import (
+    TerminalCheck,
+    boundary_samples,
+    check_penalty,
+    check_terminal,
+    largest_radius,
+    linear_radius,
+    terminal_loop,
+)
+
+FRESH = 10_000
+
+
+def inflated(ocp: DynamicOcp, inflation: float) -> SimpleNamespace:
+    """Returns the problem with P = (1 + inflation) times the Riccati solution."""
+    P = (1.0 + inflation) / (1.0 + INFLATION) * ocp.terminal.P
+    return changed(ocp, terminal=dataclasses.replace(ocp.terminal, P=P))
+
+
+def changed(ocp: DynamicOcp, **values: object) -> SimpleNamespace:
+    """Returns a copy of the problem with other values."""
+    return SimpleNamespace(**{**vars(ocp), **values})
+
+
+def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns which of the states ξ (m, 20) break what, as the problem itself judges it.
+
+    It evaluates a plan of one interval with the terminal controller's acceleration.
+    """
+    one = DynamicOcp.__new__(DynamicOcp)
+    one.__dict__.update(vars(ocp), horizon=1,
+                        terminal=dataclasses.replace(ocp.terminal, radius=radius))
+    out: dict[str, list[bool]] = {"decrease": [], "limits": [], "invariance": []}
+    limits, P = ocp.limits, ocp.terminal.P
+    for state in xi:
+        config, zeta = ocp.model.configuration(ocp.y_des + state[:10]), state[10:]
+        plan = DynamicPlan.from_accelerations(
+            0.0, ocp.time_step, config, zeta, (ocp.terminal.gain @ state)[None])
+        evaluation = one.evaluate(plan)
+        cost = evaluation.cost - TERMINAL_PENALTY * evaluation.terminal_slack
+        out["decrease"].append(cost > state @ P @ state)
+        out["invariance"].append(evaluation.terminal_slack > 0.0)
+        out["limits"].append(max(
+            evaluation.violation, np.linalg.norm(zeta[:3]) - limits.nu1,
+            np.linalg.norm(zeta[3:6]) - limits.nu2, np.linalg.norm(zeta[6:]) - limits.qdot,
+            abs(config[3]) - limits.roll, abs(config[4]) - limits.pitch,
+            static_force(ocp.model.surface, ocp.y_des[:6] + state[:6]) - limits.static_force) > 0.0)
+    return {name: np.array(where) for name, where in out.items()}
+
+
+@pytest.fixture(scope="module")
+def robot() -> DynamicOcp:
+    """The main scenario, with weights under which the terminal set is wide."""
+    return make_ocp(load_scenario("girona500_contact", [
+        "mpc.weight_zeta=[5, 5, 5, 5, 5, 5, 10, 10, 10, 10]",
+        "mpc.weight_u=[10, 10, 10, 10, 10, 10, 0.01, 0.01, 0.01, 0.01]"]))
+
+
+@pytest.fixture(scope="module")
+def found(robot) -> tuple[float, TerminalCheck]:
+    return largest_radius(robot)
+
+
+def test_there_is_a_terminal_set_and_what_limits_it_is_named(robot, found):
+    radius, check = found
+    assert 0.0 < radius < linear_radius(robot)
+    assert check.holds and check.failures == () and check.radius == radius
+    assert check.limiting.startswith("u[")
+    assert 0.0 <= check.margins[check.limiting] < 0.02
+    assert check.margins["decrease at rest"] == pytest.approx(1.0, abs=1e-6)
+    assert check.samples > 2000 and check.refinements >= 3
+
+
+def test_fresh_states_on_the_boundary_meet_every_condition(robot, found):
+    radius, _ = found
+    loop = terminal_loop(robot)
+    xi = radius * boundary_samples(robot.terminal.P, FRESH, np.random.default_rng(77))
+    assert np.min(loop.margins(xi)) >= 0.0
+    after, *_ = loop.move(xi, xi @ robot.terminal.gain.T)
+    assert np.max(np.sum((after @ robot.terminal.P) * after, axis=1)) <= radius**2
+
+
+def test_the_problem_itself_finds_nothing_broken_in_the_set(robot, found):
+    """Its own evaluation of a plan of one interval, at the worst states and at fresh ones."""
+    radius, check = found
+    xi = radius * boundary_samples(robot.terminal.P, 200, np.random.default_rng(78))
+    xi[:100] *= np.random.default_rng(79).uniform(0.0, 1.0, size=(100, 1))
+    states = np.concatenate([xi, *(state[None] for state in check.worst.values())])
+    for name, where in broken(robot, radius, states).items():
+        assert not np.any(where), name
+
+
+def test_a_wider_set_is_refused(robot, found):
+    check = check_terminal(robot, 1.5 * found[0])
+    assert not check.holds
+    assert check.failures[0] == "static_force"
+    worst = check.worst[next(name for name in check.failures if name.startswith("u["))]
+    assert broken(robot, 1.5 * found[0], worst[None])["limits"][0]
+
+
+def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
+    """(V − V⁺)/ℓ − 1, and what the two inputs and the vehicle's pitch leave of their limits."""
+    u, tau = robot.limits.u, np.linspace(80.0, 90.0, 10)
+    robot = changed(robot, inputs=robot.inputs, limits=dataclasses.replace(
+        robot.limits, tau=tau, roll=0.25, pitch=0.28))
+    limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, terminal_loop(robot)
+    for state in 0.5 * boundary_samples(P, 5, np.random.default_rng(82)):
+        config = robot.model.configuration(robot.y_des + state[:10])
+        plan = DynamicPlan.from_accelerations(
+            0.0, robot.time_step, config, state[10:], (robot.terminal.gain @ state)[None])
+        (begin,), (end,) = robot.inputs(plan)
+        w, y = begin - robot.u_eq, robot.model.task_pose(plan.config[1])
+        after = np.concatenate([y - robot.y_des, plan.zeta[1]])
+        forces = [robot.model.inverse_dynamics(
+            robot.model.kinematics(at), zeta, plan.zeta_dot[0])
+            for at, zeta in zip(plan.config, plan.zeta, strict=True)]
+        stage = robot.time_step * (state @ robot.Q @ state + w @ robot.R @ w)
+        expected = [(state @ P @ state - after @ P @ after) / stage - 1.0,
+                    *(1.0 - np.abs(np.concatenate([begin, end, *forces])) / limits),
+                    1.0 - abs(config[3]) / 0.25, 1.0 - abs(config[4]) / 0.28]
+        np.testing.assert_allclose(loop.margins(state), expected, rtol=1e-9, atol=1e-9)
+        # A task that is given by an angle beyond π is the same task.
+        turned = terminal_loop(changed(robot, y_des=robot.y_des + 2.0 * np.pi * np.eye(10)[5]))
+        np.testing.assert_allclose(turned.margins(state), expected, rtol=1e-6, atol=1e-6)
+
+
+def test_near_the_worst_states_nothing_in_the_set_is_worse(robot, found):
+    """So they are local minima of the margins."""
+    radius, check = found
+    loop, rng = terminal_loop(robot), np.random.default_rng(83)
+    root = np.linalg.inv(np.linalg.cholesky(robot.terminal.P))
+    for column, name in enumerate(loop.names):
+        if name == "decrease" or check.margins[name] < 0.3:
+            near = check.worst[name] / radius + 0.02 * rng.normal(size=(500, 20)) @ root
+            size = np.sqrt(np.sum((near @ robot.terminal.P) * near, axis=1, keepdims=True))
+            margins = loop.margins(radius * near / np.maximum(size, 1.0))[:, column]
+            assert np.min(margins) > check.margins[name] - 1e-5, name
+
+
+def test_the_search_is_deterministic_and_hardly_depends_on_the_seed(robot, found):
+    one, again, other = (check_terminal(robot, found[0], 500, seed) for seed in (5, 5, 6))
+    assert one.margins == again.margins
+    assert one.margins == pytest.approx(other.margins, abs=1e-4)
+    assert largest_radius(robot, samples=500, seed=6)[0] == pytest.approx(found[0], rel=0.015)
+
+
+def test_without_inflation_there_is_no_terminal_set(robot):
+    """The Riccati solution falls by exactly the stage cost; the cubic terms decide."""
+    radius, check = largest_radius(inflated(robot, 0.0))
+    assert radius == 0.0 and not check.holds
+    assert "decrease" in check.failures
+
+
+def test_with_little_inflation_the_decrease_limits_the_set(robot, found):
+    little = inflated(robot, 0.1)
+    radius, check = largest_radius(little, samples=500)
+    assert check.limiting == "decrease"
+    assert 0.0 < radius / np.sqrt(1.1) < 0.9 * found[0] / np.sqrt(1.0 + INFLATION)
+    fresh = boundary_samples(little.terminal.P, FRESH, np.random.default_rng(81))
+    assert np.min(terminal_loop(little).margins(radius * fresh)) >= 0.0
+    assert check_terminal(little, 1.5 * radius).failures[0] == "decrease"
+
+
+def test_the_penalty_of_the_paper_fails_whatever_the_controller(robot):
+    """P = ½I: at rest and off the task no input lowers ‖ξ‖² enough; below −1 it even rises."""
+    for gain in (None, robot.terminal.gain):
+        check = check_penalty(robot, 0.5 * np.eye(20), gain)
+        assert set(check.failures) == {"decrease", "decrease at rest"}
+        assert check.margins["decrease"] < -1.0 and check.margins["decrease at rest"] < -1.0
+        assert check.radius == pytest.approx(linear_radius(robot, 0.5 * np.eye(20)))
+
+
+def test_the_own_penalty_passes_as_one_from_elsewhere(robot, found):
+    check = check_penalty(robot, robot.terminal.P, robot.terminal.gain, radius=found[0])
+    assert check.holds
+    assert check.margins["decrease at rest"] == pytest.approx(1.0, abs=1e-6)
+    assert check_penalty(robot, robot.terminal.P, radius=0.1 * found[0]).holds, "best controller"
+
+
+def test_an_input_that_is_used_up_at_the_equilibrium_leaves_no_set(robot):
+    u = robot.limits.u.copy()
+    u[4] = abs(robot.u_eq[4])
+    tight = changed(robot, limits=dataclasses.replace(robot.limits, u=u))
+    radius, check = largest_radius(tight)
+    assert radius == 0.0
+    assert set(check.failures) == {"u[4] begin", "u[4] end"}
+
+
+def test_an_equilibrium_beyond_a_joint_limit_leaves_no_set(robot):
+    upper = robot.limits.q_upper.copy()
+    upper[1] = robot.y_des[7] - 0.01
+    tight = changed(robot, limits=dataclasses.replace(robot.limits, q_upper=upper))
+    assert linear_radius(tight) < 0.0
+    radius, check = largest_radius(tight)
+    assert radius == 0.0 and check.failures == ("q[1]",)
+
+
+class Linear:
+    """A model that is linear in everything: y = 𝔮, f = −2y − 3ζ about y = 0, with coupling."""
+
+    size = 7
+    couple = 0.3 * np.random.default_rng(3).normal(size=(7, 7))
+
+    def configuration(self, y: np.ndarray) -> np.ndarray:
+        return y.copy()
+
+    task_pose = configuration
+
+    def drift(self, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+        return -2.0 * config - 3.0 * zeta + config @ self.couple.T
+
+
+@pytest.fixture
+def toy(monkeypatch) -> SimpleNamespace:
+    """A problem whose map is exactly its linearisation, with inputs that never matter."""
+    monkeypatch.setattr(terminal_set, "advance",
+                        lambda config, zeta, a, h: config + h * zeta + 0.5 * h**2 * a)
+    model, eye, h = Linear(), np.eye(7), 0.2
+    Q, R = np.diag(np.linspace(1.0, 3.0, 14)), np.diag(np.linspace(0.5, 2.0, 7))
+    limits = NominalLimits(nu1=0.4, nu2=0.5, qdot=0.6, roll=1.4, pitch=1.4, tip_pitch=0.7,
+                           q_lower=np.array([-0.8]), q_upper=np.array([0.5]), u=np.full(7, 1e3))
+    return SimpleNamespace(
+        model=model, y_des=np.zeros(7), u_eq=np.zeros(7), time_step=h, Q=Q, R=R, limits=limits,
+        terminal=terminal_ingredients(eye, model.couple - 2.0 * eye, -3.0 * eye, Q, R, h, 1.0))
+
+
+def test_of_a_linear_system_the_set_is_as_large_as_the_linear_limits_allow(toy):
+    radius, check = largest_radius(toy)
+    assert radius == linear_radius(toy)
+    assert check.holds
+    assert check.margins["decrease"] == pytest.approx(1.0, rel=1e-6)
+    assert check.margins["decrease at rest"] == pytest.approx(1.0, rel=1e-6)
+    assert check.margins[check.limiting] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("name", "bound", "columns"), [
+    ("nu1", 0.4, [7, 8, 9]), ("nu2", 0.5, [10, 11, 12]), ("qdot", 0.6, [13]),
+    ("tip_pitch", 0.7, [4]), ("q_upper", np.array([0.5]), [6]), ("q_lower", np.array([-0.8]), [6]),
+])
+def test_the_linear_radius_is_where_the_set_touches_a_limit(toy, name, bound, columns):
+    """By brute force: the largest of the limited quantity at the support points of many rows."""
+    wide = {"q_lower": np.array([-1e3]), "q_upper": np.array([1e3])} | dict.fromkeys(
+        ("nu1", "nu2", "qdot", "tip_pitch"), 1e3)
+    toy.limits = dataclasses.replace(toy.limits, **{**wide, name: bound})
+    rows = np.zeros((5000, 14))
+    rows[:, columns] = np.random.default_rng(4).normal(size=(5000, len(columns)))
+    xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
+    largest = np.max(np.linalg.norm(xi[:, columns], axis=1))
+    assert largest == pytest.approx(np.abs(bound).item(), rel=1e-3)
+
+
+@pytest.mark.parametrize("surface", [
+    UnilateralPlane(np.array([-0.012, 0.0, 0.016]), np.array([-0.6, 0.0, 0.8]), 500.0),
+    BilateralSpring(np.diag([300.0, 200.0, 100.0, 5.0, 4.0, 3.0]) + 0.5, np.full(6, 0.01))],
+    ids=["plane", "spring"])
+def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
+    """By brute force, as above; of a spring, whose force is not along one line, it may be less."""
+    law = toy.model.surface = make_surface_law(surface)
+    wide = dict.fromkeys(("nu1", "nu2", "qdot", "tip_pitch"), 1e3)
+    toy.limits = dataclasses.replace(
+        toy.limits, **wide, q_lower=np.array([-1e3]), q_upper=np.array([1e3]), static_force=30.0)
+    G = law.force_jacobian()
+    rows = np.zeros((5000, 14))
+    rows[:, :6] = np.random.default_rng(4).normal(size=(5000, len(G))) @ G
+    xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
+    largest = np.max(static_force(law, xi[:, :6]))
+    at_rest = static_force(law, np.zeros(6))
+    assert 0.5 < at_rest < 15.0
+    assert 0.9 * 30.0 < largest < 30.0 + 1e-9
+    if law.force_jacobian().shape == (1, 6):
+        assert largest == pytest.approx(30.0, rel=1e-6)
+
+
+def test_a_linear_input_limit_is_found_to_the_tolerance(toy):
+    """Its support function is the answer: ε = limit/‖row‖_{P⁻¹}."""
+    loop = terminal_loop(toy)
+    reach = np.sqrt(np.sum((loop.rows @ np.linalg.inv(toy.terminal.P)) * loop.rows, axis=1))
+    expected = 0.5 * linear_radius(toy)
+    toy.limits = dataclasses.replace(toy.limits, u=expected * np.maximum(reach[:7], reach[7:14]))
+    radius, check = largest_radius(toy, tolerance=1e-3)
+    assert radius == pytest.approx(expected, rel=1e-3) and radius <= expected
+    assert check.limiting.startswith("u[")
+
+
+def test_samples_are_on_the_boundary_and_in_all_directions():
+    rng = np.random.default_rng(6)
+    root = rng.normal(size=(5, 5))
+    P, rows = root @ root.T + np.eye(5), rng.normal(size=(3, 5))
+    xi = boundary_samples(P, 4000, rng, rows)
+    assert xi.shape == (4000 + 2 * 5 + 2 * 3, 5)
+    np.testing.assert_allclose(np.sum((xi @ P) * xi, axis=1), 1.0, rtol=1e-12)
+    whitened = xi[:4000] @ np.linalg.cholesky(P)
+    np.testing.assert_allclose(whitened.T @ whitened / 4000, np.eye(5) / 5.0, atol=0.02)
+    for row in rows:
+        assert np.max(xi @ row) == pytest.approx(np.sqrt(row @ np.linalg.solve(P, row)), rel=1e-12)
+
+
+def test_the_penalty_is_inflated_and_the_controller_is_not():
+    rng = np.random.default_rng(7)
+    J, f_y, f_zeta = (np.eye(3) + 0.2 * rng.normal(size=(3, 3)) for _ in range(3))
+    riccati, half, default = (
+        terminal_ingredients(J, f_y, f_zeta, np.eye(6), np.eye(3), 0.1, 1.0, **kwargs)
+        for kwargs in ({"inflation": 0.0}, {"inflation": 0.5}, {}))
+    np.testing.assert_allclose(half.P, 1.5 * riccati.P, rtol=1e-12)
+    np.testing.assert_allclose(default.P, (1.0 + INFLATION) * riccati.P, rtol=1e-12)
+    np.testing.assert_array_equal(half.gain, riccati.gain)

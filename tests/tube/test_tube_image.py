@@ -1,0 +1,107 @@
+"""Tests of `uvms_drake.tube.tube_image`."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.control.ancillary import resolved_command
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.tube_image import input_gain, rest, tube_image
+
+K, SIGMA, D = 20.0, 5.0, 0.1
+U_LIMITS = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])
+
+
+@pytest.fixture(scope="module")
+def small_set() -> ConstraintSet:
+    return ConstraintSet(
+        q_lower=np.array([-0.4, 0.6, -0.1, -0.8]), q_upper=np.array([0.4, 1.3, 0.72, 0.8]),
+        roll=0.15, pitch=0.15, tip_pitch=0.4, nu1=0.25, nu2=0.2, qdot=0.3, depth_max=0.033)
+
+
+@pytest.fixture(scope="module")
+def image(model, small_set):
+    return tube_image(model, small_set, U_LIMITS, d_bound=D, gains=(1.74, 1.88), k=K, sigma=SIGMA,
+                      samples=150, safety_factor=1.1, seed=0)
+
+
+@pytest.mark.parametrize(("k", "sigma"), [(20.0, 5.0), (5.0, 20.0), (7.0, 7.0), (40.0, 1.0)])
+def test_the_input_gain_is_the_integral_of_the_impulse_response(k, sigma):
+    t = np.linspace(0.0, 40.0 / min(k, sigma), 400_001)
+    if k == sigma:
+        response = (2.0 * k - k**2 * t) * np.exp(-k * t)
+    else:
+        response = (k**2 * np.exp(-k * t) - sigma**2 * np.exp(-sigma * t)) / (k - sigma)
+    assert input_gain(k, sigma) == pytest.approx(np.trapezoid(np.abs(response), t), rel=1e-4)
+
+
+def test_without_errors_nothing_deviates(model, small_set):
+    config, zeta = small_set.sample(model, 20, np.random.default_rng(0))
+    u = 0.5 * U_LIMITS * np.ones((20, 1))
+    zero = np.zeros_like(zeta)
+    np.testing.assert_allclose(rest(model, config, zeta, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
+
+
+def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
+    """The law as `AncillaryFeedback` computes it, at the state that the errors stand for."""
+    rng = np.random.default_rng(1)
+    config, zeta = small_set.sample(model, 6, rng)
+    for q_bar, z_bar in zip(config, zeta, strict=True):
+        u_bar = U_LIMITS * rng.uniform(-1.0, 1.0, 10)
+        e, r = 1e-3 * rng.normal(size=10), 1e-3 * rng.normal(size=10)
+        y_bar, J_bar, _ = model.task_motion(q_bar, z_bar)
+        q = model.configuration(y_bar + e)
+        J = model.task_jacobian(q)
+        z = np.linalg.solve(J, J_bar @ z_bar - SIGMA * e) + r
+        acceleration = u_bar + model.drift(q_bar, z_bar)
+        u = resolved_command(model, np.concatenate([q, z]), np.concatenate([q_bar, z_bar]),
+                             acceleration, K, SIGMA).u()
+        p = np.linalg.solve(J, e)
+        M = model.mass_matrix(model.kinematics(q))
+        tau_bar = model.mass_matrix(model.kinematics(q_bar)) @ u_bar
+        linear = -(K + SIGMA) * r + SIGMA**2 * p
+        expected = np.concatenate([
+            z - z_bar - r + SIGMA * p, (q - q_bar)[3:5], u - u_bar - linear,
+            M @ u - tau_bar - M @ linear])
+        found = rest(model, q_bar, z_bar, u_bar, e, r, K, SIGMA)
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-5)
+
+
+def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, image):
+    """Bang-bang disturbances through the exact cascade, at nominal states held fixed."""
+    rng = np.random.default_rng(2)
+    config, zeta = small_set.sample(model, 60, rng)
+    u = U_LIMITS * rng.uniform(-1.0, 1.0, zeta.shape)
+    direction = rng.normal(size=zeta.shape)
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    J = model.task_jacobian(config)
+    e, r, dt, worst = np.zeros_like(zeta), np.zeros_like(zeta), 2e-3, 0.0
+    switch = 2.0 * np.log(K / SIGMA) / (K - SIGMA)
+    for step in range(1500):
+        sign = -1.0 if step * dt > 3.0 - switch else 1.0
+        r = r + dt * (-K * r + sign * D * direction)
+        e = e + dt * (-SIGMA * e + (J @ r[..., None])[..., 0])
+        if step % 20 == 0 or step * dt > 3.0 - switch:
+            p = np.linalg.solve(J, e[..., None])[..., 0]
+            du = rest(model, config, zeta, u, e, r, K, SIGMA)[:, 12:22]
+            du = du - (K + SIGMA) * r + SIGMA**2 * p
+            worst = max(worst, np.max(np.abs(du) / image.u))
+    assert worst <= 1.0
+    assert worst > 0.4  # and the image is not idle
+
+
+def test_the_image_is_the_same_for_the_same_seed_and_grows_with_the_disturbance(
+        model, small_set, image):
+    again, larger = (tube_image(
+        model, small_set, U_LIMITS, d_bound=d, gains=(1.74, 1.88), k=K, sigma=SIGMA, samples=150,
+        safety_factor=1.1, seed=0) for d in (D, 1.5 * D))
+    np.testing.assert_array_equal(again.u, image.u)
+    assert np.all(larger.u > image.u)
+    assert larger.qdot == pytest.approx(1.5 * image.qdot)
+
+
+def test_a_slow_loop_has_no_image(model, small_set):
+    """If the task turns faster than the law corrects, σ ≤ ω, nothing is bounded."""
+    slow = tube_image(model, small_set, U_LIMITS, d_bound=D, gains=(1.74, 1.88), k=K, sigma=0.3,
+                      samples=20, safety_factor=1.1, seed=0)
+    assert slow.omega > 0.3
+    assert np.all(np.isinf(slow.u))

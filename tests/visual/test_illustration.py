@@ -1,0 +1,91 @@
+"""Tests of `uvms_drake.visual.illustration` and of what a person can do while a run goes on."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
+from support.meshcat import packed_transform
+from support.synthetic import synthetic_record
+
+from uvms_drake.report.replay import moment_of
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.simulation import simulate
+from uvms_drake.visual.config import VisualConfig
+from uvms_drake.visual.controls import DISTURBANCE, FORCE, STOP, stop_button
+from uvms_drake.visual.scene import Scene
+
+
+@pytest.fixture
+def meshcat():
+    return Meshcat(MeshcatParams(host="localhost"))
+
+
+def press(meshcat, name):
+    """Does what a browser does when somebody presses a button."""
+    text = name.encode()
+    meshcat._InjectWebsocketMessage(
+        b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(text)]) + text)
+
+
+@pytest.mark.parametrize(("name", "overrides"), [
+    ("girona500_contact", ["visual.rate=30", "visual.magnification=7"]),
+    ("girona500_bilateral", []),
+    ("paper_kinematic", [])])
+def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
+    scenario = load_scenario(name, ["duration=0.5", *overrides])
+    seen, unseen = simulate(scenario, meshcat=meshcat), simulate(scenario)
+    for field in fields(seen):
+        if field.name not in ("scenario", "wall_time_s", "step_seconds"):
+            np.testing.assert_array_equal(
+                getattr(seen, field.name), getattr(unseen, field.name), err_msg=field.name)
+
+
+def test_a_watched_run_shows_the_robot_where_it_is(meshcat, model):
+    record = simulate(load_scenario("girona500_contact", ["duration=0.4"]), meshcat=meshcat)
+    X_vehicle = packed_transform(meshcat, "ned/uvms/vehicle")
+    np.testing.assert_allclose(X_vehicle[:3, 3], record.config[-1, :3], atol=1e-6)
+
+
+def test_the_button_ends_a_run_as_one_of_a_shorter_duration(meshcat):
+    pressed = stop_button(meshcat)
+    scenario = load_scenario("girona500_contact", ["duration=5"])
+
+    def progress(now):
+        if now >= 0.3:
+            press(meshcat, STOP)
+
+    record = simulate(scenario, stop=pressed, progress=progress)
+    assert 0.3 <= record.scenario.duration < 0.5
+    assert record.time[-1] <= record.scenario.duration
+    again = simulate(replace(scenario, duration=record.scenario.duration))
+    np.testing.assert_array_equal(record.state, again.state)
+
+
+def test_the_ghost_is_off_by_the_magnified_deviation(meshcat):
+    record = synthetic_record(4.0)
+    scenario = replace(record.scenario, visual=VisualConfig(magnification=20.0))
+    Scene(meshcat, scenario, False).show(moment_of(record, 100), 0.0)
+    real, ghost = (packed_transform(meshcat, f"ned/{name}/vehicle")[:3, 3]
+                   for name in ("uvms", "nominal"))
+    expected = 20.0 * (record.nominal_config[100, :3] - record.config[100, :3])
+    np.testing.assert_allclose(ghost - real, expected, atol=1e-9)
+
+
+def test_the_sliders_change_desired_force_and_disturbance_while_it_runs(meshcat):
+    """From 2.5 s on 25 N are wanted and no disturbance; both are as in the scenario before."""
+    scenario = load_scenario("girona500_contact", ["duration=4"])
+
+    def move(now: float) -> None:
+        if now >= 2.5:
+            meshcat.SetSliderValue(FORCE, 25.0)
+            meshcat.SetSliderValue(DISTURBANCE, 0.0)
+
+    record = simulate(scenario, meshcat=meshcat, progress=move)
+    before, end = record.time < 2.45, record.time > 2.9
+    assert np.all(record.desired_force[before, 0] == 20.0)
+    assert np.all(record.desired_force[end, 0] == 25.0)
+    assert np.max(np.linalg.norm(record.disturbance[before], axis=1)) > 0.05
+    assert not np.any(record.disturbance[end])
+    assert not np.any(record.mpc_refused)
+    assert record.force[-1, 0] == pytest.approx(25.0, abs=1.0)

@@ -1,0 +1,159 @@
+"""Tests of `uvms_drake.visual`."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+from support.meshcat import packed_transform
+from support.synthetic import synthetic_record
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.report.replay import moment_of
+from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.visual.config import VisualConfig, check_visual
+from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, ForceSlider
+from uvms_drake.visual.limit_use import ACTIVE, LimitUse
+from uvms_drake.visual.props import round_magnification
+from uvms_drake.visual.scene import Scene
+from uvms_drake.visual.stage import VANISHED, Stage, frame_at
+
+FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+class Given:
+    """A Meshcat that remembers what it was given."""
+
+    def __init__(self):
+        self.transforms, self.scales = [], []
+
+    def SetTransform(self, path, pose, time_in_recording=None):
+        self.transforms.append((path, time_in_recording, tuple(pose.translation())))
+
+    def SetProperty(self, path, name, value, time_in_recording=None):
+        self.scales.append((path, time_in_recording, value))
+
+
+@pytest.fixture
+def meshcat():
+    return Meshcat(MeshcatParams(host="localhost"))
+
+
+@pytest.fixture(scope="module")
+def record():
+    return synthetic_record(4.0)
+
+
+def test_a_stage_gives_a_value_once_and_again_before_it_changes():
+    given = Given()
+    stage = Stage(given)
+    given.transforms.clear()
+    for time, x in ((0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (3.0, 2.0), (4.0, 3.0)):
+        stage.begin(time)
+        stage.move("it", RigidTransform([x, 0.0, 0.0]))
+    assert [(time, position[0]) for _, time, position in given.transforms] == [
+        (0.0, 1.0), (2.0, 1.0), (3.0, 2.0), (4.0, 3.0)]
+
+
+def test_what_is_not_shown_is_scaled_away():
+    given = Given()
+    stage = Stage(given)
+    stage.begin(0.0)
+    stage.show("it", False)
+    stage.stretch("that", 1.0, 1.0, 0.0)
+    assert given.scales == [("it", 0.0, [VANISHED] * 3), ("that", 0.0, [1.0, 1.0, VANISHED])]
+
+
+def test_a_stage_starts_anew_when_time_does():
+    given = Given()
+    stage = Stage(given)
+    for time in (0.0, 1.0, 0.0):
+        stage.begin(time)
+        stage.show("it", True)
+    assert [time for _, time, _ in given.scales] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.3, -2.0, 0.1], [0.0, 0.0, -3.0]])
+def test_a_frame_along_an_axis(axis):
+    X = frame_at([1.0, 2.0, 3.0], np.array(axis))
+    np.testing.assert_allclose(X.rotation().matrix()[:, 2], axis / np.linalg.norm(axis))
+    np.testing.assert_array_equal(X.translation(), [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(("radius", "expected"), [
+    (0.002, 50.0), (0.0017, 50.0), (0.02, 5.0), (0.3, 1.0), (0.0, 1.0), (0.09, 1.0)])
+def test_the_magnification_is_a_round_number(radius, expected):
+    assert round_magnification(radius, 0.1) == expected
+
+
+def test_the_tube_is_where_the_nominal_tip_is(meshcat, record, model):
+    Scene(meshcat, record.scenario, False).show(moment_of(record, 100), 0.0)
+    nominal = model.task_pose(record.nominal_config[100])[:3]
+    np.testing.assert_allclose(packed_transform(meshcat, "ned/tube")[:3, 3], nominal, atol=1e-9)
+
+
+def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
+    scenario = load_scenario("girona500_contact")
+    use = LimitUse(scenario, model)
+    rest, u = np.concatenate([scenario.start.eta, scenario.start.q, np.zeros(10)]), np.zeros(10)
+    used = dict(zip(use.names, use(rest, u, rest, u), strict=True))
+    assert used["ν₁"] == 0.0
+    assert used["roll"] == pytest.approx(0.03 / (0.15 - scenario.tube.roll))
+    fast = rest.copy()
+    fast[10] = 0.24
+    for real, nominal, speed in ((fast, rest, 0.24 / 0.25), (rest, fast, 0.24 / 0.24)):
+        assert use(real, u, nominal, u)[0] == pytest.approx(speed)
+    assert use(rest, u, fast, u)[0] >= ACTIVE > use(fast, u, rest, u)[0]
+    assert use(rest, scenario.limits.u, rest, u)[use.names.index("u")] == 1.0
+    pressing = np.concatenate([model.configuration(make_ocp(scenario).y_des), np.zeros(10)])
+    for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
+        assert use(real, u, nominal, u)[use.names.index("force")] == pytest.approx(20.0 / room)
+
+
+def test_the_slider_says_what_the_task_does_until_it_is_moved(meshcat):
+    slider = ForceSlider.AddToBuilder(DiagramBuilder(), FORCE_DES, meshcat)
+    port = slider.GetOutputPort("force")
+    context = slider.CreateDefaultContext()
+    np.testing.assert_array_equal(port.Eval(context), FORCE_DES)
+    meshcat.SetSliderValue(FORCE, 30.0)
+    context.SetTime(0.1)
+    np.testing.assert_allclose(port.Eval(context), 1.5 * FORCE_DES)
+
+
+def test_a_force_between_the_sliders_steps_is_not_rounded(meshcat):
+    force = np.array([3.0, 4.0, 12.1, 0.0, 0.0, 0.5])
+    slider = ForceSlider(force, meshcat)
+    np.testing.assert_array_equal(
+        slider.GetOutputPort("force").Eval(slider.CreateDefaultContext()), force)
+
+
+@pytest.mark.parametrize("force", [FORCE_DES, np.zeros(6)])
+def test_without_meshcat_or_force_there_is_no_slider(force, meshcat):
+    slider = ForceSlider(force, None if np.any(force) else meshcat)
+    np.testing.assert_array_equal(
+        slider.GetOutputPort("force").Eval(slider.CreateDefaultContext()), force)
+    assert FORCE not in meshcat.GetSliderNames()
+
+
+def test_a_part_of_the_disturbance_is_let_through(meshcat):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(np.array([0.3, -0.1])))
+    slider = DisturbanceSlider.AddToBuilder(
+        builder, meshcat, disturbance=source.get_output_port())
+    diagram = builder.Build()
+    for percent, part in ((None, 1.0), (40.0, 0.4), (0.0, 0.0)):
+        if percent is not None:
+            meshcat.SetSliderValue(DISTURBANCE, percent)
+        context = slider.GetMyContextFromRoot(diagram.CreateDefaultContext())
+        np.testing.assert_array_equal(slider.get_output_port().Eval(context), [
+            part * 0.3, part * -0.1])
+
+
+@pytest.mark.parametrize(("config", "message"), [
+    (VisualConfig(rate=0.5), "visual.rate = 0.5: must be 1 to 100"),
+    (VisualConfig(magnification=0.5), "visual.magnification = 0.5: must be at least 1")])
+def test_what_has_no_meaning_is_refused(config, message):
+    with pytest.raises(InvalidParameter, match=message):
+        check_visual(config)

@@ -1,0 +1,1 @@
+"""What stands between controller and plant: one part, one file."""

@@ -1,0 +1,270 @@
+"""What a campaign found, in numbers: pure functions from its runs to campaign.json and to a table.
+
+Nothing here depends on where, when or in which order the runs were computed.
+"""
+
+import unicodedata
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.campaign.run import STEP_EDGES_MS
+
+WORST = 10
+"""Runs that are listed with the command to replay them."""
+MEASURES = {
+    "ratio_trajectory": ("deviation over the bound along the run", False),
+    "ratio_set": ("deviation over the set-wise bound", False),
+    "worst_disturbance": ("all that disturbs, over d̃", False),
+    "induced": ("of that, unknown to the controller", False),
+    "margin": ("smallest margin over its constraint's size", True),
+    "force_error": ("force error at the end [N]", False),
+    "settling_time_s": ("settling time [s]", False),
+}
+"""What is summarised: its name in a table, and whether small is bad."""
+COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
+PROMISES = ("exceptions", "not_finite", "not_logged", "disproportionate")
+"""What must not happen whatever else does; `INSIDE` within the bounds."""
+INSIDE = (*PROMISES, "exits_set", "exits_trajectory", "violations", "limited")
+NOT_COVERED = 0.05
+"""Largest part of the runs in which all that disturbs may come to more than d̃ unexpectedly."""
+
+Result = Mapping[str, Any]
+
+
+def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Returns the content of campaign.json.
+
+    Args:
+        campaign: What was run.
+        results: The `result` of every run, in any order. What is counted and distributed inside of
+            the bounds is that of the runs in which d̃ covered all that disturbed; the others are
+            only counted, under `not_covered`.
+    """
+    results = sorted(results, key=lambda result: result["index"])
+    carried = [result for result in results if result["error"] is None]
+    done = carried if campaign.outside else [result for result in carried if result["inside"]]
+    base = campaign.base
+    return {
+        "scenario": base.name, "seed": campaign.seed, "runs": len(results),
+        "identity": campaign.identity, "certified": campaign.certified,
+        "outside": campaign.outside, "versions": campaign.versions, "duration_s": base.duration,
+        "d_bound": base.disturbance.bound, "model_error": campaign.model_error,
+        "surfaces": [{"stiffness": wall.stiffness, "tilt": wall.tilt} for wall in campaign.walls],
+        "force_tolerance": base.task.force_tolerance,
+        "desired_forces": sorted({target.factor for target in campaign.targets}),
+        "counts": {
+            "exceptions": len(results) - len(carried),
+            "not_finite": sum(not result["finite"] for result in carried),
+            "not_logged": sum(not result["logged"] for result in carried),
+            "proportion_promised": sum(result["proportional"] is not None for result in carried),
+            "disproportionate": sum(result["proportional"] is False for result in carried),
+            "counted": len(done), "not_covered": len(carried) - len(done),
+            "limited": sum(result["limited"] for result in done),
+            "never_settled": sum(result["settling_time_s"] is None for result in done),
+            **{name: sum(result[name] for result in done) for name in COUNTS}},
+        "distributions": {name: distribution(done, name) for name in MEASURES},
+        "worst_terminal_slack": max((result["terminal_slack"] for result in done
+                                     if result["terminal_slack"] is not None), default=None),
+        "largest_unknown": _largest_unknown(done),
+        "by_disturbance": _grouped(done, lambda result: result["disturbance"]),
+        "by_fault": _grouped(done, lambda result: ", ".join(result["faults"]) or "none"),
+        "by_outside": _grouped(done, lambda result: result["outside"]),
+        "worst": [_replay(result) for result in sorted(results, key=_badness)[:WORST]],
+        "results": results,
+    }
+
+
+def distribution(results: Sequence[Result], name: str) -> dict[str, Any]:
+    """Returns minimum, median, 95th percentile and maximum of a measure, and whose the worst is.
+
+    For a measure of which small is bad the percentile is the 5th, under the name `p5`.
+    """
+    pairs = [(result[name], result["index"]) for result in results if result[name] is not None]
+    small_is_bad = MEASURES[name][1]
+    tail = "p5" if small_is_bad else "p95"
+    if not pairs:
+        return {"count": 0, "min": None, "median": None, tail: None, "max": None, "worst": None}
+    values = np.array([value for value, _ in pairs], dtype=float)
+    worst = int(np.argmin(values) if small_is_bad else np.argmax(values))
+    return {"count": len(pairs), "min": float(values.min()), "median": float(np.median(values)),
+            tail: float(np.percentile(values, 5.0 if small_is_bad else 95.0)),
+            "max": float(values.max()), "worst": pairs[worst][1]}
+
+
+def _largest_unknown(results: Sequence[Result]) -> dict[str, float]:
+    """Returns the largest error of every quantity among runs."""
+    names = results[0]["unknown"] if results else ()
+    return {name: max(abs(result["unknown"][name]) for result in results) for name in names}
+
+
+def _grouped(results: Sequence[Result], key: Any) -> dict[str, dict[str, Any]]:
+    """Returns the number of runs and what was worst in them, by a kind; None is no kind."""
+    out = {}
+    for kind in sorted({key(result) for result in results} - {None}):
+        of_kind = [result for result in results if key(result) == kind]
+        out[kind] = {
+            "runs": len(of_kind),
+            **{name: distribution(of_kind, name)["max"]
+               for name in ("worst_disturbance", "ratio_trajectory", "ratio_set")},
+            "left": sum(result["exits_set"] > 0 for result in of_kind),
+            "within_at_end": sum(result["within_at_end"] for result in of_kind),
+            "violated": sum(result["violations"] > 0 for result in of_kind),
+            "settled": sum(result["settling_time_s"] is not None for result in of_kind)}
+    return out
+
+
+def _badness(result: Result) -> tuple[float, ...]:
+    """Returns a key that sorts the worst runs to the front: raised, promise broken, far.
+
+    Inside of the bounds a run breaks a promise also by leaving the tube, violating a limit or
+    needing more than one allows. One in which d̃ did not cover all comes last.
+    """
+    index = result["index"]
+    if result["error"] is not None:
+        return (-2.0, 0.0, index)
+    far = -(result["ratio_set"] or 0.0)
+    broken = not (result["finite"] and result["logged"]) or result["proportional"] is False
+    if result["outside"] is None:
+        if not (broken or result["inside"]):
+            return (1.0, far, index)
+        broken = broken or bool(result["exits_set"] + result["exits_trajectory"]
+                                + result["violations"] + result["limited"])
+    return (-float(broken), far, index)
+
+
+def _replay(result: Result) -> dict[str, Any]:
+    shown = ("index", "error", "disturbance", "rows", "faults", "outside", "desired_force",
+             "ratio_trajectory", "ratio_set", "margin", "constraint")
+    return {**{name: result.get(name) for name in shown},
+            "replay": f"uvms-drake campaign --output . --replay {result['index']}"}
+
+
+def all_well(summary: Mapping[str, Any]) -> bool:
+    """Returns whether every promise was kept in every run, and nearly all runs were counted."""
+    counts = summary["counts"]
+    if counts["not_covered"] > NOT_COVERED * summary["runs"]:
+        return False
+    return not any(counts[name] for name in (PROMISES if summary["outside"] else INSIDE))
+
+
+def summarise_wall(walls: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Returns the content of timing.json: of a run [s], of its slowest MPC step [ms], of all steps.
+
+    `step_ms` are the quantiles of all steps, each the upper edge of its bin, and `steps` counts the
+    steps between the `edges_ms`.
+    """
+    out: dict[str, Any] = {"runs": len(walls)}
+    for name in ("seconds", "worst_step_ms"):
+        values = [wall[name] for wall in walls if wall[name] is not None]
+        out[name] = {"median": float(np.median(values)), "p95": float(np.percentile(values, 95)),
+                     "max": float(np.max(values))} if values else None
+    steps = np.zeros(len(STEP_EDGES_MS) - 1, dtype=int)
+    for wall in walls:
+        for i, count in wall["steps"].items():
+            steps[int(i)] += count
+    share = np.cumsum(steps) / max(int(np.sum(steps)), 1)
+    out["step_ms"] = {f"p{q:g}": float(STEP_EDGES_MS[1 + int(np.searchsorted(share, q / 100.0))])
+                      for q in (50.0, 95.0, 99.0)} if np.any(steps) else None
+    return {**out, "edges_ms": STEP_EDGES_MS.tolist(), "steps": steps.tolist()}
+
+
+def format_campaign(summary: Mapping[str, Any], wall: Mapping[str, Any], folder: str) -> str:
+    """Returns the campaign as a table for a terminal."""
+    where = "outside of the bounds" if summary["outside"] else "inside of the bounds"
+    lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of "
+             f"{summary['duration_s']:g} s {where}, tube "
+             + ("certified" if summary["certified"] else "declared, not certified"), "",
+             *_format_measures(summary), "", *_format_groups(summary), "",
+             *_format_counts(summary)]
+    if wall["seconds"] is not None:
+        step = wall["step_ms"]
+        lines.append(f"a run took {wall['seconds']['median']:.2f} s in the median"
+                     + ("" if step is None else f", a step of the MPC {step['p50']:.3g} ms, "
+                        f"{step['p99']:.3g} ms at the 99th percentile"))
+    return "\n".join([*lines, *_format_worst(summary, folder)])
+
+
+def _format_measures(summary: Mapping[str, Any]) -> list[str]:
+    lines = [f"{'':<46}{'min':>9}{'median':>9}{'worst 5 %':>11}{'max':>9}{'worst run':>11}"]
+    for name, (text, small_is_bad) in MEASURES.items():
+        row = summary["distributions"][name]
+        tail = row["p5" if small_is_bad else "p95"]
+        lines.append(_padded(text, 46) + "".join(
+            f"{_number(value):>{width}}" for value, width in zip(
+                (row["min"], row["median"], tail, row["max"]), (9, 9, 11, 9), strict=True))
+            + f"{'-' if row['worst'] is None else row['worst']:>11}")
+    return lines
+
+
+def _format_groups(summary: Mapping[str, Any]) -> list[str]:
+    """Returns a table by what happens outside of the bounds, or by disturbance and by fault."""
+    if summary["outside"]:
+        lines = [f"{'':<24}{'runs':>5}     D/d̃{'along the run':>15}{'set-wise':>10}{'left':>6}"
+                 f"{'within at end':>15}{'violated':>10}{'settled':>9}"]
+        return lines + [
+            f"{kind:<24}{row['runs']:>5}{_number(row['worst_disturbance']):>8}"
+            f"{_number(row['ratio_trajectory']):>15}{_number(row['ratio_set']):>10}"
+            f"{row['left']:>6}{row['within_at_end']:>15}{row['violated']:>10}{row['settled']:>9}"
+            for kind, row in summary["by_outside"].items()]
+    lines = []
+    for title, name in (("disturbance", "by_disturbance"), ("samples that fail", "by_fault")):
+        lines.append(f"{title:<24}{'runs':>5}{'along the run':>15}{'set-wise':>10}")
+        lines += [f"{kind:<24}{row['runs']:>5}{_number(row['ratio_trajectory']):>15}"
+                  f"{_number(row['ratio_set']):>10}" for kind, row in summary[name].items()]
+    return lines
+
+
+def _format_counts(summary: Mapping[str, Any]) -> list[str]:
+    counts = summary["counts"]
+    lines = [f"counted {counts['counted']} of {summary['runs']} runs",
+             f"exits: {counts['exits_set']} set-wise, {counts['exits_trajectory']} along the run; "
+             f"constraint violations: {counts['violations']}; command cut in {counts['limited']} "
+             f"runs; exceptions: {counts['exceptions']}; not finite: {counts['not_finite']}; "
+             f"exit not in the log: {counts['not_logged']}",
+             f"beyond D/d̃ times the bound: {counts['disproportionate']} of the "
+             f"{counts['proportion_promised']} where it is promised; failed solves: "
+             f"{counts['mpc_failures']}; force never settled: {counts['never_settled']}; "
+             f"terminal set missed by {_number(summary['worst_terminal_slack'])} at most"]
+    unknown = {name: value for name, value in summary["largest_unknown"].items() if value > 0.0}
+    if unknown:
+        lines.append("largest errors: " + ", ".join(
+            _amount(name, value) for name, value in unknown.items()))
+    if counts["not_covered"]:
+        lines.append("not counted, because all that disturbs came to more than d̃: "
+                     f"{counts['not_covered']}")
+    return lines
+
+
+def _padded(text: str, width: int) -> str:
+    """Returns the text filled up on the right; what a letter carries takes no room of its own."""
+    return text + " " * (width - sum(not unicodedata.combining(letter) for letter in text))
+
+
+_UNITS = {"shift": (1e3, "mm"), "turn": (1e3, "mrad"), "current": (1.0, "m/s")}
+
+
+def _amount(name: str, value: float) -> str:
+    factor, unit = _UNITS.get(name, (100.0, "%"))
+    return f"{name.replace('_', ' ')} {factor * value:.2g} {unit}"
+
+
+def _format_worst(summary: Mapping[str, Any], folder: str) -> list[str]:
+    lines = ["", f"{'worst runs':<12}{'disturbance':<18}{'':<24}{'along the run':>14}"
+             f"{'set-wise':>10}{'margin':>9}"]
+    for run in summary["worst"]:
+        if run["error"] is not None:
+            lines.append(f"{run['index']:<12}{run['error']}")
+            continue
+        also = run["outside"] or ", ".join(run["faults"])
+        lines.append(f"{run['index']:<12}{run['disturbance']:<18}{also:<24}"
+                     f"{_number(run['ratio_trajectory']):>14}{_number(run['ratio_set']):>10}"
+                     f"{_number(run['margin']):>9} {run['constraint']}")
+    return [*lines, f"replay one: uvms-drake campaign --output {folder} --replay "
+            f"{summary['worst'][0]['index']}"] if summary["worst"] else []
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,170 @@
+"""The sub-command `campaign`: runs, resumes, sums up and replays."""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TextIO
+
+from uvms_drake.campaign.campaign import Campaign, make_campaign, require_same_code
+from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
+from uvms_drake.campaign.pool import cluster_pool, local_pool, run_all
+from uvms_drake.campaign.store import RunLog, read_indices, read_setup, run_log
+from uvms_drake.campaign.summary import (
+    all_well,
+    format_campaign,
+    summarise_campaign,
+    summarise_wall,
+)
+from uvms_drake.campaign.vary import vary
+from uvms_drake.certificate.certificate import Certificate, write_certificate
+from uvms_drake.certificate.certify import certified_once, check_inputs
+from uvms_drake.certificate.table import verdict
+from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.common.output import output_folder
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import Scenario, load_scenario, reported_in, scenario_source
+from uvms_drake.station.simulation import simulate
+
+CAMPAIGN_FILE, TIMING_FILE = "campaign.json", "timing.json"
+LINES = 10
+"""Of progress, in a log file."""
+
+
+def run_campaign(args: argparse.Namespace) -> int:
+    """Runs what is not done yet and writes the summary; returns 1 if a promise was not kept.
+
+    Every run that is done is kept, whatever happens to the others.
+    """
+    require(args.runs >= 1, "--runs", args.runs, "at least 1")
+    require(args.seed >= 0, "--seed", args.seed, "zero or positive")
+    for override in args.overrides:
+        require(override.partition("=")[0] != "seed", "--set", override,
+                "--seed N: a campaign has a seed of its own")
+    require(args.workers is None or args.workers >= 1, "--workers", args.workers, "at least 1")
+    require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
+    require(args.model_error > 0.0 or not args.outside, "--model-error", args.model_error,
+            "above 0 with --outside")
+    scenario = load_scenario(args.scenario, args.overrides)
+    source = scenario_source(args.scenario, args.overrides)
+    output = folder_of(args, scenario)
+    pool = (cluster_pool(args.scheduler) if args.scheduler is not None
+            else local_pool(args.workers or _cores()))
+    with reported_in(source):
+        require(not scenario.faults, "faults", [type(fault).__name__ for fault in scenario.faults],
+                "left out: a campaign draws them")
+        require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
+                "left out: no run could be repeated")
+        check_inputs(scenario)
+        announce = cache(_announce)  # Once, for the scenario and all other surfaces.
+        certificate = None if args.uncertified else _certificate(scenario, source, announce)
+        campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
+                                 outside=args.outside, announce=announce)
+        vary(campaign, 0)
+    with run_log(output, campaign) as log:
+        try:
+            _run(campaign, args.runs, log, pool)
+        except KeyboardInterrupt:
+            print(f"\nuvms-drake: interrupted, {len(log.runs)} runs are in {output}; the same "
+                  "command goes on with the others", file=sys.stderr)
+            return 130
+        runs = [log.runs[index] for index in range(args.runs)]
+        summary = summarise_campaign(campaign, [run["result"] for run in runs])
+        wall = summarise_wall([run["wall"] for run in runs])
+        _write(output, summary, wall, certificate)
+    print(format_campaign(summary, wall, str(output)))
+    return 0 if all_well(summary) else 1
+
+
+def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
+    """Returns the folder of a campaign: the one asked for, or out/<scenario>-campaign."""
+    kind = "outside" if args.outside else "campaign"
+    return args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
+
+
+def _announce() -> None:
+    print("certifying the scenario and other surfaces (two minutes, the first time) ...",
+          file=sys.stderr, flush=True)
+
+
+def _certificate(scenario: Scenario, source: str, announce: Callable[[], None]) -> Certificate:
+    certificate = certified_once(scenario, announce)
+    if not certificate.certified:
+        raise RunFailed(f"{source}: {verdict(certificate)}; "
+                        "--uncertified takes the scenario's declared tube")
+    return certificate
+
+
+def _run(campaign: Campaign, runs: int, log: RunLog, pool: Any) -> None:
+    missing = [index for index in range(runs) if index not in log.runs]
+    if len(missing) < runs:
+        print(f"{runs - len(missing)} of {runs} runs are there already", file=sys.stderr)
+    progress = CampaignProgress(len(missing), sys.stderr)
+    for _, run in run_all(campaign, missing, pool):
+        log.append(run)
+        progress.step()
+    progress.close()
+
+
+def _write(output: Path, summary: dict[str, Any], wall: dict[str, Any],
+           certificate: Certificate | None) -> None:
+    """Writes the files of a campaign that is done, all together."""
+    with output_folder(output, (CAMPAIGN_FILE, TIMING_FILE, *CAMPAIGN_FIGURES)) as folder:
+        for name, data in ((CAMPAIGN_FILE, summary), (TIMING_FILE, wall)):
+            text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+            (folder / name).write_text(text + "\n", encoding="utf-8")
+        if certificate is not None:
+            write_certificate(certificate, folder)
+        make_campaign_figures(summary, wall, folder)
+
+
+def _cores() -> int:
+    """Returns how many cores this process may use; macOS tells only how many there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def replayed(folder: Path, index: int) -> Record:
+    """Returns the record of a run of the campaign in a folder, simulated once more.
+
+    It has no certificate: that of the campaign is of another start, force and disturbance.
+    """
+    campaign, done = read_setup(folder), read_indices(folder)
+    require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
+    require_same_code(campaign)
+    return simulate(vary(campaign, index).scenario)
+
+
+class CampaignProgress:
+    """How many runs are done and how long the rest will take: a line, or few in a log file.
+
+    Args:
+        total: Number of runs to do.
+        stream: Where to write.
+    """
+
+    def __init__(self, total: int, stream: TextIO):
+        self._total, self._stream, self._done = total, stream, 0
+        self._started = time.perf_counter()
+
+    def step(self) -> None:
+        """Reports that one more run is done."""
+        self._done += 1
+        elapsed = time.perf_counter() - self._started
+        left = elapsed / self._done * (self._total - self._done)
+        text = (f"run {self._done} of {self._total}, {elapsed:.0f} s elapsed, about {left:.0f} s "
+                "left")
+        if self._stream.isatty():
+            self._stream.write(f"\r{text}\033[K")
+        elif self._done * LINES % self._total < LINES:
+            self._stream.write(f"{text}\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Takes the line away, so that what comes next has it."""
+        if self._stream.isatty():
+            self._stream.write("\r\033[K")
+            self._stream.flush()

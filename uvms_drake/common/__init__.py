@@ -1,0 +1,1 @@
+"""What every room uses: errors, reading YAML, writing files, alarms."""

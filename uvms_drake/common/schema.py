@@ -1,0 +1,176 @@
+"""Holds raw YAML data against dataclasses, so that a mistake is reported by its key.
+
+`yaml_load_typed` stops at the first mistake too, but names neither the path of the key nor, for
+arrays and tags, what would have been right; and it lets NaN and ragged arrays through.
+"""
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump, yaml_load_data, yaml_load_typed
+
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
+
+T = typing.TypeVar("T")
+
+LARGEST = 1e50
+"""Of all numbers in a file, so that what is computed from them, such as a square, is finite too."""
+
+
+def read_yaml(path: Path) -> object:
+    """Returns the raw data of a YAML file; a tag becomes the entry `_tag` of its mapping."""
+    try:
+        return parse_yaml(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ScenarioError(f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ScenarioError("cannot be read: it is not UTF-8 text") from None
+
+
+def parse_yaml(text: str) -> object:
+    """Returns the raw data of a YAML text, or raises a `ScenarioError` that names the line."""
+    try:
+        return yaml_load_data(text, private=True)
+    except Exception as error:  # PyYAML's, which is Drake's choice and not imported here.
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or getattr(error, "context", None) or error
+        raise ScenarioError(f"{where}{' '.join(str(problem).split())}") from None
+
+
+def conform(schema: typing.Any, value: object, key: str = "") -> typing.Any:
+    """Returns `value` with its numbers in the schema's types.
+
+    Args:
+        schema: A dataclass, one of Drake's config structs, or the type of one of their fields.
+        value: Raw YAML data.
+        key: Dotted path of `value`, for the error.
+
+    Raises:
+        InvalidParameter: An unknown key or tag, or a value of the wrong type.
+    """
+    if isinstance(schema, types.UnionType) or typing.get_origin(schema) is typing.Union:
+        return _conform_union(typing.get_args(schema), value, key)
+    if schema in _LEAVES:
+        return _LEAVES[schema](value, key)
+    if typing.get_origin(schema) is list:
+        (item,) = typing.get_args(schema)
+        if not isinstance(value, list):
+            raise InvalidParameter(key, value, "a list")
+        return [conform(item, v, f"{key}[{i}]") for i, v in enumerate(value)]
+    if typing.get_origin(schema) is dict:
+        _, item = typing.get_args(schema)
+        if not isinstance(value, dict):
+            raise InvalidParameter(key, value, "a mapping of names to values")
+        return {name: conform(item, v, f"{key}.{name}") for name, v in value.items()}
+    return _conform_struct(schema, value, key)
+
+
+def load_typed(schema: type[T], raw: object) -> T:
+    """Returns raw YAML data as an instance of `schema`, after `conform`."""
+    return yaml_load_typed(schema=schema, data=yaml_dump(conform(schema, raw)))
+
+
+def field_types(schema: typing.Any) -> dict[str, typing.Any]:
+    """Returns the name and type of each field of a dataclass or of a Drake config struct."""
+    if dataclasses.is_dataclass(schema):
+        return {f.name: f.type for f in dataclasses.fields(schema)}
+    return {f.name: f.type for f in schema.__fields__}
+
+
+def _conform_union(options: tuple[typing.Any, ...], value: object, key: str) -> typing.Any:
+    if value is None and types.NoneType in options:
+        return None
+    options = tuple(option for option in options if option is not types.NoneType)
+    if len(options) == 1:
+        return conform(options[0], value, key)
+    by_tag = {f"!{option.__name__}": option for option in options}
+    allowed = f"a mapping tagged {' or '.join(by_tag)}"
+    if not isinstance(value, dict):
+        raise InvalidParameter(key, value, allowed)
+    tag = value.get("_tag", next(iter(by_tag)))
+    if tag not in by_tag:
+        raise InvalidParameter(key, tag, allowed + _suggestion(str(tag), list(by_tag)))
+    inside = {k: v for k, v in value.items() if k != "_tag"}
+    return {"_tag": tag, **_conform_struct(by_tag[tag], inside, key)}
+
+
+def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, object]:
+    if not isinstance(value, dict):
+        raise InvalidParameter(key or "the file", value, "a mapping of keys to values")
+    fields = field_types(schema)
+    out = {}
+    for name, item in value.items():
+        path = f"{key}.{name}" if key else str(name)
+        if name == "_tag":
+            raise InvalidParameter(key, item, "written without a tag")
+        if name not in fields:
+            raise InvalidParameter(path, item, f"under one of the keys {', '.join(fields)}"
+                                   + _suggestion(str(name), list(fields)))
+        out[name] = conform(fields[name], item, path)
+    return out
+
+
+def _suggestion(word: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean '{close[0]}'?)" if close else ""
+
+
+def _text(value: object, key: str) -> str:
+    if not isinstance(value, str):
+        raise InvalidParameter(key, value, "text (in quotes, if it looks like something else)")
+    return value
+
+
+def _boolean(value: object, key: str) -> bool:
+    if not isinstance(value, bool):
+        raise InvalidParameter(key, value, "true or false")
+    return value
+
+
+def _integer(value: object, key: str) -> int:
+    number = _to_float(value)
+    if number is None or not number.is_integer():
+        raise InvalidParameter(key, value, "a whole number")
+    return value if isinstance(value, int) else int(number)
+
+
+def _number(value: object, key: str) -> float:
+    number = _to_float(value)
+    if number is None:
+        raise InvalidParameter(key, value, "a finite number")
+    if abs(number) > LARGEST:
+        raise InvalidParameter(key, value, f"a number between ±{LARGEST:g}")
+    return number
+
+
+def _to_float(value: object) -> float | None:
+    """Returns a finite number or None. YAML 1.1 takes 1e-3, without a dot, for text."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _array(value: object, key: str) -> list[object]:
+    """Returns a vector or matrix as (nested) lists of floats."""
+    if not isinstance(value, list):
+        raise InvalidParameter(key, value, "a list of numbers")
+    items: list[typing.Any] = [(_array if isinstance(item, list) else _number)(item, f"{key}[{i}]")
+                                for i, item in enumerate(value)]
+    if len({np.shape(item) for item in items}) > 1:
+        raise InvalidParameter(key, value, "a list of numbers, or of rows of equal length")
+    return items
+
+
+_LEAVES: dict[type, Callable[[object, str], object]] = {
+    str: _text, bool: _boolean, int: _integer, float: _number, np.ndarray: _array}

@@ -1,0 +1,1 @@
+"""What is pressed: one surface, one file."""

@@ -1,0 +1,129 @@
+"""Where the robots live, and how one is put into a `MultibodyPlant`.
+
+A robot is a folder with `<name>.sdf`, `hydrodynamics.yaml` and `package.xml`. Its SDFormat file
+has a floating body `vehicle` in FRD axes, a serial chain of revolute joints, and a frame `tip`
+(the paper's Σ_E).
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
+
+import uvms_drake
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters, load_hydrodynamics
+from uvms_drake.plant.model_error import ModelError, scaled_hydrodynamics, scaled_inertias
+
+STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
+
+
+@dataclass(frozen=True)
+class Uvms:
+    """Handles of a UVMS inside a `MultibodyPlant`."""
+
+    plant: MultibodyPlant
+    model_instance: ModelInstanceIndex
+    vehicle: RigidBody
+    joints: tuple[RevoluteJoint, ...]
+    """The arm's joints, from the vehicle outwards."""
+    tip: Frame
+    hydrodynamics: HydrodynamicParameters
+
+
+def models_dir() -> Path:
+    """Returns the folder of the robots: inside an installed package, or beside it in a checkout."""
+    package = Path(uvms_drake.__file__).parent
+    installed = package / "models"
+    return installed if installed.is_dir() else package.parent / "models"
+
+
+def model_dir(model: str) -> Path:
+    """Returns the folder of a robot, given the name of a shipped one or a path."""
+    shipped = sorted(path.parent.name for path in models_dir().glob("*/package.xml"))
+    folder = models_dir() / model if model in shipped else Path(model)
+    complete = all((folder / name).is_file()
+                   for name in (f"{folder.name}.sdf", "hydrodynamics.yaml", "package.xml"))
+    require(complete, "model", model, f"one of {', '.join(shipped)}, or a folder with <name>.sdf, "
+            "hydrodynamics.yaml and package.xml")
+    return folder
+
+
+def add_uvms(plant: MultibodyPlant, model: str, error: ModelError | None = None) -> Uvms:
+    """Adds a robot to `plant`, sets gravity along +z (Σ_I is NED), and returns its handles.
+
+    Args:
+        plant: A plant that is not finalized; `add_uvms` does not finalize it.
+        model: Name of a shipped robot or path of a robot's folder.
+        error: By what its parameters are multiplied, if at all.
+
+    Raises:
+        InvalidParameter: The robot's files cannot be used.
+    """
+    folder = model_dir(model)
+    instance = _parse(plant, folder, error)
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, STANDARD_GRAVITY])
+    for name in ("vehicle", "tip"):
+        require(plant.HasFrameNamed(name, instance), "model", model,
+                f"a robot with a frame '{name}'")
+    hydrodynamics = load_hydrodynamics(folder / "hydrodynamics.yaml")
+    for name in hydrodynamics.bodies:
+        require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",
+                name, f"a body of {folder.name}.sdf")
+    if error is not None:
+        hydrodynamics = scaled_hydrodynamics(hydrodynamics, error, plant, instance)
+    return Uvms(
+        plant=plant,
+        model_instance=instance,
+        vehicle=plant.GetBodyByName("vehicle", instance),
+        joints=_serial_joints(plant, instance),
+        tip=plant.GetFrameByName("tip", instance),
+        hydrodynamics=hydrodynamics,
+    )
+
+
+def _parse(plant: MultibodyPlant, folder: Path, error: ModelError | None
+           ) -> ModelInstanceIndex:
+    sdf = folder / f"{folder.name}.sdf"
+    parser = Parser(plant)
+    try:
+        parser.package_map().AddPackageXml(str(folder / "package.xml"))
+        if error is None:
+            (instance,) = parser.AddModels(str(sdf))
+        else:
+            (instance,) = parser.AddModelsFromString(
+                scaled_inertias(sdf.read_text(encoding="utf-8"), error.mass), "sdf")
+    except RuntimeError as reason:
+        raise InvalidParameter(
+            "model", str(sdf), f"a readable robot: {_one_line(reason)}") from None
+    return instance
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _serial_joints(
+    plant: MultibodyPlant, instance: ModelInstanceIndex
+) -> tuple[RevoluteJoint, ...]:
+    """Returns the revolute joints in the order of the file, each of which must carry the next."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    for joint in joints:
+        require(joint.type_name() in ("weld", "revolute"), f"joint {joint.name()}",
+                joint.type_name(), "revolute or a weld")
+    welds = {joint.child_body().name(): joint.parent_body().name()
+             for joint in joints if joint.type_name() == "weld"}
+    require("vehicle" not in welds, "vehicle", "welded", "a floating body")
+    chain = tuple(joint for joint in joints if joint.type_name() == "revolute")
+    outermost = "vehicle"
+    for joint in chain:
+        parent = joint.parent_body().name()
+        while parent in welds:
+            parent = welds[parent]
+        if parent != outermost:
+            raise InvalidParameter(
+                "joint", joint.name(), f"carried by '{outermost}': the arm must be a serial chain")
+        outermost = joint.child_body().name()
+    return chain

@@ -1,0 +1,157 @@
+"""What happened in a run and when, from its record.
+
+Everything is seen at the logged samples and at those of the MPC: an event lasts from the first
+sample at which it is so to the first at which it no longer is. What is logged and is interrupted
+for less than `GAP` is one event, so that a bouncing contact is not a list of bounces; `TubeMonitor`
+counts every exit.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, TROUBLE
+from uvms_drake.control.tube_monitor import FIELDS, SAID, beyond
+from uvms_drake.report.signals import (
+    constraint_signals,
+    disturbance_above,
+    settling_index,
+    wrench_unit,
+)
+from uvms_drake.station.diagram import MONITOR_SLACK, monitor_floor, set_wise_radii
+from uvms_drake.station.record import Record
+
+GAP = 0.1
+"""Shortest interruption of what is logged that makes two events of it [s]."""
+
+ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
+            "solver_late", "sample_dropped", "state_lost", "input_limited")
+"""Kinds that are not as planned; the others are `contact`, `settled` and `force_refused`."""
+
+MPC_KINDS = {FAILED: "solver_failed", LATE: "solver_late", DROPPED: "sample_dropped"}
+"""By the status of a sample of the MPC."""
+
+
+class Event(NamedTuple):
+    """Something that happened in a run."""
+
+    start: float
+    """[s]."""
+    end: float | None
+    """[s]: `start` of what is an instant, None of what lasts to the end of the run."""
+    kind: str
+    """Short and stable: one of `ALARMING`, `contact`, `settled`, `force_refused`."""
+    text: str
+    """What happened, in words and numbers."""
+
+
+class _Signal(NamedTuple):
+    """What events are made of: one for each interval in which `holds`."""
+
+    kind: str
+    holds: np.ndarray
+    """(T,), or (K,) of a signal of the MPC."""
+    text: Callable[[slice], str]
+    """Of an interval of samples."""
+
+
+def events(record: Record) -> list[Event]:
+    """Returns the events of a run in the order in which they start."""
+    out = [event for signal in _logged(record) for event in _during(signal, record.time, GAP)]
+    out += [event for signal in _sampled(record) for event in _during(signal, record.mpc_time, 0.0)]
+    return sorted([*out, *_settled(record)], key=lambda event: event.start)
+
+
+def intervals(holds: np.ndarray, time: np.ndarray, gap: float) -> list[slice]:
+    """Returns the intervals of samples in which `holds`; those less than `gap` apart are one.
+
+    Args:
+        holds: (T,) of bool.
+        time: Of the samples (T,) [s].
+        gap: [s].
+    """
+    out: list[slice] = []
+    for start, stop in np.flatnonzero(np.diff(holds, prepend=False, append=False)).reshape(-1, 2):
+        if out and time[start] - time[out[-1].stop] < gap:
+            out[-1] = slice(out[-1].start, int(stop))
+        else:
+            out.append(slice(int(start), int(stop)))
+    return out
+
+
+def _during(signal: _Signal, time: np.ndarray, gap: float) -> Iterator[Event]:
+    for when in intervals(signal.holds, time, gap):
+        end = float(time[when.stop]) if when.stop < len(time) else None
+        yield Event(float(time[when.start]), end, signal.kind, signal.text(when))
+
+
+def _logged(record: Record) -> Iterator[_Signal]:
+    """Yields the signals at the logged samples."""
+    depth, bound = record.penetration, record.scenario.disturbance.bound
+    d = np.linalg.norm(record.effective_disturbance, axis=1)
+    if not record.scenario.kinematic:  # There nothing is touched.
+        yield _Signal("contact", depth > 0.0,
+                      lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
+    radii = set_wise_radii(record.scenario)
+    set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
+    yield _deviation("tube_left", SAID[0], record, set_wise)
+    yield _deviation("bound_left", SAID[1], record, record.tube_bound)
+    yield _Signal("disturbance_exceeded", disturbance_above(record),
+                  lambda when: f"all that disturbs above its bound of {bound:.3g}, at most "
+                               f"{np.max(d[when]):.3g}")
+    yield _Signal("state_lost", record.state_lost > 0.0, lambda when: "the measured state is lost")
+    yield _Signal("input_limited", record.input_limited > 0.0,
+                  lambda when: "the command is limited")
+    for name, (signal, limit) in constraint_signals(record).items():
+        excess = limit - signal if name.endswith("_min") else signal - limit
+        yield _Signal("limit_violated", excess > 0.0, partial(_limit_text, name, excess))
+
+
+def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Signal:
+    """Returns where a deviation is above one of its bounds, (6,) or (T, 6), as `TubeMonitor` does.
+
+    A log is made just before the MPC plans anew at the same instant and the monitor looks just
+    after it, which is the same where the nominal motion is continuous. The end of the run is
+    logged, and the monitor does not look at it.
+    """
+    norms, floor = record.tube_deviation, monitor_floor(record.scenario)
+    left = beyond(norms, bounds, MONITOR_SLACK, floor)
+    ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
+
+    def text(when: slice) -> str:
+        worst = np.max(ratios[when], axis=0)
+        part = int(np.argmax(worst))
+        return f"{said}: {FIELDS[part]} at most {worst[part]:.3g} of its bound"
+
+    return _Signal(kind, np.any(left, axis=1), text)
+
+
+def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
+    return f"limit {name} violated, by at most {np.max(excess[when]):.3g}"
+
+
+def _sampled(record: Record) -> Iterator[_Signal]:
+    """Yields the signals at the samples of the MPC."""
+    for status, kind in MPC_KINDS.items():
+        yield _Signal(kind, record.mpc_status == status,
+                      partial(_samples_text, TROUBLE[status]))
+    yield _Signal("force_refused", record.mpc_refused != 0.0,
+                  partial(_samples_text, "another desired force was refused"))
+
+
+def _samples_text(said: str, when: slice) -> str:
+    number = when.stop - when.start
+    return said if number == 1 else f"{said}, {number} samples in a row"
+
+
+def _settled(record: Record) -> Iterator[Event]:
+    tolerance = record.scenario.task.force_tolerance
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
+    index = settling_index(error, tolerance)
+    if index is not None:
+        time = float(record.time[index])
+        yield Event(time, time, "settled",
+                    f"force within {tolerance:g} {wrench_unit(record.desired_force[-1])} of the "
+                    "desired one, for good")

@@ -1,0 +1,317 @@
+"""The figures of a run, one idea each, at the width of a column in a paper."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uvms_drake.control.ancillary import Transpose, task_error
+from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
+from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
+from uvms_drake.report.figure_style import (
+    BLACK,
+    BLUE,
+    LIMIT,
+    ORANGE,
+    STYLE,
+    TIGHTENED,
+    VERMILION,
+    XYZ,
+    legend_above,
+    log_ticks,
+    panels,
+    real_and_nominal,
+    real_nominal_tube_above,
+    room_above_zero,
+    tube_label,
+)
+from uvms_drake.report.kinematic_figures import (
+    draw_input_norms,
+    draw_orientation_errors,
+    draw_position_errors,
+)
+from uvms_drake.report.signals import input_names, settling_index, wrench_unit
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import Scenario
+
+UNCERTIFIED = "run without a certificate"
+
+
+def make_figures(record: Record, output_dir: Path) -> list[Path]:
+    """Writes all figures of a run as PNG files into a folder and returns their paths."""
+    paths = []
+    for name in figures_of(record.scenario):
+        draw = FIGURES[name]
+        with matplotlib.rc_context(STYLE):
+            figure = draw(record)
+            if not record.certified:
+                figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
+                            color=VERMILION)
+            figure.savefig(output_dir / name)
+        paths.append(output_dir / name)
+    return paths
+
+
+def figures_of(scenario: Scenario) -> list[str]:
+    """Returns the names of the figures of a scenario's run."""
+    without = WITH_FORCES if scenario.kinematic else PAPERS
+    return [name for name in FIGURES if name not in without]
+
+
+def draw_task_error(record: Record) -> Figure:
+    """Draws χ − χ_des, real and nominal, with the tube; on the right close to zero."""
+    figure, axes = panels(2, 3.2, columns=2)
+    real = task_error(record.chi, record.chi_des)
+    nominal = task_error(record.chi_nominal, record.chi_des)
+    tube = resolved_radii(record.scenario.tube)
+    rows = ((slice(0, 3), ("$x$", "$y$", "$z$"), "position", "m"),
+            (slice(3, 6), (r"$\phi$", r"$\theta$", r"$\psi$"), "orientation", "rad"))
+    for row, (part, labels, name, unit) in zip(axes, rows, strict=True):
+        bound = getattr(tube, name)
+        for axis in row:
+            for color, label, e, e_bar in zip(
+                    XYZ, labels, real[:, part].T, nominal[:, part].T, strict=True):
+                axis.fill_between(record.time, e_bar - bound, e_bar + bound, color=color,
+                                  alpha=0.18, linewidth=0)
+                axis.plot(record.time, e, color=color, label=label)
+                axis.plot(record.time, e_bar, color=BLACK, linewidth=0.7, linestyle="--")
+        row[0].legend(ncols=3, loc="best")
+        reach = 2.5 * bound or 2.5 * float(np.max(np.abs(real[-1, part]))) or 1.0
+        row[1].set_ylim(-reach, reach)
+        row[1].set_title(f"close to zero; the tube is $\\pm${bound:.3g} {unit}")
+        row[0].set_ylabel(f"{name} error [{unit}]")
+    real_nominal_tube_above(figure, bool(record.certified))
+    return figure
+
+
+def draw_force(record: Record) -> Figure:
+    """Draws 𝔉 and the penetration, and after an approach the force from contact to settling."""
+    torque, approach = bool(np.any(record.force[:, 3:])), not record.penetration[0] > 0.0
+    rows = 2 + torque + approach
+    figure, axes = panels(rows, 0.6 + 1.2 * rows, sharex=False)
+    whole = axes[: 2 + torque]
+    _draw_wrench(whole[0], record, slice(0, 3), "$F_{}$")
+    _draw_tolerance(whole[0], record, slice(0, 3))
+    whole[0].set_ylabel("force [N]")
+    if torque:
+        _draw_wrench(whole[1], record, slice(3, 6), "$M_{}$")
+        _draw_tolerance(whole[1], record, slice(3, 6))
+        whole[1].set_ylabel("torque [N m]")
+        whole[1].legend(ncols=4, loc="best")
+    whole[-1].plot(record.time, 1e3 * record.penetration)
+    _draw_deepest(whole[-1], record)
+    whole[-1].set_ylabel("penetration [mm]")
+    whole[-1].set_xlabel("time [s]")
+    for axis in whole[:-1]:
+        axis.sharex(whole[-1])
+        axis.tick_params(labelbottom=False)
+    if approach:
+        _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
+        axes[-1].set_ylabel("force [N]")
+        axes[-1].set_xlim(*_impact_window(record))
+        axes[-1].set_title("from the first contact to settling")
+    legend_above(figure, axes[0], 5)
+    return figure
+
+
+def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
+    for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True):
+        axis.plot(record.time, force, color=color, label=name.format(letter))
+    for i, goal in enumerate(np.unique(record.desired_force[:, part], axis=1).T):
+        axis.plot(record.time, goal, **{**LIMIT, "label": "_" if i else "desired"})
+
+
+def _draw_deepest(axis: Axes, record: Record) -> None:
+    """Draws how deep the limit on the static force lets it go into a plane that is known."""
+    scenario, surface = record.scenario, make_surface_law(record.scenario.surface)
+    full, nominal = scenario.limits.static_force, nominal_limits(record).static_force
+    if (isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0
+            and full is not None and nominal is not None):
+        axis.axhline(1e3 * surface.depth_for(full), **LIMIT)
+        axis.axhline(1e3 * surface.depth_for(nominal), **TIGHTENED)
+        axis.legend(loc="best")
+
+
+def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
+    """Draws within what the components of 𝔉_des that are not zero count as settled."""
+    tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
+    goals = record.desired_force[:, part]
+    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
+        axis.fill_between(record.time, goal - tolerance, goal + tolerance, color=BLUE, alpha=0.12,
+                          linewidth=0, label="_" if i else f"$\\pm${tolerance:g} {unit}")
+
+
+def draw_velocities(record: Record) -> Figure:
+    """Draws the block norms of ζ with their limits, full and tightened."""
+    figure, axes = panels(3, 3.8)
+    limits, nominal = record.scenario.limits, nominal_limits(record)
+    blocks = ((slice(0, 3), r"$\|\nu_1\|$ [m/s]", "nu1"),
+              (slice(3, 6), r"$\|\nu_2\|$ [rad/s]", "nu2"),
+              (slice(6, None), r"$\|\dot{q}\|$ [rad/s]", "qdot"))
+    for axis, (block, label, key) in zip(axes, blocks, strict=True):
+        real_and_nominal(axis, record.time, np.linalg.norm(record.zeta[:, block], axis=1),
+                         np.linalg.norm(record.nominal_zeta[:, block], axis=1))
+        axis.axhline(getattr(limits, key), **LIMIT)
+        axis.axhline(getattr(nominal, key), **TIGHTENED)
+        axis.set_ylabel(label)
+        room_above_zero(axis)
+    _name_tube(axes[0], record)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_joints(record: Record) -> Figure:
+    """Draws the joint angles with their limits, full and tightened."""
+    n, nominal = record.num_joints, nominal_limits(record)
+    figure, axes = panels(n, 0.8 + 0.95 * n)
+    for i, axis in enumerate(axes):
+        real_and_nominal(axis, record.time, record.config[:, 6 + i],
+                         record.nominal_config[:, 6 + i])
+        for limit, tightened in ((record.joint_lower[i], nominal.q_lower[i]),
+                                 (record.joint_upper[i], nominal.q_upper[i])):
+            if np.isfinite(limit):
+                axis.axhline(limit, **LIMIT)
+                axis.axhline(tightened, **TIGHTENED)
+        axis.set_ylabel(f"$q_{{{i + 1}}}$ [rad]")
+    _name_tube(axes[0], record)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_inputs(record: Record) -> Figure:
+    """Draws the acceleration commands with their limits, full and tightened, channel by channel."""
+    names = input_names(record.num_joints)
+    rows = -(-len(names) // 2)
+    figure, grid = panels(rows, 0.5 + 1.0 * rows, columns=2)
+    axes = grid.T.ravel()
+    limits, tightened = record.scenario.limits.u, nominal_limits(record).u
+    for i, (axis, name) in enumerate(zip(axes, names, strict=False)):
+        real_and_nominal(axis, record.time, record.u[:, i], record.nominal_input[:, i])
+        for sign in (-1.0, 1.0):
+            axis.axhline(sign * limits[i], **LIMIT)
+            axis.axhline(sign * tightened[i], **TIGHTENED)
+        axis.set_ylabel(f"{name}\n[{'m' if i < 3 else 'rad'}/s²]")
+    if len(axes) > len(names):
+        axes[-1].set_visible(False)
+        axes[-2].set_xlabel("time [s]")
+        axes[-2].tick_params(labelbottom=True)
+    _name_tube(axes[0], record)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_disturbance(record: Record) -> Figure:
+    """Draws the components of d, or w, and its norm against the bound.
+
+    The norm of the effective disturbance is drawn too, where it is another one.
+    """
+    figure, axes = panels(2, 2.8)
+    kinematic = record.scenario.kinematic
+    symbol, unit = ("w", "m/s, rad/s") if kinematic else ("d", "m/s², rad/s²")
+    blocks = (slice(0, 3), slice(3, 6), slice(6, None))[: 2 if kinematic else 3]
+    names = ("position", "orientation") if kinematic else (
+        "surge, sway, heave", "roll, pitch, yaw", "joints")
+    for block, color, name in zip(blocks, XYZ, names, strict=False):
+        axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
+                     label=name)
+    norm = np.linalg.norm(record.disturbance, axis=1)
+    effective = np.linalg.norm(record.effective_disturbance, axis=1)
+    axes[1].plot(record.time, norm, color=BLACK)
+    title = rf"dashed: bound $\tilde{{{symbol}}}$"
+    if not np.allclose(norm, effective, atol=1e-6):
+        axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8)
+        title += "; orange: with what the controller does not know"
+    axes[1].axhline(record.scenario.disturbance.bound, **{**LIMIT, "color": VERMILION})
+    axes[1].set_title(title)
+    axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
+    axes[1].set_ylabel(rf"$\|{symbol}\|_2$ [{unit}]")
+    room_above_zero(axes[1])
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_mpc(record: Record) -> Figure:
+    """Draws the step time of the MPC, failed samples, and the slack of the terminal set."""
+    figure, axes = panels(2, 2.8)
+    step_ms = 1e3 * record.step_seconds
+    for chosen, marker, color, label in (
+            (record.mpc_status == 0, ".", BLUE, "solved"),
+            (record.mpc_status != 0, "x", VERMILION, "failed, late or dropped")):
+        axes[0].plot(record.mpc_time[chosen], step_ms[chosen], marker, color=color, markersize=3.5,
+                     label=label)
+    axes[0].axhline(1e3 * record.scenario.mpc.time_step, **{**LIMIT, "label": "sampling period"})
+    log_ticks(axes[0])
+    axes[0].set_ylabel("step time [ms]")
+    axes[1].plot(record.mpc_time, record.mpc_terminal_slack, ".-", markersize=3.5)
+    axes[1].set_ylabel("terminal slack [-]")
+    axes[1].set_xlim(record.time[0], record.time[-1])
+    room_above_zero(axes[1])
+    legend_above(figure, axes[0])
+    return figure
+
+
+def draw_deviation(record: Record) -> Figure:
+    """Draws how far the real state is from the nominal one, against both bounds of the tube."""
+    figure, axes = panels(2, 2.8)
+    tube = record.scenario.tube
+    error = r"\chi" if isinstance(record.scenario.ancillary, Transpose) else "y"
+    labels = (rf"$\|{error}-\bar{{{error}}}\|_2$ [m, rad]",
+              r"$\|\zeta-\bar{\zeta}\|_2$ [m/s, rad/s]")
+    name = tube_label(bool(record.certified))
+    for axis, part, bound, label in zip(
+            axes, ("task", "z"), (tube.e, tube.z), labels, strict=True):
+        axis.plot(record.time, record.deviation_of(part), label="deviation")
+        axis.axhline(bound, **{**LIMIT, "label": name})
+        if np.all(np.isfinite(record.bound_of(part))):
+            axis.plot(record.time, record.bound_of(part), color=VERMILION, linewidth=0.8,
+                      label="bound along the run")
+        axis.fill_between(record.time, 0.0, bound, color=BLUE, alpha=0.1, linewidth=0)
+        axis.set_ylabel(label)
+        room_above_zero(axis)
+    legend_above(figure, axes[0])
+    return figure
+
+
+def nominal_limits(record: Record) -> NominalLimits:
+    """Returns what the tube left of the limits to the nominal MPC."""
+    scenario = record.scenario
+    return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper,
+                   make_surface_law(scenario.surface), accelerations=not scenario.kinematic)
+
+
+def _name_tube(axis: Axes, record: Record) -> None:
+    """Says above an axis where the tightened limits come from."""
+    axis.set_title(f"tightened by the {tube_label(bool(record.certified))}")
+
+
+def _impact_window(record: Record) -> tuple[float, float]:
+    """Returns the times from just before the first contact to just after settling [s]."""
+    force = np.linalg.norm(record.force, axis=1)
+    touching = np.flatnonzero(force > 0.01 * max(float(np.max(force)), 1e-12))
+    start = float(record.time[touching[0]]) if len(touching) else float(record.time[0])
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
+    settled = settling_index(error, record.scenario.task.force_tolerance)
+    stop = start + 2.0 if settled is None else max(float(record.time[settled]), start) + 0.5
+    return max(start - 0.2, float(record.time[0])), min(stop, float(record.time[-1]))
+
+
+FIGURES: dict[str, Callable[[Record], Figure]] = {
+    "task_error.png": draw_task_error,
+    "force.png": draw_force,
+    "velocities.png": draw_velocities,
+    "joints.png": draw_joints,
+    "inputs.png": draw_inputs,
+    "disturbance.png": draw_disturbance,
+    "mpc.png": draw_mpc,
+    "deviation.png": draw_deviation,
+    "position_errors.png": draw_position_errors,
+    "orientation_errors.png": draw_orientation_errors,
+    "input_norms.png": draw_input_norms,
+}
+WITH_FORCES = ("force.png", "inputs.png")
+"""Of dynamic motion only."""
+PAPERS = ("position_errors.png", "orientation_errors.png", "input_norms.png")
+"""Of kinematic motion only: the paper's."""

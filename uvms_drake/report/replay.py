@@ -1,0 +1,54 @@
+"""A run as an animation, or as a still, in one HTML file that needs no server."""
+
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat
+
+from uvms_drake.station.record import Record
+from uvms_drake.visual.scene import Moment, Scene
+
+
+def write_replay(record: Record, path: Path) -> None:
+    """Writes the run as an animation that plays at true speed."""
+    rate = record.scenario.visual.rate
+    meshcat = Meshcat()
+    scene = Scene(meshcat, record.scenario, bool(record.certified))
+    meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)
+    for i in frame_indices(record.time, rate):
+        scene.show(moment_of(record, i), record.time[i] + 1e-6)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+
+
+def write_still(record: Record, time: float, path: Path) -> None:
+    """Writes the picture at `time` [s], with the trail up to there."""
+    meshcat = Meshcat()
+    scene = Scene(meshcat, record.scenario, bool(record.certified))
+    so_far = record.time[record.time <= time + 1e-9]
+    for i in frame_indices(so_far, record.scenario.visual.rate):
+        scene.show(moment_of(record, i), record.time[i])
+    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+
+
+def moment_of(record: Record, index: int) -> Moment:
+    """Returns what is to be seen at a sample of a record.
+
+    The plans are not in a record: the path is the one that the nominal robot then took, in the
+    length of the horizon.
+    """
+    mpc = record.scenario.mpc
+    ahead = record.time[index] + mpc.time_step * np.arange(mpc.horizon + 1)
+    path = np.column_stack([np.interp(ahead, record.time, x)
+                            for x in record.chi_nominal[:, :3].T])
+    return Moment(state=record.state[index], nominal_state=record.nominal_state[index],
+                  u=record.u[index], nominal_input=record.nominal_input[index],
+                  desired_force=record.desired_force[index], path=path,
+                  force=record.force[index])
+
+
+def frame_indices(time: np.ndarray, rate: float) -> np.ndarray:
+    """Returns the samples of `time` (T,) [s] to show, at most `rate` in a second."""
+    frames = np.floor(time * rate + 1e-9)
+    return np.flatnonzero(np.diff(frames, prepend=-1.0) > 0.0)

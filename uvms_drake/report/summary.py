@@ -1,0 +1,277 @@
+"""What a run achieved, in numbers: pure functions from a `Record` to the content of summary.json.
+
+A figure of merit that does not exist, such as the settling time of a force that never settled, is
+None. Everything is evaluated at the logged samples.
+"""
+
+import platform
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+import uvms_drake
+from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
+from uvms_drake.control.tube_monitor import REPORT_FIELDS
+from uvms_drake.report.events import ALARMING, events
+from uvms_drake.report.signals import (
+    constraint_signals,
+    disturbance_above,
+    settling_index,
+    wrench_unit,
+)
+from uvms_drake.station.record import Record
+
+LAST_SECONDS = 5.0
+"""Length of the window at the end over which the force is averaged [s]."""
+EVENT_LINES = 12
+"""Largest number of lines for events in the table for a terminal."""
+
+
+def summarise(record: Record) -> dict[str, object]:
+    """Returns the summary of a run, ready for JSON."""
+    scenario = record.scenario
+    wall = record.wall_time_s
+    summary = {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake"),
+                     "python": platform.python_version()},
+        "duration_s": scenario.duration,
+        "wall_time_s": wall,
+        "real_time_factor": scenario.duration / wall if wall > 0.0 else None,
+        "mpc": summarise_mpc(record),
+        "task_error": summarise_task_error(record),
+        "force": summarise_force(record),
+        "constraints": summarise_constraints(record),
+        "disturbance": summarise_disturbance(record),
+        "tube": summarise_tube(record),
+        "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
+                    "text": event.text} for event in events(record)],
+    }
+    return jsonable(summary)
+
+
+def summarise_mpc(record: Record) -> dict[str, object]:
+    """Returns how often the MPC was solved and failed, how well, and how long a step took.
+
+    `fallbacks` are the samples at which the last plan was continued: `failures` of the solver, and
+    `late` plans. At `dropped` samples there was no solve.
+    `worst_violation` is that of the plans, in the unit of the limit that they violate.
+    """
+    status, step_ms = record.mpc_status, 1e3 * record.step_seconds
+    quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
+                 if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
+    return {
+        "solves": np.count_nonzero(status != DROPPED),
+        "failures": np.count_nonzero(status == FAILED),
+        "late": np.count_nonzero(status == LATE),
+        "dropped": np.count_nonzero(status == DROPPED),
+        "fallbacks": np.count_nonzero((status == FAILED) | (status == LATE)),
+        "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
+        "refused_targets": np.count_nonzero(record.mpc_refused),
+        "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
+        "worst_violation": np.max(record.mpc_violation) if len(step_ms) else None,
+    }
+
+
+def summarise_task_error(record: Record) -> dict[str, object]:
+    """Returns χ − χ_des at both ends [m, rad]."""
+    error = task_error(record.chi[[0, -1]], record.chi_des)
+    return {"initial": error[0], "final": error[1], "final_norm": np.linalg.norm(error[1])}
+
+
+def summarise_force(record: Record) -> dict[str, object]:
+    """Returns how well 𝔉 came to and stayed at 𝔉_des [N, N m]."""
+    desired = record.desired_force[-1]
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
+    index = settling_index(error, record.scenario.task.force_tolerance)
+    magnitude = float(np.linalg.norm(desired[:3]))
+    direction = desired[:3] / magnitude if magnitude > 0.0 else np.zeros(3)
+    normal = record.force[:, :3] @ direction
+    end = record.time >= record.time[-1] - LAST_SECONDS
+    return {
+        "desired": desired,
+        "final": record.force[-1],
+        "final_error_norm": error[-1],
+        "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
+        "settling_time_s": None if index is None else record.time[index],
+        "peak_normal": np.max(normal) if magnitude > 0.0 else None,
+        "overshoot": None if record.penetration[0] > 0.0 else _overshoot(normal, magnitude, index),
+        "last_5_s": {"mean_error_norm": np.mean(error[end]),
+                     "worst_normal_error": np.max(np.abs(normal[end] - magnitude))},
+    }
+
+
+def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
+    """Returns by how much the force along the desired one (T,) exceeded it before it settled."""
+    stop = len(normal) if settled is None else settled + 1
+    excess = max(float(np.max(normal[:stop])) - desired, 0.0)
+    return {"newton": excess, "percent": 100.0 * excess / desired if desired > 0.0 else None}
+
+
+def summarise_constraints(record: Record) -> dict[str, object]:
+    """Returns limit, worst value and margin of each constraint; negative if violated."""
+    out: dict[str, object] = {}
+    for name, (signal, limit) in constraint_signals(record).items():
+        lower = name.endswith("_min")
+        worst = np.min(signal) if lower else np.max(signal)
+        out[name] = {"limit": limit, "worst": worst,
+                     "margin": worst - limit if lower else limit - worst}
+    return out
+
+
+def summarise_disturbance(record: Record) -> dict[str, object]:
+    """Returns d̃, the largest disturbance, and how often it was above d̃.
+
+    `worst` is of the effective disturbance, with all that the controller does not know about;
+    `applied` of the simulated one alone. `exceeded` counts the separate times of being above.
+    """
+    above = disturbance_above(record)
+    return {"bound": record.scenario.disturbance.bound,
+            "worst": np.max(np.linalg.norm(record.effective_disturbance, axis=1)),
+            "applied": np.max(np.linalg.norm(record.disturbance, axis=1)),
+            "exceeded": np.count_nonzero(np.diff(above.astype(int), prepend=0) > 0)}
+
+
+def summarise_tube(record: Record) -> dict[str, object]:
+    """Returns the bounds, the worst deviations and how often they were left.
+
+    `e` is what the law feeds back: y − ȳ, or χ − χ̄ alone; see `tube_monitor.FIELDS`. `exits` counts
+    the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
+    whole task, position, orientation, joints and velocity, set-wise and along the run; see
+    `TubeMonitor`.
+    """
+    tube = record.scenario.tube
+    report = dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
+    return {
+        "certified": bool(record.certified),
+        "law": record.scenario.law,
+        "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")),
+        "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")),
+        "exits": int(report["set_exits"]),
+        "first_exit_s": report["set_first_exit"],
+        "exits_along_the_run": int(report["trajectory_exits"]),
+        "worst_ratio": _worst_ratios(record, report),
+        "disturbance_excesses": int(report["disturbance_exits"]),
+    }
+
+
+def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float | None]:
+    """Returns the largest ratio of deviation and bound; None if there is no bound along the run."""
+    parts = ("task", "position", "orientation", "joints", "z")
+    along = [part for part in parts if np.any(np.isfinite(record.bound_of(part)))]
+    return {"set": max(report[f"worst_set_{part}"] for part in parts),
+            "trajectory": max((report[f"worst_trajectory_{part}"] for part in along),
+                              default=None)}
+
+
+def jsonable(value: Any) -> Any:
+    """Returns the value in JSON's types; a number that is not finite becomes None."""
+    if isinstance(value, dict):
+        return {key: jsonable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [jsonable(item) for item in value]
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def format_summary(summary: dict) -> str:
+    """Returns the summary as a table for a terminal."""
+    return "\n".join([
+        *_format_run(summary), "", *_format_force(summary["force"]), "",
+        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary), "",
+        *_format_events(summary["events"])])
+
+
+def _format_run(summary: dict) -> list[str]:
+    mpc, step, task = summary["mpc"], summary["mpc"]["step_ms"], summary["task_error"]
+    initial = float(np.linalg.norm(task["initial"]))
+    return [
+        f"{'scenario':<14}{summary['scenario']}, seed {summary['seed']}: "
+        f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
+        f"({_number(summary['real_time_factor'], '.2f')} times real time)",
+        f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, {mpc['late']} late, "
+        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped; "
+        f"step {_number(step['p50'], '.1f')} ms median, "
+        f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
+        f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
+        f"terminal set by {_number(mpc['worst_terminal_slack'], '.2g')} at most",
+        f"{'task error':<14}{initial:.4g} at the start, {task['final_norm']:.4g} at the end",
+    ]
+
+
+def _format_force(force: dict) -> list[str]:
+    settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
+               if force["settling_time_s"] is not None else "never settled within the tolerance")
+    overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
+    impact = "started in contact" if overshoot is None else (
+        f"impact overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
+    peak, off = "no force desired", ""
+    if force["peak_normal"] is not None:
+        peak = f"normal {force['peak_normal']:.4g} N at its peak"
+        off = f", normal off by {last['worst_normal_error']:.3g} N at most"
+    return [
+        f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} {unit} at the end",
+        f"{'':<14}{peak}, {impact}",
+        f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} {unit} on "
+        f"average{off}",
+    ]
+
+
+def _format_constraints(constraints: dict) -> list[str]:
+    rows = [f"{'constraint':<14}{'limit':>11}{'worst':>11}{'margin':>11}"]
+    for name, row in constraints.items():
+        mark = "" if row["margin"] >= 0.0 else "  VIOLATED"
+        numbers = "".join(f"{row[key]:>11.4g}" for key in ("limit", "worst", "margin"))
+        rows.append(f"{name:<14}{numbers}{mark}")
+    return rows
+
+
+def _format_robustness(summary: dict) -> list[str]:
+    tube, disturbance = summary["tube"], summary["disturbance"]
+    error, first = "chi" if tube["law"] == "transpose" else "y", tube["first_exit_s"]
+    since = "" if first is None else f" (first at {first:.2f} s)"
+    return [
+        f"{'disturbance':<14}{disturbance['worst']:.4g} at most with what the controller does not "
+        f"know ({disturbance['applied']:.4g} applied)",
+        f"{'':<14}bound {disturbance['bound']:.4g}, exceeded {disturbance['exceeded']} times",
+        f"{'tube':<14}law {tube['law']}; "
+        f"|{error} - {error}_nominal| {tube['worst_e']:.3g} (bound {tube['bound_e']:.3g}), "
+        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g})",
+        f"{'':<14}worst deviation over its bound: "
+        f"{_number(tube['worst_ratio']['set'], '.3f')} set-wise, "
+        f"{_number(tube['worst_ratio']['trajectory'], '.3f')} along the run",
+        f"{'':<14}exits: {tube['exits']} set-wise{since}, "
+        + ("no bound along the run" if tube["worst_ratio"]["trajectory"] is None
+           else f"{tube['exits_along_the_run']} along the run"),
+        f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
+    ]
+
+
+def _format_events(events: list[dict]) -> list[str]:
+    """Returns the lines of the events, what is alarming first and each part in order of time."""
+    if not events:
+        return [f"{'events':<14}none"]
+    ordered = sorted(events, key=lambda event: event["kind"] not in ALARMING)
+    shown = ordered if len(events) <= EVENT_LINES else ordered[: EVENT_LINES - 1]
+    lines = [f"{span(event):<18}  {event['text']}" for event in shown]
+    if len(shown) < len(events):
+        lines.append(f"... and {len(events) - len(shown)} more in summary.json")
+    return [f"{'events' if i == 0 else '':<14}{line}" for i, line in enumerate(lines)]
+
+
+def span(event: dict) -> str:
+    """Returns when an event of a summary was."""
+    start, end = event["time_s"], event["until_s"]
+    if end == start:
+        return f"{start:.2f} s"
+    return f"{start:.2f} s to " + ("the end" if end is None else f"{end:.2f} s")
+
+
+def _number(value: float | None, spec: str) -> str:
+    return "-" if value is None else format(value, spec)

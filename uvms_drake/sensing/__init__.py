@@ -1,0 +1,1 @@
+"""What stands between plant and controller: one part, one file."""

@@ -1,0 +1,149 @@
+"""What is left of a run: its scenario and its signals, as plain arrays."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
+
+SCENARIO_FILE = "scenario.yaml"
+LOG_FILE = "log.npz"
+TIMING_FILE = "timing.npz"
+
+
+@dataclass(frozen=True)
+class Record:
+    """The signals of a run: T logged samples, K samples of the nominal MPC, n joints.
+
+    Every array is in `log.npz` under its name, except the two wall times, which differ from run
+    to run and are in `timing.npz`. A bar marks the nominal system.
+    """
+
+    scenario: Scenario
+    time: np.ndarray
+    """(T,) [s]."""
+    state: np.ndarray
+    """(𝔮, ζ) (T, 2(6+n)) [m, rad, m/s, rad/s]."""
+    nominal_state: np.ndarray
+    """(𝔮̄, ζ̄) (T, 2(6+n)) [m, rad, m/s, rad/s]."""
+    chi: np.ndarray
+    """Pose χ of the end-effector in Σ_I (T, 6) [m, rad]."""
+    chi_nominal: np.ndarray
+    """χ̄ (T, 6) [m, rad]."""
+    chi_des: np.ndarray
+    """χ_des (6,) of the last 𝔉_des [m, rad]."""
+    nominal_input: np.ndarray
+    """ū (T, 6+n) [m/s², rad/s²]; ζ̄ [m/s, rad/s] if the motion is kinematic."""
+    u: np.ndarray
+    """𝔲 (T, 6+n) [m/s², rad/s²]; ζ [m/s, rad/s] if the motion is kinematic."""
+    tau: np.ndarray
+    """τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
+    state_lost: np.ndarray
+    """1 where the measured state was not finite and the command was the plan's own, else 0 (T,)."""
+    input_limited: np.ndarray
+    """1 where a limit cut the command, else 0 (T,); 0 if the motion is kinematic."""
+    force: np.ndarray
+    """𝔉, exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
+    surface's law gives for the pose."""
+    desired_force: np.ndarray
+    """𝔉_des that the nominal MPC plans for (T, 6) [N, N m]."""
+    penetration: np.ndarray
+    """Of the end-effector into the surface (T,) [m]."""
+    disturbance: np.ndarray
+    """d (T, 6+n) [m/s², rad/s²]; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
+    acceleration: np.ndarray
+    """ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
+    effective_disturbance: np.ndarray
+    """ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f: d and all else that the
+    controller does not know about; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
+    joint_lower: np.ndarray
+    """Joint limits in force (n,) [rad]: the robot's, or the scenario's if they are narrower."""
+    joint_upper: np.ndarray
+    """(n,) [rad]."""
+    mpc_time: np.ndarray
+    """Instants at which the MPC planned (K,) [s]."""
+    mpc_status: np.ndarray
+    """(K,): 0 solved; 1 the solver failed, or 2 was too late, and the last plan was continued; 3
+    the sample was dropped and the last plan went on."""
+    mpc_cost: np.ndarray
+    """(K,)."""
+    mpc_terminal_slack: np.ndarray
+    """By how much the end of the plan is outside of the terminal set (K,)."""
+    mpc_violation: np.ndarray
+    """Largest violation of a limit by the plan, in the limit's own unit (K,)."""
+    mpc_iterations: np.ndarray
+    """Convex programs solved (K,)."""
+    mpc_refused: np.ndarray
+    """1 where another desired force was asked for and is refused (K,)."""
+    step_seconds: np.ndarray
+    """Wall time of each MPC step (K,) [s]."""
+    wall_time_s: float
+    """Wall time of the simulation [s]."""
+    certified: np.ndarray
+    """() whether the tube is that of a certificate that holds; it is declared otherwise."""
+    tube_report: np.ndarray
+    """What `TubeMonitor` reports at the end, see its `REPORT_FIELDS`."""
+    tube_deviation: np.ndarray
+    """Norms of the deviation (T, 6), see `tube_monitor.FIELDS`."""
+    tube_bound: np.ndarray
+    """Their trajectory-wise bounds (T, 6)."""
+
+    @property
+    def num_joints(self) -> int:
+        """Returns n."""
+        return len(self.joint_lower)
+
+    @property
+    def config(self) -> np.ndarray:
+        """Returns 𝔮 (T, 6+n) [m, rad]."""
+        return self.state[:, : 6 + self.num_joints]
+
+    @property
+    def zeta(self) -> np.ndarray:
+        """Returns ζ = (ν₁, ν₂, q̇) (T, 6+n) [m/s, rad/s]."""
+        return self.state[:, 6 + self.num_joints:]
+
+    @property
+    def nominal_config(self) -> np.ndarray:
+        """Returns 𝔮̄ (T, 6+n) [m, rad]."""
+        return self.nominal_state[:, : 6 + self.num_joints]
+
+    @property
+    def nominal_zeta(self) -> np.ndarray:
+        """Returns ζ̄ (T, 6+n) [m/s, rad/s]."""
+        return self.nominal_state[:, 6 + self.num_joints:]
+
+    def deviation_of(self, part: str) -> np.ndarray:
+        """Returns the deviation (T,) of one of `tube_monitor.FIELDS`."""
+        return self.tube_deviation[:, FIELDS.index(part)]
+
+    def bound_of(self, part: str) -> np.ndarray:
+        """Returns its trajectory-wise bound (T,), inf where there is none."""
+        return self.tube_bound[:, FIELDS.index(part)]
+
+
+_TIMING = ("step_seconds", "wall_time_s")
+_LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", *_TIMING))
+
+
+def save_record(record: Record, folder: Path) -> list[Path]:
+    """Writes `scenario.yaml`, `log.npz` and `timing.npz` into a folder; returns their paths.
+
+    The same arrays give the same `log.npz`, byte for byte: NumPy stores no time of writing.
+    """
+    scenario, log, timing = (folder / name for name in (SCENARIO_FILE, LOG_FILE, TIMING_FILE))
+    scenario.write_text(dump_scenario(record.scenario), encoding="utf-8")
+    np.savez(log, **{name: getattr(record, name) for name in _LOGGED})
+    np.savez(timing, **{name: getattr(record, name) for name in _TIMING})
+    return [scenario, log, timing]
+
+
+def load_record(folder: Path) -> Record:
+    """Returns the record that `save_record` wrote into a folder."""
+    with np.load(folder / LOG_FILE) as log, np.load(folder / TIMING_FILE) as timing:
+        arrays = {name: log[name] for name in _LOGGED}
+        return Record(scenario=load_scenario(str(folder / SCENARIO_FILE)),
+                      step_seconds=timing["step_seconds"],
+                      wall_time_s=float(timing["wall_time_s"]), **arrays)

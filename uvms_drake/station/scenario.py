@@ -1,0 +1,271 @@
+"""A scenario: everything a run depends on, in one YAML file.
+
+The parameters of each part stand beside that part; here they are only put together, read from a
+file and changed by overrides such as `surface.stiffness=2000`.
+"""
+
+import difflib
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
+from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
+
+import uvms_drake
+from uvms_drake.common.errors import InvalidParameter, ScenarioError, require, within
+from uvms_drake.common.schema import load_typed, parse_yaml, read_yaml
+from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.limits import Limits, TubeRadii
+from uvms_drake.control.ocp import MpcConfig
+from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.plant.adversary import AdversarialDisturbance
+from uvms_drake.plant.disturbance import (
+    ConstantDisturbance,
+    RandomDisturbance,
+    SinusoidalDisturbance,
+)
+from uvms_drake.plant.model_error import ModelError, check_model_error
+from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
+from uvms_drake.station.faults import Fault, check_faults
+from uvms_drake.tube.settings import CertificateSettings
+from uvms_drake.visual.config import VisualConfig, check_visual
+
+MOTIONS = ("dynamic", "kinematic")
+
+
+@dataclass
+class Start:
+    """State at t = 0, at rest."""
+
+    eta: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """η = (x, y, z, φ, θ, ψ) of the vehicle in Σ_I [m, rad]."""
+    q: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Joint angles [rad]."""
+
+
+@dataclass
+class Task:
+    """What the end-effector shall do."""
+
+    force: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """𝔉_des, exerted on the surface in Σ_I [N, N m]."""
+    pose: np.ndarray | None = None
+    """χ on the surface for the coordinates that 𝔉_des leaves free (unilateral plane only)."""
+    posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """q_des [rad], resolves the redundancy of vehicle and arm."""
+    force_tolerance: float = 2.0
+    """‖𝔉 − 𝔉_des‖₂ below which the force counts as settled [N, N m]."""
+
+
+@dataclass
+class Scenario:
+    """A run of the closed loop.
+
+    Where there is a choice of types (surface, disturbance, ancillary) the first is the one meant
+    by a mapping without a tag.
+    """
+
+    name: str = ""
+    """Taken from the file's name if it is left out."""
+    description: str = ""
+    seed: int = 0
+    """Of everything random."""
+    duration: float = 20.0
+    """[s]."""
+    motion: str = "dynamic"
+    """What is simulated: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
+    input, the end-effector's velocity is disturbed and the force only follows from the pose, as in
+    the paper's simulation."""
+    model: str = "girona500_arm5e"
+    """A shipped robot or a robot's folder."""
+    start: Start = field(default_factory=Start)
+    current: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
+    model_error: ModelError = field(default_factory=ModelError)
+    """How the simulated robot differs from the one that the controller knows."""
+    surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
+    surface_error: SurfaceError = field(default_factory=SurfaceError)
+    """How the simulated surface differs from `surface`, which the controller knows."""
+    disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
+                  | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
+    faults: list[Fault] = field(default_factory=list)
+    """What fails, at most one of a kind; an entry without a tag is a `SolverFailure`."""
+    task: Task = field(default_factory=Task)
+    limits: Limits = field(default_factory=Limits)
+    tube: TubeRadii = field(default_factory=TubeRadii)
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    ancillary: Resolved | Transpose = field(default_factory=Resolved)
+    certificate: CertificateSettings = field(default_factory=CertificateSettings)
+    simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
+    log_period: float = 0.02
+    """Between two samples of every logged signal [s]."""
+    visual: VisualConfig = field(default_factory=VisualConfig)
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether the velocity is the input."""
+        return self.motion == "kinematic"
+
+    @property
+    def law(self) -> str:
+        """The ancillary law: `resolved` or `transpose`."""
+        return type(self.ancillary).__name__.lower()
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Returns the files of the scenarios that come with the package, by name."""
+    folder = Path(uvms_drake.__file__).parent / "scenarios"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def scenario_path(name_or_path: str) -> Path:
+    """Returns the file of a shipped scenario or of a path; a shipped name goes first."""
+    shipped = shipped_scenarios()
+    path = shipped.get(name_or_path, Path(name_or_path))
+    if path.is_file():
+        return path
+    close = difflib.get_close_matches(name_or_path, shipped, n=1)
+    raise ScenarioError(
+        f"scenario = {name_or_path!r}: must be one of {', '.join(shipped)}, or a YAML file"
+        + (f" (did you mean '{close[0]}'?)" if close else ""))
+
+
+def scenario_source(name_or_path: str, overrides: Sequence[str] = ()) -> str:
+    """Returns where a scenario's values come from, for messages about them."""
+    path = scenario_path(name_or_path)
+    return f"{path} with {shlex.join(set_options(overrides))}" if overrides else str(path)
+
+
+def set_options(overrides: Sequence[str]) -> list[str]:
+    """Returns the words of a command line that make the overrides, each in one line."""
+    return [word for text in overrides for word in ("--set", " ".join(text.split()))]
+
+
+def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
+    """Returns a scenario from a file, with the defaults and the overrides put in.
+
+    Args:
+        name_or_path: Name of a shipped scenario or path of a YAML file.
+        overrides: Texts `key.path=value` with a YAML value; an element of a list is a key too,
+            `limits.u.0=0.2`. They come last and change the resolved scenario, so a key below a
+            tagged mapping keeps its tag.
+
+    Raises:
+        ScenarioError: With one line that says which file, key and value, and what is allowed.
+    """
+    path = scenario_path(name_or_path)
+    with reported_in(str(path)):
+        scenario = load_typed(Scenario, _without_private_keys(read_yaml(path)))
+        scenario.name = scenario.name or path.stem
+    with reported_in(scenario_source(name_or_path, overrides)):
+        if overrides:
+            scenario = load_typed(
+                Scenario, apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
+        check_scenario(scenario)
+    return scenario
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """Returns the fully resolved scenario as YAML; loading it gives the same scenario."""
+    # Drake 1.51 has a setting that 1.58 has not, and that makes no difference to a run.
+    retired = "publish_every_time_step:"
+    simulator = yaml_dump_typed(scenario.simulator, child_name="simulator")
+    kept = [line for line in simulator.splitlines(True) if not line.strip().startswith(retired)]
+    return yaml_dump_typed(scenario).replace(simulator, "".join(kept))
+
+
+def apply_overrides(raw: object, overrides: Sequence[str]) -> object:
+    """Returns raw data with `key.path=value` texts put in; what they mean is not checked here."""
+    for text in overrides:
+        path, equals, value = text.partition("=")
+        require(bool(equals and all(path.split("."))), "--set", text, "key.path=value")
+        raw = _replaced(raw, path.split("."), _override_value(path, value))
+    return raw
+
+
+def _override_value(key: str, value: str) -> object:
+    try:
+        data = parse_yaml(f"v: {value}")
+    except ScenarioError:
+        data = None
+    if not isinstance(data, dict) or list(data) != ["v"]:
+        raise InvalidParameter(
+            key, value, "a YAML value (in quotes, if it is text with : or brackets; a tag with {})")
+    return data["v"]
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` for the first value outside its range.
+
+    The parts check their own parameters when they are built; this is what no part owns.
+    """
+    name = scenario.name
+    require(not any(c in name for c in "/\\\n") and name not in (".", ".."), "name", name,
+            "usable as the name of a folder")
+    require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
+    _require_positive("duration", scenario.duration)
+    _require_positive("log_period", scenario.log_period)
+    require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
+            f"at most the duration, {scenario.duration:g} s")
+    _require_positive("task.force_tolerance", scenario.task.force_tolerance)
+    with within("model_error"):
+        check_model_error(scenario.model_error)
+    with within("surface_error"):
+        check_surface_error(scenario.surface_error)
+    check_faults(scenario.faults, kinematic=scenario.kinematic)
+    _check_simulator(scenario.simulator)
+    check_visual(scenario.visual)
+
+
+def _check_simulator(config: SimulatorConfig) -> None:
+    schemes = GetIntegrationSchemes()
+    require(config.integration_scheme in schemes, "simulator.integration_scheme",
+            config.integration_scheme, f"one of {', '.join(schemes)}")
+    _require_positive("simulator.max_step_size", config.max_step_size)
+    _require_positive("simulator.accuracy", config.accuracy)
+    require(config.start_time == 0.0, "simulator.start_time", config.start_time, "0")
+    rate = config.target_realtime_rate
+    require(0.0 <= rate < np.inf, "simulator.target_realtime_rate", rate,
+            "positive, or 0 for as fast as possible")
+
+
+def _require_positive(key: str, value: float) -> None:
+    require(0.0 < value < np.inf, key, value, "positive")
+
+
+def _without_private_keys(raw: object) -> object:
+    """Drops top-level keys that start with an underscore: room for YAML anchors."""
+    if raw is None:
+        return {}
+    if not isinstance(raw, dict):
+        return raw
+    return {key: value for key, value in raw.items() if not str(key).startswith("_")}
+
+
+def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") -> object:
+    """Returns `raw` with `value` at a path of keys and list indices below it."""
+    if not path:
+        return value
+    head, rest = path[0], path[1:]
+    key = f"{key}.{head}" if key else head
+    if isinstance(raw, list):
+        require(head.isdecimal() and int(head) < len(raw), key, value,
+                f"given with an index below {len(raw)}")
+        return [_replaced(item, rest, value, key) if i == int(head) else item
+                for i, item in enumerate(raw)]
+    mapping = raw if isinstance(raw, dict) else {}
+    return {**mapping, head: _replaced(mapping.get(head), rest, value, key)}
+
+
+@contextmanager
+def reported_in(source: str) -> Iterator[None]:
+    """Turns what is wrong with a value inside the block into a `ScenarioError` with its file."""
+    try:
+        yield
+    except (InvalidParameter, ScenarioError) as error:
+        raise ScenarioError(f"{source}: {error}") from None

@@ -1,0 +1,165 @@
+"""Runs a scenario: station, Simulator and logs to a `Record`."""
+
+import time
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus
+
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.control.limits import joint_limits
+from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.diagram import initialize, make_station, read_logs
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import Scenario
+
+PROGRESS_PERIOD = 0.1
+"""Simulated time between two calls of `progress` [s]."""
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    certified: bool = False,
+    meshcat: Meshcat | None = None,
+    realtime_rate: float | None = None,
+    progress: Callable[[float], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Record:
+    """Returns the record of a run from t = 0 to the scenario's duration.
+
+    Args:
+        scenario: Everything the run depends on.
+        certified: Whether tube and terminal set of the scenario are those of a certificate that
+            holds; it is only passed on.
+        meshcat: Where an `Illustration` draws the run, if at all; it does not change the result.
+        realtime_rate: Takes the place of the scenario's `simulator.target_realtime_rate`.
+        progress: Called with the simulated time [s] now and then; it does not change the result.
+        stop: Asked now and then whether the run is to end, as one of a shorter duration.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used.
+        RunFailed: The run started, but could not be carried through.
+    """
+    station = make_station(scenario, meshcat, certified=certified)
+    simulator = Simulator(station)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    if realtime_rate is not None:
+        simulator.set_target_realtime_rate(realtime_rate)
+    context = simulator.get_mutable_context()
+    initialize(station, context, scenario)
+    if progress is not None or stop is not None:
+        simulator.set_monitor(_monitor(station, progress, stop, scenario.log_period))
+    wall_time = _run(simulator, scenario.duration)
+    if context.get_time() < scenario.duration:
+        scenario = replace(scenario, duration=context.get_time())
+    logs = read_logs(station, context)
+    require_finite(logs)
+    return make_record(scenario, logs, wall_time, certified)
+
+
+def require_finite(logs: dict[str, np.ndarray]) -> None:
+    """Raises `RunFailed` for the first logged signal that is not a number at some time."""
+    for name in ("state", "nominal_state", "u", "tau", "force"):
+        finite = np.all(np.isfinite(logs.get(name, np.zeros((1, 1)))), axis=1)
+        if not np.all(finite):
+            raise RunFailed(f"{name} is not finite from t = "
+                            f"{logs['time'][np.argmin(finite)]:.3f} s on")
+
+
+def _run(simulator: Simulator, duration: float) -> float:
+    """Simulates to `duration` [s] and returns the wall time without initialization [s]."""
+    try:
+        simulator.Initialize()
+        started = time.perf_counter()
+        simulator.AdvanceTo(duration)
+    except RunFailed:
+        raise
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # So Drake and NumPy cannot go on.
+        reason = " ".join(str(error).split())
+        now = simulator.get_context().get_time()
+        raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error
+    return time.perf_counter() - started
+
+
+def _monitor(station: Diagram, progress: Callable[[float], None] | None,
+             stop: Callable[[], bool] | None, shortest: float) -> Callable[[Context], EventStatus]:
+    """Returns a monitor of a Simulator that calls `progress`, and `stop` from `shortest` [s] on.
+
+    A monitor watches, while AdvanceTo in slices would end an integration step at each of them.
+    """
+    due = 0.0
+
+    def watch(context: Context) -> EventStatus:
+        nonlocal due
+        now = context.get_time()
+        if now >= due:
+            due = now + PROGRESS_PERIOD
+            if progress is not None:
+                progress(now)
+            if stop is not None and now >= shortest and stop():
+                return EventStatus.ReachedTermination(station, "stopped")
+        return EventStatus.DidNothing()
+
+    return watch
+
+
+def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float,
+                certified: bool) -> Record:
+    """Returns the record of a station's logs, with what follows from them added.
+
+    Args:
+        scenario: The scenario of the run.
+        logs: As `read_logs` returns them.
+        wall_time: Of the simulation [s].
+        certified: As in `simulate`.
+    """
+    surface = make_surface_law(scenario.surface)
+    model = UvmsModel.load(scenario.model, surface)
+    size = model.size
+    joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
+    chi = model.task_pose(logs["state"][:, :size])[:, :6]
+    if scenario.kinematic:  # There are no forces; the surface's law gives one for the pose.
+        still = np.zeros_like(chi)
+        logs = logs | {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
+                 "tau": np.empty((len(chi), 0)), "acceleration": np.empty((len(chi), 0)),
+                 "limited": np.zeros(len(chi)),
+                 "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1))}
+    derived = {
+        "desired_force": logs["accepted_force"],
+        "effective_disturbance": logs["disturbance"] if scenario.kinematic else
+        effective_disturbance(model, logs["state"], logs["u"], logs["acceleration"]),
+        "chi": chi,
+        "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
+        "chi_des": surface.pose_for(logs["accepted_force"][-1], scenario.task.pose),
+        "joint_lower": joint_lower,
+        "joint_upper": joint_upper,
+        "certified": np.array(certified),
+    }
+    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1),
+              "state_lost": logs["lost"].reshape(-1),
+              "input_limited": logs["limited"].reshape(-1)}
+    known = {f.name for f in fields(Record)}
+    return Record(scenario=scenario, wall_time_s=wall_time,
+                  **{name: value for name, value in arrays.items() if name in known})
+
+
+def effective_disturbance(model: UvmsModel, state: np.ndarray, u: np.ndarray,
+                          acceleration: np.ndarray) -> np.ndarray:
+    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
+
+    The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
+    the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
+    else. 𝔲 is what is sent: what a limit cuts off the law's command is not in it.
+
+    Args:
+        model: The controller's.
+        state: (𝔮, ζ) (T, 2(6+n)).
+        u: 𝔲, the command (T, 6+n).
+        acceleration: ζ̇ of the robot (T, 6+n).
+    """
+    return acceleration - model.drift(*np.split(state, 2, axis=1)) - u

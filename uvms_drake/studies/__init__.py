@@ -1,0 +1,1 @@
+"""What else one may ask: how fast, which gains, which law."""

@@ -1,0 +1,122 @@
+"""The two laws side by side: certified, reached by an adversary, and given by the paper's form.
+
+The loop starts at the task, in contact, and an adversary pushes with ‖d‖ = d̃ all the time: along
+the leading direction of J_x, along J_xᵀ𝔢_y, and constantly. Certified is ‖y − ȳ‖ for `resolved`
+and ‖χ − χ̄‖ for `transpose`. The radius of the paper's Lemma, d̃/min(α₁, α₂), is never below d̃/σ̲
+with σ̲ = σJ̲ − L_𝔠, whatever k is.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from uvms_drake.certificate.certify import constants_of, declared_set, lemma_constants
+from uvms_drake.common.errors import require
+from uvms_drake.control.ancillary import AncillaryConfig, Resolved, Transpose
+from uvms_drake.control.tube_monitor import FIELDS, TubeMonitor
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
+from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.station.problem import make_dynamic_ocp
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.tubes import resolved_tube, transpose_tube
+
+LAWS: tuple[AncillaryConfig, ...] = (
+    Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),
+    Resolved(k=40.0, sigma=5.0), Transpose(k=20.0, sigma=1.0), Transpose(k=40.0, sigma=5.0))
+ATTACKS: tuple[Kind, ...] = ("leading", "along_task_error", "constant")
+DURATION = 3.0
+"""Of each attack [s]: six time constants of the slowest tube."""
+HORIZON = 5
+"""Of the MPC, whose plan is to stay; short, to save time."""
+STEPS_PER_TIME_CONSTANT = 2.0
+"""At least so many integration steps in 1/k."""
+
+
+@dataclass(frozen=True)
+class LawRow:
+    """One law with its gains."""
+
+    law: AncillaryConfig
+    certified: float
+    """Radius [m, rad]; inf if there is none."""
+    observed: float
+    """Largest deviation that an adversary reached."""
+    paper: float
+    """d̃/σ̲, below which the paper's radius never gets; inf if σ̲ ≤ 0."""
+
+
+def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> list[LawRow]:
+    """Returns a row for every law, with the scenario's model, limits and d̃."""
+    require(not scenario.kinematic, "motion", scenario.motion, "dynamic to compare laws")
+    d = scenario.disturbance.bound
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    constants = constants_of(scenario, model, declared_set(scenario, model))
+    rows = []
+    for law in laws:
+        joints = isinstance(law, Transpose) and law.joints
+        lemma = lemma_constants(constants, joints=joints)
+        if isinstance(law, Resolved):
+            certified = resolved_tube(law.k, law.sigma, d, constants["Jx_max"].value).e
+        else:
+            certified = transpose_tube(lemma, law.k, law.sigma, d).e
+            certified = certified if model.num_joints == 0 or joints else math.inf
+        margin = law.sigma * lemma.J_min - lemma.L_c
+        rows.append(LawRow(
+            law, certified, max(worst_deviation(scenario, law, attack) for attack in ATTACKS),
+            d / margin if margin > 0.0 else math.inf))
+    return rows
+
+
+def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> float:
+    """Returns the largest deviation that one adversary reaches in `DURATION`."""
+    d = scenario.disturbance.bound
+    ocp = make_dynamic_ocp(replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)))
+    builder = DiagramBuilder()
+    uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
+        model=scenario.model, surface=scenario.surface, disturbance=None))
+    controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(ocp, law))
+    state = uvms.GetOutputPort("state")
+    # Only a bound of 1 is set, so that the worst ratio is the worst deviation itself.
+    monitor = TubeMonitor.AddToBuilder(
+        builder, ocp.model, law, d, {"task": 1.0}, state=state, period=0.0,
+        nominal_state=controller.GetOutputPort("nominal_state"))
+    adversary = Adversary.AddToBuilder(
+        builder, ocp.model, AdversarialDisturbance(bound=d, kind=attack), state=state,
+        monitor=monitor)
+    builder.Connect(adversary.get_output_port(), uvms.GetInputPort("disturbance"))
+    builder.Connect(state, controller.GetInputPort("state"))
+    builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
+    simulator = Simulator(builder.Build())
+    step = min(scenario.simulator.max_step_size, 1.0 / (STEPS_PER_TIME_CONSTANT * law.k))
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", step)
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    context = simulator.get_mutable_context()
+    config = ocp.model.configuration(ocp.y_des)
+    set_state(uvms, uvms.GetMyMutableContextFromRoot(context),
+              np.concatenate([config, np.zeros_like(config)]))
+    simulator.AdvanceTo(DURATION)
+    now = monitor.GetMyContextFromRoot(context)
+    ratios = monitor.GetOutputPort("ratio").Eval(now)
+    report = monitor.GetOutputPort("report").Eval(now)
+    worst = report[6 + FIELDS.index("task")]
+    return float(max(ratios[FIELDS.index("task")], worst))
+
+
+def format_laws(rows: list[LawRow]) -> str:
+    """Returns the rows as a table."""
+    def radius(value: float) -> str:
+        return f"{1e3 * value:.2f}" if math.isfinite(value) else "none"
+
+    head = (f"{'law':<12}{'k [1/s]':>9}{'σ [1/s]':>9}{'certified':>12}{'observed':>11}"
+            f"{'paper, any k':>15}   [mm, mrad]")
+    return "\n".join([head, *(
+        f"{type(row.law).__name__.lower():<12}{row.law.k:>9g}{row.law.sigma:>9g}"
+        f"{radius(row.certified):>12}{radius(row.observed):>11}{radius(row.paper):>15}"
+        for row in rows)])

@@ -1,0 +1,80 @@
+"""What gains and disturbance cost: certified force error against input left, for `resolved`.
+
+The tube shrinks like d̃/(kσ), and with it what a stiff surface and a turning task cost the inputs.
+So the largest gains that the bandwidth of the actuators allows are the best, and the front shows
+what a smaller d̃ or bandwidth would give.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from uvms_drake.certificate.certify import (
+    constants_of,
+    declared_set,
+    resolved_radii_of,
+    room_of,
+)
+from uvms_drake.common.errors import require
+from uvms_drake.control.ancillary import Resolved
+from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.ultimate_bounds import ultimate_bounds
+
+DISTURBANCES = (0.5, 1.0, 1.5, 2.0)
+"""Times the scenario's d̃."""
+GAINS = (0.5, 1.0, 2.0)
+"""Times the scenario's k and σ."""
+
+
+@dataclass(frozen=True)
+class FrontPoint:
+    """One choice of d̃ and gains, and what is certified with it."""
+
+    d_bound: float
+    k: float
+    sigma: float
+    force: float
+    """Ultimate bound of the force error [N]."""
+    input_left: float
+    """Smallest fraction of an input limit that the tube leaves; negative if none."""
+    emptied: str
+    """The first limit of which nothing is left, or nothing."""
+
+
+def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
+          gains: Iterable[float] = GAINS) -> list[FrontPoint]:
+    """Returns the points for all combinations of factors on d̃ and on (k, σ)."""
+    law = scenario.ancillary
+    require(not scenario.kinematic, "motion", scenario.motion, "dynamic for a front")
+    require(isinstance(law, Resolved), "ancillary", type(law).__name__, "!Resolved for a front")
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    declared = declared_set(scenario, model)
+    constants = constants_of(scenario, model, declared)
+    gains = tuple(gains)
+    points = []
+    for d_factor in disturbances:
+        for factor in gains:
+            at = replace(
+                scenario,
+                ancillary=Resolved(k=factor * law.k, sigma=factor * law.sigma),
+                disturbance=replace(
+                    scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
+            tube, _ = resolved_radii_of(at, model, declared, constants)
+            rooms = room_of(at, tube, model)
+            emptied = next((item.name for item in rooms if not item.holds), "")
+            points.append(FrontPoint(
+                d_bound=at.disturbance.bound, k=at.ancillary.k, sigma=at.ancillary.sigma,
+                force=ultimate_bounds(tube, at, model)["force"],
+                input_left=min(item.margin / item.right for item in rooms
+                               if item.name.startswith("tube in limits.u")),
+                emptied=emptied))
+    return points
+
+
+def format_front(points: list[FrontPoint]) -> str:
+    """Returns the points as a table."""
+    head = f"{'d̃':>8}{'k [1/s]':>10}{'σ [1/s]':>10}{'force [N]':>12}{'input left':>12}"
+    return "\n".join([head, *(
+        f"{p.d_bound:>8.3g}{p.k:>10.3g}{p.sigma:>10.3g}{p.force:>12.3g}{p.input_left:>12.1%}"
+        + (f"  void: {p.emptied}" if p.emptied else "") for p in points)])

@@ -1,0 +1,66 @@
+"""Gains for the law `resolved`: the smallest certified force error that the limits allow.
+
+The ultimate force error falls with kσ; both are poles of the error dynamics, so the bandwidth of
+actuators and state estimate limits them, and larger ones need more input. The candidates are a
+geometric grid below the bandwidth, tried in the order of the force error they certify.
+"""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from uvms_drake.certificate.certify import (
+    constants_of,
+    declared_set,
+    resolved_radii_of,
+    room_of,
+)
+from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.control.ancillary import Resolved
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.tube_image import input_gain
+from uvms_drake.tube.ultimate_bounds import ultimate_bounds
+
+FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
+"""Of the bandwidth."""
+
+
+def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float]:
+    """Returns gains k, σ ≤ `bandwidth` [1/s], and the bound of the force error [N] they certify.
+
+    They leave something of every limit; whether terminal set and first plan follow is for `certify`
+    to say.
+
+    Raises:
+        InvalidParameter: The bandwidth is not positive, or the motion kinematic.
+        RunFailed: No candidate leaves something of every limit.
+    """
+    require(not scenario.kinematic, "motion", scenario.motion, "dynamic to propose gains")
+    require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
+    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    declared = declared_set(scenario, model)
+    constants = constants_of(scenario, model, declared)
+
+    def force_error(law: Resolved) -> float:
+        position = constants["J_position_max"].value * scenario.disturbance.bound
+        orientation = constants["J_attitude_max"].value * scenario.disturbance.bound
+        tube = TubeRadii(position=position / (law.k * law.sigma),
+                         orientation=orientation / (law.k * law.sigma))
+        return ultimate_bounds(tube, replace(scenario, ancillary=law), model)["force"]
+
+    candidates = [Resolved(k=bandwidth * a, sigma=bandwidth * b)
+                  for a, b in product(FRACTIONS, FRACTIONS) if b <= a]
+    weakest = float(np.min(scenario.limits.u))
+    for law in sorted(candidates, key=force_error):
+        if input_gain(law.k, law.sigma) * scenario.disturbance.bound >= weakest:
+            continue  # The linear part alone takes all of an input.
+        at = replace(scenario, ancillary=law)
+        tube, conditions = resolved_radii_of(at, model, declared, constants)
+        if all(item.holds for item in (*conditions, *room_of(at, tube, model))):
+            return law, force_error(law)
+    raise RunFailed(f"no gains up to {bandwidth:g} 1/s leave something of every limit; what would "
+                    "help: a smaller disturbance.bound or wider limits")

@@ -1,0 +1,1 @@
+"""The theory: constants, tubes, terminal sets; it knows no scenario."""

@@ -1,0 +1,121 @@
+"""Proven upper bounds of ‖J_x‖ and of its parts over a `ConstraintSet`, by branch and bound.
+
+The set is covered by boxes, each with an upper bound (`boxes` has the proof); the boxes with the
+largest bounds are halved until the largest is within `rel_gap` of a value that is reached, or until
+the budget is used up. The largest bound over a covering is a bound over the set at every stage, so
+that a small budget gives a larger bound, never a wrong one. "Proven" is up to rounding: the
+arithmetic is floating-point, not interval, and `ROUNDING` is added for it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.tube.boxes import JacobianBoxes
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.constraint_set import ConstraintSet
+
+BATCH = 128
+"""Boxes halved at a time."""
+ROUNDING = 1e-9
+"""Relative; the bounds are made of a few thousand operations of relative error 1e-16."""
+PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",
+            "Jx_max": "extended"}
+"""The constants that can be proven, with their blocks of rows of J_x."""
+
+
+class Covering(NamedTuple):
+    """Where branch and bound stopped."""
+
+    upper: float
+    """Bound of the norm over the set."""
+    reached: float
+    """The largest norm seen at a state of the set."""
+    boxes: int
+    """How many were evaluated."""
+
+
+def prove_constants(model: UvmsModel, constraint_set: ConstraintSet,
+                    names: tuple[str, ...] = ("J_position_max", "J_attitude_max", "Jx_max"), *,
+                    rel_gap: float = 0.03, max_boxes: int = 40_000, samples: int = 1000,
+                    seed: int = 0) -> dict[str, Constant]:
+    """Returns proven constants by name; the same for the same arguments.
+
+    `J_position_max` bounds ‖J_pos‖, hence also ‖nᵀJ_pos‖ for every unit vector n in Σ_I, such as
+    the normal of a plane; `J_attitude_max` the Euler-rate rows of J; `J_max` and `Jx_max` all of J
+    and J_x.
+
+    Args:
+        model: Any serial arm.
+        constraint_set: The set; velocities, yaw and contact make no difference.
+        names: Which; keys of `PROVABLE`.
+        rel_gap: The bound is at most so much larger than a value that is reached, relatively.
+        max_boxes: Budget of each; `value / sampled_value` tells whether it was enough.
+        samples: For the value that is reached, before the covering starts.
+        seed: Of these samples.
+
+    Raises:
+        InvalidParameter: The set is empty, or an argument has no meaning.
+    """
+    require(0.0 < rel_gap < np.inf, "rel_gap", rel_gap, "positive")
+    require(max_boxes >= 1, "max_boxes", max_boxes, "a positive integer")
+    for name in names:
+        require(name in PROVABLE, "names", name, f"one of {', '.join(PROVABLE)}")
+    estimates = estimate_constants(
+        model, constraint_set, names, samples=samples, safety_factor=1.0, seed=seed)
+    proven = {}
+    for name, estimate in estimates.items():
+        boxes = JacobianBoxes(model, constraint_set, PROVABLE[name])
+        covering = cover(boxes, estimate.sampled_value, rel_gap, max_boxes)
+        proven[name] = Constant(
+            name=name, value=covering.upper, how="proven", samples=covering.boxes,
+            worst=estimate.worst, safety_factor=1.0, sampled_value=estimate.sampled_value)
+    return proven
+
+
+def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) -> Covering:
+    """Returns the bound that branch and bound arrives at.
+
+    Args:
+        boxes: Gives the bounds.
+        reached: A norm that is reached at a state of the set; zero if none is known.
+        rel_gap: Stops when the bound is at most (1 + rel_gap) times a norm that is reached.
+        max_boxes: Stops when so many boxes have been evaluated.
+
+    Raises:
+        InvalidParameter: No box can have a state of the set.
+    """
+    centre = 0.5 * (boxes.upper + boxes.lower)[None]
+    half = 0.5 * (boxes.upper - boxes.lower)[None]
+    upper, seen, score = boxes.bounds(centre, half)
+    reached, count = max(reached, float(np.max(seen))), 1
+    while True:
+        kept = upper > reached  # The others cannot have the supremum.
+        centre, half, upper, score = (item[kept] for item in (centre, half, upper, score))
+        if len(upper) == 0 and reached <= 0.0:
+            raise InvalidParameter(
+                "tip_pitch", boxes.upper[-1], "what the vehicle's attitude and the joints can keep")
+        largest = float(np.max(upper, initial=reached))
+        if largest <= (1.0 + rel_gap) * reached or count >= max_boxes:
+            return Covering(largest * (1.0 + ROUNDING), reached, count)
+        order = np.argsort(-upper, kind="stable")
+        halved, rest = order[:BATCH], order[BATCH:]
+        halved = halved[upper[halved] > (1.0 + rel_gap) * reached]
+        rest = np.concatenate([order[len(halved): BATCH], rest])
+        row = np.arange(len(halved))
+        which = np.argmax(score[halved], axis=1)
+        new_half = half[halved]
+        new_half[row, which] *= 0.5
+        shift = np.zeros_like(new_half)
+        shift[row, which] = new_half[row, which]
+        new_centre = np.concatenate([centre[halved] - shift, centre[halved] + shift])
+        new_half = np.concatenate([new_half, new_half])
+        new = boxes.bounds(new_centre, new_half)
+        # A box's bound holds in its halves.
+        new_upper = np.minimum(new.upper, np.tile(upper[halved], 2))
+        reached, count = max(reached, float(np.max(new.reached))), count + len(new_centre)
+        centre, half, upper, score = (
+            np.concatenate([old[rest], item]) for old, item in (
+                (centre, new_centre), (half, new_half), (upper, new_upper), (score, new.score)))

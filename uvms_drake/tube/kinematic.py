@@ -1,0 +1,208 @@
+"""The tube of the kinematic model χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
+
+The law `resolved`, ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y], leaves 𝔢̇_y = −σ𝔢_y + (w, 0) whatever ζ̄(t)
+does: from zero, the joints stay where the plan has them and ‖𝔢‖ ≤ w̃(1 − e^{−σt})/σ. That needs no
+constant (`conditions.kinematic_tubes`). The rest is algebra, with 𝔮 = 𝔮(ȳ + (𝔢, 0)).
+
+*Attitude of the vehicle*, proven: |θ − θ̄| ≤ ρ and |φ − φ̄| ≤ ρ/cos θ_max for ‖𝔢‖ ≤ ρ and q = q̄.
+Proof: R_WB = R(𝔬)R_BE(q)ᵀ. Move 𝔬 from 𝔬̄ to its place on a straight line. The axes of its φ and θ
+are orthogonal, so R_WB turns by ρ at most, apart from a turn about the vertical, which changes
+neither φ nor θ of the vehicle. Its Euler angles then change by |dθ| ≤ ρ and |dφ| ≤ ρ/cos θ, and on
+the way |θ| ≤ |θ̄| + ρ ≤ θ_max. ∎
+
+*Velocities*, estimated: with J = [J_v J_a] of vehicle and arm and ζ = (ν, q̇),
+
+    q̇ = q̄̇,    ν − ν̄ = J_v(𝔮)⁻¹[J(𝔮̄)ζ̄ − J_a(𝔮)q̄̇ − σ𝔢] − ν̄.                                   (1)
+
+The largest ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖ over the ball and the nominal states are searched for: in 𝔢
+by steps to the point of the ball that is furthest up the gradient, from both ends of the leading
+direction of the linearisation; in (𝔮̄, ζ̄) by samples, and by nonlinear programs from the worst of
+them. A declared safety factor multiplies what is found. The nominal states are those of the
+declared set, but for the end-effector's pitch, of which the tube is taken first: its radius is
+known, and near the singularity of the Euler angles it decides.
+
+Limits hold at the knots of a plan. In between, joints and velocities keep theirs, since ζ̄ is
+constant; angles and depth can bulge out by h²/8 times their second derivative.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.spatial import times
+from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.conditions import Condition, kinematic_tubes
+from uvms_drake.tube.constants import START_RANKS, Constant
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.local_search import DIFFERENCE, climb
+
+CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
+"""The constants of the law `transpose`, in χ and in y; `resolved` needs none."""
+STEPS = 4
+"""In 𝔢."""
+_BLOCKS = (slice(0, 3), slice(3, 6))
+
+
+def kinematic_radii(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
+                    constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
+    """Returns the tube of a kinematic scenario and what it takes."""
+    law = scenario.ancillary
+    if isinstance(law, Resolved):
+        return _resolved(scenario, model, declared), ()
+    return _transpose(law, scenario.disturbance.bound, model, declared, constants)
+
+
+def _resolved(scenario: Scenario, model: UvmsModel, declared: ConstraintSet) -> TubeRadii:
+    settings, sigma = scenario.certificate, scenario.ancillary.sigma
+    e = scenario.disturbance.bound / sigma
+    nu1, nu2 = velocity_radii(
+        model, declared, radius=e, sigma=sigma, samples=settings.tube_samples,
+        safety_factor=settings.safety_factor, seed=settings.seed)
+    roll, pitch = attitude_radii(declared, e)
+    return TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
+                     nu1=nu1, nu2=nu2, qdot=0.0, roll=roll, pitch=pitch)
+
+
+def _transpose(law: Transpose, w_bound: float, model: UvmsModel, declared: ConstraintSet,
+               constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
+    """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; joints that χ leaves free void it."""
+    names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
+    J_min, J_max, L_c = (constants[name].value for name in names)
+    found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma,
+                            w_bound)
+    e = found.corrected
+    z = law.sigma * J_max * e
+    joints = e if law.joints or model.num_joints == 0 else np.inf
+    roll, pitch = attitude_radii(declared, e, joints, model.num_joints)
+    tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
+                     roll=roll, pitch=pitch)
+    return tube, (found.condition, undetermined_joints(law, model))
+
+
+def undetermined_joints(law: Transpose, model: UvmsModel) -> Condition:
+    """Returns that no joint is out of the reach of the tube of the law `transpose`."""
+    free = 0 if law.joints else model.num_joints
+    return Condition("n, joints that χ does not determine (the tube is in χ alone)",
+                     float(free), "<=", 0.0)
+
+
+def attitude_radii(declared: ConstraintSet, orientation: float, joints: float = 0.0,
+                   num_joints: int = 0) -> tuple[float, float]:
+    """Returns the bounds of |φ − φ̄| and |θ − θ̄| of the vehicle.
+
+    Joints off by δq turn the arm, seen from its tip, by Σ|δqᵢ| ≤ √n‖δq‖, and the vehicle with it.
+
+    Args:
+        declared: Limits θ.
+        orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
+        joints: Bound of ‖q − q̄‖₂ [rad].
+        num_joints: n.
+    """
+    turn = orientation + (np.sqrt(num_joints) * joints if num_joints > 0 else 0.0)
+    return float(turn / np.cos(declared.pitch)), float(turn)
+
+
+def paper_radii(scenario: Scenario, constants: dict[str, Constant]) -> dict[str, float]:
+    """Returns the radii of both laws with the same σ and w̃, and the least σ of the paper's law."""
+    J_min, L_c = constants["J_min"].value, constants["L_c_chi"].value
+    found = kinematic_tubes(J_min, L_c, scenario.ancillary.sigma, scenario.disturbance.bound)
+    return {"printed radius": found.printed, "corrected radius": found.corrected,
+            "radius of resolved": found.resolved,
+            "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}
+
+
+def deviation(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
+              sigma: float) -> np.ndarray:
+    """Returns ν − ν̄ of (1) (..., 6).
+
+    Args:
+        model: The prediction model.
+        config: 𝔮̄ (..., 6+n).
+        zeta: ζ̄ (..., 6+n).
+        error: 𝔢 (..., 6); complex for a derivative.
+        sigma: σ [1/s].
+    """
+    y = model.task_pose(config) + np.zeros_like(error[..., :1])
+    y[..., :6] += error
+    J = model.kinematics(model.configuration(y)).J_chi
+    rate = times(model.kinematics(config).J_chi, zeta) - sigma * error
+    rate = rate - times(J[..., 6:], zeta[..., 6:])
+    return np.linalg.solve(J[..., :6], rate[..., None])[..., 0] - zeta[..., :6]
+
+
+def worst_errors(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, block: slice,
+                 radius: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest ‖(ν − ν̄)_block‖ (m,) over ‖𝔢‖ ≤ `radius` and its 𝔢 (m, 6).
+
+    A local maximum, at 𝔮̄ and ζ̄ (m, 6+n).
+    """
+    steps = 1j * COMPLEX_STEP * np.eye(6)
+
+    def first_order(error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the block (..., m, 3) at 𝔢 (..., m, 6) and its gradient (..., m, 6, 3)."""
+        moved = deviation(model, config[:, None], zeta[:, None], error[..., None, :] + steps, sigma)
+        return moved[..., 0, block].real, moved[..., block].imag / COMPLEX_STEP
+
+    _, gradient = first_order(np.zeros((1, len(config), 6)))
+    leading = np.linalg.svd(gradient, full_matrices=False)[0][..., 0]
+    error = radius * np.array([-1.0, 1.0])[:, None, None] * leading
+    best, best_error = np.full(error.shape[:2], -np.inf), error
+    for _ in range(STEPS):
+        value, gradient = first_order(error)
+        norm = np.linalg.norm(value, axis=-1)
+        best_error = np.where((norm > best)[..., None], error, best_error)
+        best = np.maximum(norm, best)
+        uphill = times(gradient, value)
+        size = np.linalg.norm(uphill, axis=-1, keepdims=True)
+        error = radius * uphill / np.maximum(size, 1e-12)
+    sign, state = np.argmax(best, axis=0), np.arange(len(config))
+    return best[sign, state], best_error[sign, state]
+
+
+def velocity_radii(model: UvmsModel, declared: ConstraintSet, *, radius: float, sigma: float,
+                   samples: int, safety_factor: float, seed: int) -> tuple[float, float]:
+    """Returns bounds of ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖; infinite if the tube leaves nothing to sample.
+
+    Args:
+        model: The prediction model.
+        declared: Where the real state is.
+        radius: ‖𝔢‖ ≤ w̃/σ.
+        sigma: σ [1/s].
+        samples: Nominal states from which the searches start.
+        safety_factor: Multiplies what is found.
+        seed: Of the samples.
+    """
+    if radius >= declared.tip_pitch:
+        return np.inf, np.inf
+    nominal = replace(declared, tip_pitch=declared.tip_pitch - radius)
+    config, zeta = nominal.sample(model, samples, np.random.default_rng(seed))
+    found = []
+    for block in _BLOCKS:
+        values, _ = worst_errors(model, config, zeta, block, radius, sigma)
+        largest = partial(_largest, model, block, radius, sigma)
+        order = np.argsort(-values, kind="stable")
+        for i in order[[rank for rank in START_RANKS if rank < samples]]:
+            found.append(climb(largest, model, nominal, config[i], zeta[i])[1:])
+    # What is bad for one block is tried for both.
+    config, zeta = (np.array(states) for states in zip(*found, strict=True))
+    nu1, nu2 = (safety_factor * float(np.max(
+        worst_errors(model, config, zeta, block, radius, sigma)[0])) for block in _BLOCKS)
+    return nu1, nu2
+
+
+def _largest(model: UvmsModel, block: slice, radius: float, sigma: float, config: np.ndarray,
+             zeta: np.ndarray) -> tuple[float, np.ndarray]:
+    """Returns the largest norm over 𝔢 and its derivative by (𝔮̄, ζ̄); the worst 𝔢 can be held."""
+    value, error = worst_errors(model, config[None], zeta[None], block, radius, sigma)
+    steps = DIFFERENCE * np.eye(2 * model.size)
+    x = np.concatenate([config, zeta])
+    moved_config, moved_zeta = np.split(np.concatenate([x + steps, x - steps]), 2, axis=1)
+    errors = np.tile(error, (len(moved_config), 1))
+    moved = deviation(model, moved_config, moved_zeta, errors, sigma)[:, block]
+    norms = np.linalg.norm(moved, axis=1)
+    plus, minus = np.split(norms, 2)
+    return float(value[0]), (plus - minus) / (2.0 * DIFFERENCE)

@@ -1,0 +1,28 @@
+"""How hard the certificate looks; part of a scenario."""
+
+from dataclasses import dataclass
+
+from uvms_drake.common.errors import require
+
+
+@dataclass
+class CertificateSettings:
+    """Samples, seed and safety factor of what is estimated."""
+
+    constant_samples: int = 2000
+    """States at which each constant is evaluated before the local searches."""
+    tube_samples: int = 300
+    """Nominal states from which the tube's image in velocities and inputs is taken."""
+    terminal_samples: int = 2000
+    """States in which the terminal set is checked, for every radius tried."""
+    safety_factor: float = 1.1
+    """Multiplies every estimated supremum."""
+    seed: int = 0
+
+
+def check_settings(settings: CertificateSettings) -> None:
+    """Raises `InvalidParameter` for the first setting that has no meaning."""
+    for key in ("constant_samples", "tube_samples", "terminal_samples"):
+        require(getattr(settings, key) >= 10, key, getattr(settings, key), "at least 10")
+    require(settings.safety_factor >= 1.0, "safety_factor", settings.safety_factor, "at least 1")
+    require(settings.seed >= 0, "seed", settings.seed, "zero or positive")

@@ -1,0 +1,395 @@
+"""The terminal set F = {‖ξ‖_P ≤ ε}: the largest ε for which it does what the stability proof needs.
+
+The nominal state at the knots obeys the nonlinear map of `ocp`, exactly. Under the terminal
+controller, ζ̄̇ = gain · ξ of a dynamic and ζ̄ = gain · ξ of a kinematic problem, and with V = ‖ξ‖²_P,
+ℓ = h(‖ξ‖²_Q + ‖ū − ū_eq‖²_R), or h(‖ξ‖²_Q + ‖ζ̄‖²_R), needed for ξ in F are
+
+    V(ξ⁺) − V(ξ) ≤ −ℓ(ξ)        so that the optimal cost falls from sample to sample, and
+    all nominal limits          so that a plan that ends in F can be continued in F.
+
+The first makes F invariant, so limits on the state are asked for in F, those on the input for the
+whole interval that starts at ξ. What is linear or conic in ξ has a closed form (`linear_radius`).
+The rest is checked on the nonlinear map: at samples on the boundary and inside, among them the
+support points of every limit, and at local minima of the margins that a nonlinear program finds
+from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It is a search for a
+counterexample that finds none, not a proof.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
+from pydrake.solvers import MathematicalProgram, SnoptSolver
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.plan import advance
+from uvms_drake.model.surface.law import static_force
+from uvms_drake.model.uvms_model import COMPLEX_STEP
+
+DECREASE, AT_REST = "decrease", "decrease at rest"
+INNERMOST = 0.05
+"""Smallest ‖ξ‖_P/ε looked at; below, the linearisation stands for the map."""
+STARTS = 3
+"""The decrease is refined from so many samples, each limit from one."""
+NEAR = 0.3
+"""A limit is refined if less than this fraction of it is left at the worst sample."""
+SMALLEST = 1e-3
+"""A terminal set smaller than this fraction of the linear bound is none."""
+
+
+@dataclass(frozen=True)
+class TerminalCheck:
+    """What was found about one terminal set."""
+
+    radius: float
+    """ε."""
+    margins: dict[str, float]
+    """Worst margin of each condition, negative where it is broken. Of the decrease it is
+    (V − V⁺)/ℓ − 1, in F and at rest, as ξ → 0; of a limit, the fraction of it that is left."""
+    worst: dict[str, np.ndarray]
+    """ξ (2(6+n),) at which a margin was found; conditions in closed form have none."""
+    samples: int
+    """States at which the nonlinear map was evaluated."""
+    refinements: int
+    """Local minima searched for from the worst of them."""
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Names of the conditions that are broken, the worst first."""
+        return tuple(name for name, margin in sorted(self.margins.items(), key=lambda item: item[1])
+                     if not margin >= 0.0)
+
+    @property
+    def holds(self) -> bool:
+        """True if every condition is met wherever it was looked at."""
+        return not self.failures
+
+    @property
+    def limiting(self) -> str:
+        """Name of the condition with the smallest margin."""
+        return min(self.margins, key=lambda name: self.margins[name])
+
+
+class TerminalLoop(ABC):
+    """The nominal system about its equilibrium, under a terminal controller, valued by a P."""
+
+    P: np.ndarray
+    gain: np.ndarray
+    """Decision = gain · ξ."""
+    closed: np.ndarray
+    """Linearised ξ⁺ = closed · ξ."""
+    input_rows: np.ndarray
+    """Linearised ū − ū_eq = input_rows · ξ."""
+    rows: np.ndarray
+    """Linearised limited values, see `move`: rows · ξ."""
+    names: tuple[str, ...]
+    """Conditions on the nonlinear map, in the order of `margins`."""
+
+    def __init__(self, ocp: Any, size: int, bounds: list[tuple[str, float]],
+                 P: np.ndarray | None, gain: np.ndarray | None):
+        self.ocp = ocp
+        self.P = ocp.terminal.P if P is None else P
+        least = float(np.linalg.eigvalsh(self.P)[0])
+        require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
+        self.inverse = np.linalg.inv(self.P)
+        self.names = (DECREASE, *(name for name, _ in bounds))
+        self.bounds = np.array([bound for _, bound in bounds])
+        step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
+        moved = (item.imag.T / COMPLEX_STEP for item in self.move(step[:, :size], step[:, size:]))
+        (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
+        if gain is None:
+            gain = ocp.terminal.gain if P is None else _greedy(A, B, C, D, ocp, P)
+        self.gain = gain
+        self.closed, self.input_rows, self.rows = A + B @ gain, C + D @ gain, E + F @ gain
+
+    @abstractmethod
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns ξ⁺ after one interval from ξ with a decision, ū − ū_eq, and limited values.
+
+        Args:
+            xi: ξ (..., its size).
+            decision: What is constant on the interval (..., 6+n).
+        """
+
+    @abstractmethod
+    def speed_reaches(self) -> dict[str, float]:
+        """Returns the largest ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ where ‖ξ‖_P ≤ 1, by the name of their limit."""
+
+    def margins(self, xi: np.ndarray) -> np.ndarray:
+        """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0."""
+        ocp = self.ocp
+        after, w, values = self.move(xi, xi @ self.gain.T)
+        stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
+        decrease = (_square(xi, self.P) - _square(after, self.P)) / stage - 1.0
+        left = 1.0 - np.where(values.real < 0.0, -values, values) / self.bounds
+        return np.concatenate([decrease[..., None], left], axis=-1)
+
+    def margin_at_rest(self) -> float:
+        """Returns the smallest (V − V⁺)/ℓ − 1 as ξ → 0, a generalised eigenvalue."""
+        ocp, K = self.ocp, self.input_rows
+        fall = self.P - self.closed.T @ self.P @ self.closed
+        root = np.linalg.inv(np.linalg.cholesky(ocp.time_step * (ocp.Q + K.T @ ocp.R @ K)))
+        return float(np.linalg.eigvalsh(root @ fall @ root.T)[0]) - 1.0
+
+    def closed_form_limits(self) -> dict[str, tuple[float, float, float]]:
+        """Returns of each limit the room at the equilibrium, what ε = 1 takes of it, and its size.
+
+        The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). Of
+        the static force it takes the largest change; a spring's force may rise by less.
+        """
+        limits, y = self.ocp.limits, self.ocp.y_des
+        reach = np.sqrt(np.diag(self.inverse))
+        out = {"tip_pitch": (limits.tip_pitch - abs(y[4]), reach[4], limits.tip_pitch)}
+        room = np.minimum(limits.q_upper - y[6:], y[6:] - limits.q_lower)
+        for i in range(len(y) - 6):
+            out[f"q[{i}]"] = (room[i], reach[6 + i], 0.5 * (limits.q_upper[i] - limits.q_lower[i]))
+        for name, reached in self.speed_reaches().items():
+            out[name] = (getattr(limits, name), reached, getattr(limits, name))
+        if limits.static_force is not None:
+            surface = self.ocp.model.surface
+            G = surface.force_jacobian()
+            rows = np.zeros((len(G), len(self.P)))
+            rows[:, :6] = G
+            pressed = float(static_force(surface, y[:6]))
+            out["static_force"] = (
+                limits.static_force - pressed, self._reach(rows), limits.static_force)
+        return out
+
+    def _reach(self, A: np.ndarray) -> float:
+        """Returns the largest ‖Aξ‖₂ where ‖ξ‖_P ≤ 1; zero if A has no rows, as without an arm."""
+        squares = np.linalg.eigvalsh(A @ self.inverse @ A.T)
+        return float(np.sqrt(np.max(squares, initial=0.0)))
+
+    def _error(self, config: np.ndarray) -> np.ndarray:
+        """Returns y − y_des (..., 6+n) at 𝔮, angles by the shorter way round."""
+        error = self.ocp.model.task_pose(config) - self.ocp.y_des
+        error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
+        return error
+
+
+class DynamicLoop(TerminalLoop):
+    """ξ = (y − y_des, ζ̄), the decision is ζ̄̇."""
+
+    def __init__(self, ocp: DynamicOcp, P: np.ndarray | None = None,
+                 gain: np.ndarray | None = None):
+        limits, self.size = ocp.limits, ocp.model.size
+        inputs = [("u", limits.u)] + ([] if limits.tau is None else [("tau", limits.tau)])
+        bounds = [(f"{key}[{i}] {end}", bound) for key, values in inputs
+                  for end in ("begin", "end") for i, bound in enumerate(values)]
+        bounds += [("roll", limits.roll), ("pitch", limits.pitch)]
+        super().__init__(ocp, 2 * self.size, bounds, P, gain)
+
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns ξ⁺ (..., 2(6+n)), ū − ū_eq, and limited values; the decision is ζ̄̇.
+
+        Limited are ū at both ends of the interval, M(𝔮̄)ū if τ is limited, roll and pitch.
+        """
+        ocp, model, h = self.ocp, self.ocp.model, self.ocp.time_step
+        zeta = xi[..., self.size:]
+        config = model.configuration(ocp.y_des + xi[..., : self.size])
+        end, zeta_end = advance(config, zeta, decision, h), zeta + h * decision
+        values = [decision - model.drift(config, zeta), decision - model.drift(end, zeta_end)]
+        w = values[0] - ocp.u_eq
+        if ocp.limits.tau is not None:
+            values += [(model.mass_matrix(model.kinematics(at)) @ u[..., None])[..., 0]
+                       for at, u in zip((config, end), values, strict=True)]
+        return (np.concatenate([self._error(end), zeta_end], axis=-1), w,
+                np.concatenate([*values, config[..., 3:5]], axis=-1))
+
+    def speed_reaches(self) -> dict[str, float]:
+        """Returns those of the blocks of ξ."""
+        rows = np.eye(2 * self.size)[self.size:]
+        return {"nu1": self._reach(rows[:3]), "nu2": self._reach(rows[3:6]),
+                "qdot": self._reach(rows[6:])}
+
+
+class KinematicLoop(TerminalLoop):
+    """ξ = y − y_des, the decision is ζ̄."""
+
+    def __init__(self, ocp: KinematicOcp, P: np.ndarray | None = None,
+                 gain: np.ndarray | None = None):
+        bounds = [("roll", ocp.limits.roll), ("pitch", ocp.limits.pitch)]
+        super().__init__(ocp, ocp.model.size, bounds, P, gain)
+
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns ξ⁺ (..., 6+n), the decision ζ̄, and roll and pitch."""
+        config = self.ocp.model.configuration(self.ocp.y_des + xi)
+        end = advance(config, decision, np.zeros_like(decision), self.ocp.time_step)
+        return self._error(end), decision, config[..., 3:5]
+
+    def speed_reaches(self) -> dict[str, float]:
+        """Returns those of ζ̄ = gain · ξ."""
+        return {"nu1": self._reach(self.gain[:3]), "nu2": self._reach(self.gain[3:6]),
+                "qdot": self._reach(self.gain[6:])}
+
+
+def terminal_loop(ocp: Ocp, P: np.ndarray | None = None, gain: np.ndarray | None = None
+                  ) -> TerminalLoop:
+    """Returns the loop of a problem, with the problem's own P and controller or other ones."""
+    if isinstance(ocp, KinematicOcp):
+        return KinematicLoop(ocp, P, gain)
+    return DynamicLoop(cast(DynamicOcp, ocp), P, gain)
+
+
+def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
+                     rows: np.ndarray | None = None) -> np.ndarray:
+    """Returns states (m, size) with ‖ξ‖_P = 1.
+
+    `count` of them are uniform in the metric P; with them come both ends of the principal axes and
+    both support points ±P⁻¹a/‖a‖_{P⁻¹} of each of the linear functions aᵀξ in `rows` (r, size).
+    """
+    axes = np.linalg.eigh(P).eigenvectors.T
+    ends = axes if rows is None else np.concatenate([axes, np.linalg.solve(P, rows.T).T])
+    scatter = rng.normal(size=(count, len(P))) @ np.linalg.inv(np.linalg.cholesky(P))
+    states = np.concatenate([scatter, ends, -ends])
+    return states / np.sqrt(_square(states, P))[:, None]
+
+
+def linear_radius(ocp: Ocp, P: np.ndarray | None = None) -> float:
+    """Returns the largest ε within the limits that have a closed form; negative for none."""
+    return _linear_radius(terminal_loop(ocp, P))
+
+
+def _linear_radius(loop: TerminalLoop) -> float:
+    return min(room / reach for room, reach, _ in loop.closed_form_limits().values()
+               if reach > 0.0)
+
+
+def check_terminal(ocp: Ocp, radius: float, samples: int = 4000, seed: int = 0) -> TerminalCheck:
+    """Returns whether ‖ξ‖_P ≤ `radius` is a terminal set of `ocp`, with its own P and controller.
+
+    Args:
+        ocp: The problem.
+        radius: ε.
+        samples: Number of random states; half on the boundary, half on shells inside.
+        seed: Of the samples.
+    """
+    loop = terminal_loop(ocp)
+    return _check(loop, radius, _unit_states(loop, samples, seed))
+
+
+def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: float = 0.01
+                   ) -> tuple[float, TerminalCheck]:
+    """Returns the largest ε that passes the check, by bisection, and what was found there.
+
+    The direction in which a radius fails is looked at again at every other radius. If not even a
+    small set passes, ε is zero, and the check is that of the small set.
+
+    Args:
+        ocp: The problem.
+        samples: Number of random states per radius.
+        seed: Of the samples.
+        tolerance: Relative, of ε.
+    """
+    loop = terminal_loop(ocp)
+    states = _unit_states(loop, samples, seed)
+    radius = upper = _linear_radius(loop)
+    lower = SMALLEST * (upper if upper > 0.0 else 1.0)
+    best = _check(loop, lower, states)
+    if not best.holds:
+        return 0.0, best
+    while upper - lower > tolerance * upper:
+        check = _check(loop, radius, states)
+        if check.holds:
+            lower, best = radius, check
+        else:
+            upper = radius
+            failed = [check.worst[name] / radius for name in check.failures if name in check.worst]
+            states = np.concatenate([states, np.reshape(failed, (-1, len(loop.P)))])
+        radius = 0.5 * (lower + upper)
+    return lower, best
+
+
+def check_penalty(ocp: Ocp, P: np.ndarray, gain: np.ndarray | None = None,
+                  radius: float | None = None, samples: int = 4000, seed: int = 0) -> TerminalCheck:
+    """Returns whether V = ‖ξ‖²_P decreases as it must, for a P that comes from elsewhere.
+
+    Without a `gain` the controller is the one that minimises V⁺ + ℓ of the linearisation at every
+    ξ. If even that has a negative margin at rest, there are ξ for which no ζ̄̇ is good enough: no
+    controller whatsoever makes P a terminal penalty.
+
+    Args:
+        ocp: The problem.
+        P: Penalty (2(6+n), 2(6+n)), positive definite.
+        gain: Of the terminal controller ζ̄̇ = gain · ξ.
+        radius: ε; the largest within the linear limits if none is given.
+        samples: Number of random states.
+        seed: Of the samples.
+    """
+    loop = terminal_loop(ocp, P, gain)
+    radius = radius or _linear_radius(loop)
+    check = _check(loop, radius, _unit_states(loop, samples, seed))
+    margins = {name: check.margins[name] for name in (DECREASE, AT_REST)}
+    return replace(check, margins=margins, worst={DECREASE: check.worst[DECREASE]})
+
+
+def _greedy(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, ocp: Ocp, P: np.ndarray
+            ) -> np.ndarray:
+    """Returns the gain of the decision d that minimises ‖Aξ + Bd‖²_P + h‖Cξ + Dd‖²_R."""
+    weight = ocp.time_step * D.T @ ocp.R
+    return -np.linalg.solve(weight @ D + B.T @ P @ B, weight @ C + B.T @ P @ A)
+
+
+def _unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
+    """Returns states (m, 2(6+n)) with ‖ξ‖_P ≤ 1: boundary, support points, and shells inside."""
+    rng, half = np.random.default_rng(seed), samples // 2
+    boundary = boundary_samples(loop.P, half, rng, loop.rows)
+    inside = boundary_samples(loop.P, samples - half, rng)
+    shells = np.linspace(INNERMOST, 1.0, len(inside), endpoint=False)
+    return np.concatenate([boundary, rng.permutation(shells)[:, None] * inside])
+
+
+def _check(loop: TerminalLoop, radius: float, states: np.ndarray) -> TerminalCheck:
+    """Returns the check of ε = `radius` from states (m, 2(6+n)) with ‖ξ‖_P ≤ 1."""
+    xi = radius * states
+    found = loop.margins(xi)
+    rank = np.argsort(found, axis=0)
+    worst = {name: xi[rank[0, j]] for j, name in enumerate(loop.names)}
+    margins = {name: float(found[rank[0, j], j]) for j, name in enumerate(loop.names)}
+    margins[AT_REST] = loop.margin_at_rest()
+    for name, (room, reach, size) in loop.closed_form_limits().items():
+        margins[name] = float((room - radius * reach) / size)
+    refinements = 0
+    if all(margin >= 0.0 for margin in margins.values()):  # else it is decided already
+        for j, name in enumerate(loop.names):
+            starts = STARTS if name == DECREASE else int(margins[name] <= NEAR)
+            for start in xi[rank[:starts, j]]:
+                refinements += 1
+                state, margin = _refine(loop, radius, j, start)
+                if margin < margins[name]:
+                    worst[name], margins[name] = state, margin
+    return TerminalCheck(radius, margins, worst, len(states), refinements)
+
+
+def _refine(loop: TerminalLoop, radius: float, column: int, start: np.ndarray
+            ) -> tuple[np.ndarray, float]:
+    """Returns a ξ in F with a locally smallest margin of condition `column`, and the margin."""
+    root = radius * np.linalg.inv(np.linalg.cholesky(loop.P)).T  # ξ = root · s, ‖s‖ ≤ 1
+
+    def margin(x: np.ndarray):  # with its gradient, if Drake's solvers ask for it
+        s = ExtractValue(x).ravel() if x.dtype == object else x
+        values = loop.margins((s + 1j * COMPLEX_STEP * np.eye(len(s))) @ root.T)[:, column]
+        if x.dtype != object:
+            return values[0].real
+        return AutoDiffXd(values[0].real, values.imag / COMPLEX_STEP @ ExtractGradient(x))
+
+    prog = MathematicalProgram()
+    s = prog.NewContinuousVariables(len(start), "s")
+    prog.AddCost(margin, vars=s)
+    prog.AddQuadraticConstraint(2.0 * np.eye(len(s)), np.zeros(len(s)), INNERMOST**2, 1.0, s)
+    found = SnoptSolver().Solve(prog, np.linalg.solve(root, start), None).GetSolution(s)
+    state = root @ found / max(1.0, float(np.linalg.norm(found)))
+    return state, float(loop.margins(state)[column])
+
+
+def _square(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Returns xᵀ · weight · x (...)."""
+    return np.sum((x @ weight) * x, axis=-1)

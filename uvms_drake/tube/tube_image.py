@@ -1,0 +1,258 @@
+"""What the tube of the law `resolved` means for velocities, attitude, inputs and forces.
+
+Given a nominal state (𝔮̄, ζ̄), a nominal input ū and errors (𝔢_y, 𝔯), the real state and input follow
+by algebra, with nothing left to integrate:
+
+    𝔮 = 𝔮(ȳ + 𝔢_y),   ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y] + 𝔯,   u = ζ̇_ref − f(𝔮, ζ) − k𝔯.
+
+With 𝔭 = J_x(𝔮)⁻¹𝔢_y the largest parts are linear,
+
+    ζ − ζ̄ = 𝔯 − σ𝔭 + rest,    u − ū = −(k + σ)𝔯 + σ²𝔭 + rest,                              (1)
+
+and the two terms partly cancel, because both come from the same d: 𝔯̇ = −k𝔯 + d, and from the
+cascade 𝔭̇ = −σ𝔭 + 𝔯 − J_x⁻¹J̇_x𝔭. Were the last term zero, (1) would be d through the filters
+
+    s/((s + k)(s + σ))   and   −((k + σ)s + kσ)/((s + k)(s + σ)),
+
+whose output is at most the L₁ norm of their impulse responses times d̃ (`tubes.joint_rate_radius`,
+`input_gain`), in 2-norm and in every channel. The last term, with ω ≥ ‖J_x⁻¹J̇_x‖, moves 𝔭 by δ,
+δ̇ = −σδ − J_x⁻¹J̇_x𝔭; ‖𝔭‖ ≤ P = d̃/(k(σ − ω)) from d‖𝔭‖/dt ≤ −(σ − ω)‖𝔭‖ + ‖𝔯‖, so ‖δ‖ ≤ ωP/σ,
+which adds σ‖δ‖ and σ²‖δ‖.
+
+What is left of (1) is small: the nominal motion seen from a slightly different configuration, and
+the drift. Its largest value over the tube is taken to first order in the errors at sampled nominal
+states, where it is a support function Σ_blocks ‖∂c/∂(block)‖ radius, and the second-order part is
+measured at the maximising errors and added. Further rounds of samples close in on the worst nominal
+states. That part is an *estimate* of a supremum, and is multiplied by a declared safety factor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.tubes import joint_rate_radius
+
+CLOSING_ROUNDS = 3
+CLOSING_FACTOR = 0.3
+"""Each round samples within this fraction of the last round's neighbourhood."""
+LEADERS = 4
+"""Worst nominal states per channel that a round closes in on."""
+
+
+@dataclass(frozen=True)
+class TubeImage:
+    """Largest deviation of the real from the nominal, per channel."""
+
+    nu1: float
+    """‖ν₁ − ν̄₁‖₂ [m/s]."""
+    nu2: float
+    """‖ν₂ − ν̄₂‖₂ [rad/s]."""
+    qdot: float
+    """‖q̇ − q̄̇‖₂ [rad/s]."""
+    roll: float
+    """|φ − φ̄| of the vehicle [rad]."""
+    pitch: float
+    """|θ − θ̄| [rad]."""
+    u: np.ndarray
+    """|𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    tau: np.ndarray
+    """|τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], τ = M(𝔮)𝔲."""
+    omega: float
+    """ω [1/s]."""
+    samples: int
+    """Nominal states looked at."""
+
+
+@dataclass(frozen=True)
+class _Nominal:
+    config: np.ndarray
+    zeta: np.ndarray
+    u: np.ndarray
+
+    def __getitem__(self, index) -> "_Nominal":
+        return _Nominal(self.config[index], self.zeta[index], self.u[index])
+
+
+def input_gain(k: float, sigma: float) -> float:
+    """Returns the L₁ norm of ((k + σ)s + kσ)/((s + k)(s + σ)), symmetric in k and σ.
+
+    Its impulse response (k² e^{−kt} − σ² e^{−σt})/(k − σ) changes its sign once, at
+    t* = 2 ln(k/σ)/(k − σ); with F(t) the integral up to t and F(∞) = 1, the norm is 2F(t*) − 1.
+    """
+    if abs(k - sigma) < 1e-6 * k:
+        sigma = k * (1.0 - 1e-6)
+    late = 2.0 * np.log(k / sigma) / (k - sigma)
+    part = (k * (1.0 - np.exp(-k * late)) - sigma * (1.0 - np.exp(-sigma * late))) / (k - sigma)
+    return float(2.0 * part - 1.0)
+
+
+def rest(model: UvmsModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
+         nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
+         ) -> np.ndarray:
+    """Returns the rests of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
+
+    In the order ζ, (φ, θ), u, τ. The rest of τ is τ − τ̄ − M(𝔮)[−(k + σ)𝔯 + σ²𝔭].
+
+    Args:
+        model: The prediction model.
+        nominal_config: 𝔮̄ (..., 6+n).
+        nominal_zeta: ζ̄ (..., 6+n).
+        nominal_u: ū (..., 6+n).
+        e_y: 𝔢_y (..., 6+n); complex for a derivative.
+        r: 𝔯 (..., 6+n); complex for a derivative.
+        k: [1/s].
+        sigma: σ [1/s].
+    """
+    y_bar, J_bar, J_bar_dot = model.task_motion(nominal_config, nominal_zeta)
+    f_bar = model.drift(nominal_config, nominal_zeta)
+    y_dot = _times(J_bar, nominal_zeta)
+    y_ddot = _times(J_bar_dot, nominal_zeta) + _times(J_bar, nominal_u + f_bar)
+    tau_bar = _times(model.mass_matrix(model.kinematics(nominal_config)), nominal_u)
+
+    config = model.configuration(y_bar + e_y)
+    kinematics = model.kinematics(config)
+    J = model.task_jacobian(config)
+    p = _solve(J, e_y)
+    zeta_ref = _solve(J, y_dot) - sigma * p
+    zeta = zeta_ref + r
+    e_dot = _times(J, zeta) - y_dot
+    J_dot_zeta_ref = _jacobian_rate_times(model, config, zeta, zeta_ref)
+    zeta_ref_dot = _solve(J, y_ddot - sigma * e_dot - J_dot_zeta_ref)
+    bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
+    M = model.mass_matrix(kinematics)
+    u_rest = zeta_ref_dot + _solve(M, bias) + sigma * r - sigma**2 * p - nominal_u
+    attitude = _wrap(config[..., 3:5] - nominal_config[..., 3:5])
+    return np.concatenate([zeta - nominal_zeta - r + sigma * p, attitude, u_rest,
+                           _times(M, u_rest + nominal_u) - tau_bar], axis=-1)
+
+
+def _wrap(angle: np.ndarray) -> np.ndarray:
+    return wrap_angle(angle.real) + 1j * angle.imag if np.iscomplexobj(angle) else wrap_angle(angle)
+
+
+def _jacobian_rate_times(model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
+                         vector: np.ndarray) -> np.ndarray:
+    """Returns J̇_x(𝔮; ζ) w by a central difference, which takes complex arguments too."""
+    step = 1e-4
+    rate = configuration_rate(config, zeta)
+    ahead = model.task_jacobian(config + step * rate)
+    behind = model.task_jacobian(config - step * rate)
+    return _times(ahead - behind, vector) / (2.0 * step)
+
+
+def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return (A @ x[..., None])[..., 0]
+
+
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(A, b[..., None])[..., 0]
+
+
+def tube_image(model: UvmsModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,
+               d_bound: float, gains: tuple[float, float], k: float, sigma: float,
+               samples: int, safety_factor: float, seed: int) -> TubeImage:
+    """Returns the deviations over the constraint set; infinite if σ ≤ ω.
+
+    Args:
+        model: The prediction model.
+        constraint_set: Where nominal and real state are.
+        u_limits: |ūᵢ| (6+n,).
+        d_bound: d̃ [m/s², rad/s²].
+        gains: Bounds of the norms of the position rows and the orientation rows of J_x.
+        k: [1/s].
+        sigma: σ [1/s].
+        samples: Nominal states of the first round.
+        safety_factor: Multiplies what is estimated.
+        seed: Of the samples.
+    """
+    rng = np.random.default_rng(seed)
+    radius = d_bound / (k * sigma)
+    balls = (gains[0] * radius, gains[1] * radius, radius, d_bound / k)
+
+    def draw(count: int) -> _Nominal:
+        config, zeta = constraint_set.sample(model, count, rng)
+        u = u_limits * np.clip(1.5 * rng.uniform(-1.0, 1.0, zeta.shape), -1.0, 1.0)
+        return _Nominal(config, zeta, u)
+
+    nominal = draw(samples)
+    motion, inertia = _motion_and_inertia(model, nominal)
+    values = _support(model, nominal, balls, k, sigma)
+    total, spread = samples, 1.0
+    for _ in range(CLOSING_ROUNDS):
+        spread *= CLOSING_FACTOR
+        leaders = np.unique(np.argsort(values, axis=0)[-LEADERS:].ravel())
+        fresh = _between(model, nominal[leaders], draw(len(leaders)), spread)
+        fresh = fresh[constraint_set.contains(model, fresh.config, fresh.zeta)]
+        nominal = _Nominal(*(np.concatenate(pair) for pair in zip(
+            _fields(nominal[leaders]), _fields(fresh), strict=True)))
+        values = np.concatenate([values[leaders], _support(model, fresh, balls, k, sigma)])
+        total += len(fresh.u)
+
+    worst = safety_factor * np.max(values, axis=0)
+    omega = safety_factor * motion
+    shift = omega * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else np.inf
+    qdot = joint_rate_radius(k, sigma, d_bound)
+    z = qdot + sigma * shift
+    u = input_gain(k, sigma) * d_bound + sigma**2 * shift
+    u_rest, tau_rest = np.split(worst[4:], 2)
+    return TubeImage(
+        nu1=float(worst[0] + z), nu2=float(worst[1] + z), qdot=qdot,
+        roll=float(worst[2]), pitch=float(worst[3]), u=u_rest + u,
+        tau=tau_rest + safety_factor * inertia * u, omega=float(omega), samples=total)
+
+
+def _motion_and_inertia(model: UvmsModel, nominal: _Nominal) -> tuple[float, np.ndarray]:
+    """Returns the largest ‖J_x⁻¹J̇_x‖ [1/s] and the largest norm of each row of M (6+n,)."""
+    _, J, J_dot = model.task_motion(nominal.config, nominal.zeta)
+    motion = np.linalg.norm(np.linalg.solve(J, J_dot), 2, axis=(1, 2))
+    rows = np.linalg.norm(model.mass_matrix(model.kinematics(nominal.config)), axis=2)
+    return float(np.max(motion)), np.max(rows, axis=0)
+
+
+def _between(model: UvmsModel, a: _Nominal, b: _Nominal, spread: float) -> _Nominal:
+    """Returns states a fraction `spread` of the way from `a` to `b`, straight in (y, ζ, ū).
+
+    Joint limits, tip pitch, depth in a plane and speeds are convex there; the vehicle's attitude
+    is not.
+    """
+    y_a, y_b = model.task_pose(a.config), model.task_pose(b.config)
+    return _Nominal(model.configuration(y_a + spread * (y_b - y_a)),
+                    a.zeta + spread * (b.zeta - a.zeta), a.u + spread * (b.u - a.u))
+
+
+def _fields(nominal: _Nominal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return nominal.config, nominal.zeta, nominal.u
+
+
+def _support(model: UvmsModel, nominal: _Nominal, balls: tuple[float, ...], k: float,
+             sigma: float) -> np.ndarray:
+    """Returns the largest rest of ν₁, ν₂, φ, θ, uᵢ and τᵢ (m, 4 + 2(6+n)) over the tube.
+
+    For the norm of a block of channels the operator norm of its Jacobian takes the place of the
+    row's norm; errors and remainder are those of the block's leading direction.
+    """
+    size = model.size
+    steps = 1j * COMPLEX_STEP * np.eye(2 * size)
+    lift = _Nominal(*(item[:, None] for item in _fields(nominal)))
+    moved = rest(model, *_fields(lift), steps[:, :size], steps[:, size:], k, sigma)
+    G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, channels, 2(6+n))
+    blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
+    rows = [(slice(0, 3),), (slice(3, 6),), *(
+        (slice(i, i + 1),) for i in range(size, 3 * size + 2))]
+    out = np.empty((len(nominal.u), len(rows)))
+    for column, (row,) in enumerate(rows):
+        out[:, column], error = 0.0, np.zeros((len(nominal.u), 2 * size))
+        for block, radius in zip(blocks, balls, strict=True):
+            part = G[:, row, block]
+            left, singular, right = np.linalg.svd(part, full_matrices=False)
+            out[:, column] += radius * singular[:, 0]
+            # One sign for all blocks, so that their contributions add up.
+            sign = np.where(np.sum(left[:, :, 0], axis=1) < 0.0, -1.0, 1.0)
+            error[:, block] = radius * sign[:, None] * right[:, 0, :]
+        exact = rest(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
+        linear = (G[:, row] @ error[..., None])[..., 0]
+        out[:, column] += np.linalg.norm(exact[:, row] - linear, axis=1)
+    return out
