@@ -350,3 +350,11 @@ def test_a_configuration_of_the_wrong_size_is_named():
     with pytest.raises(
             InvalidParameter, match=r"^configuration = .*: must be 10 finite numbers$"):
         set_configuration(uvms, uvms.CreateDefaultContext(), np.zeros(20))
+    with pytest.raises(InvalidParameter, match=r"^start = .*: must be 10 finite numbers$"):
+        make(start=np.zeros(20))
+
+
+def test_a_default_context_is_at_the_start():
+    uvms = make(start=START)
+    context = uvms.CreateDefaultContext()
+    np.testing.assert_array_equal(uvms.GetOutputPort("configuration").Eval(context), START)

@@ -69,6 +69,16 @@ def test_the_state_that_is_set_comes_out():
         uvms.GetOutputPort("state").Eval(context), moving_state(), atol=1e-14)
 
 
+def test_a_default_context_is_at_rest_at_the_start():
+    at_rest = np.concatenate([moving_state()[:10], np.zeros(10)])
+    uvms = make(start=moving_state()[:10])
+    context = uvms.CreateDefaultContext()
+    np.testing.assert_allclose(uvms.GetOutputPort("state").Eval(context), at_rest, atol=1e-14)
+    default = uvms.GetOutputPort("plant_state").Eval(context).copy()
+    set_state(uvms, context, at_rest)
+    np.testing.assert_array_equal(uvms.GetOutputPort("plant_state").Eval(context), default)
+
+
 def test_the_state_can_be_set_inside_a_larger_diagram():
     builder = DiagramBuilder()
     uvms = builder.AddSystem(make())
@@ -273,3 +283,8 @@ def test_a_state_of_the_wrong_size_is_named():
     uvms = make()
     with pytest.raises(InvalidParameter, match=r"^state = .*: must be 20 finite numbers$"):
         set_state(uvms, uvms.CreateDefaultContext(), np.zeros(12))
+
+
+def test_a_start_of_the_wrong_size_is_named():
+    with pytest.raises(InvalidParameter, match=r"^start = .*: must be 10 finite numbers$"):
+        make(start=np.zeros(20))

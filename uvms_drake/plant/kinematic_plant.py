@@ -14,6 +14,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
+    BasicVector,
     Context,
     Diagram,
     DiagramBuilder,
@@ -72,8 +73,8 @@ class VelocityDrivenUvms(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)), ζ as it is commanded.
     - `positions`: q of the MultibodyPlant (nq), for drawing.
 
-    The continuous state is 𝔮, of which the Euler angles are not wrapped; it starts at zero. Only
-    `state` has feedthrough, from `zeta`. Joint limits are for a controller to keep.
+    The continuous state is 𝔮, of which the Euler angles are not wrapped. Only `state` has
+    feedthrough, from `zeta`. Joint limits are for a controller to keep.
 
     J is computed from the MultibodyPlant, not from the controller's model. This system keeps a
     Context of the plant as a workspace, overwritten from 𝔮 in every evaluation; the plant itself is
@@ -85,15 +86,17 @@ class VelocityDrivenUvms(LeafSystem):
 
     Args:
         uvms: Handles of the robot in a finalized plant.
+        start: Default 𝔮 (6+n,) [m, rad]; zero if left out.
     """
 
-    def __init__(self, uvms: Uvms):
+    def __init__(self, uvms: Uvms, start: np.ndarray | None = None):
         super().__init__()
         self.coordinates = Coordinates(uvms)
         self._uvms = uvms
         self._workspace = uvms.plant.CreateDefaultContext()
         size = self.coordinates.size
-        config = self.DeclareContinuousState(size)
+        config = self.DeclareContinuousState(BasicVector(
+            np.zeros(size) if start is None else vector("start", start, size)))
         self._zeta_port = self.DeclareVectorInputPort("zeta", size)
         self._disturbance_port = self.DeclareVectorInputPort("disturbance", 6)
         self.DeclareStateOutputPort("configuration", config)
@@ -108,12 +111,13 @@ class VelocityDrivenUvms(LeafSystem):
         builder: DiagramBuilder,
         uvms: Uvms,
         *,
+        start: np.ndarray | None = None,
         zeta: OutputPort | None = None,
         disturbance: OutputPort | None = None,
         name: str = "kinematics",
     ) -> "VelocityDrivenUvms":
         """Adds the system to `builder`; `zeta` and `disturbance` give ζ and w, if not None."""
-        system = VelocityDrivenUvms(uvms)
+        system = VelocityDrivenUvms(uvms, start)
         builder.AddNamedSystem(name, system)
         for port, source in (("zeta", zeta), ("disturbance", disturbance)):
             if source is not None:
@@ -167,6 +171,7 @@ def make_kinematic_plant(
     model: str,
     disturbance: DisturbanceConfig | None,
     seed: int = 0,
+    start: np.ndarray | None = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Returns a UVMS that is driven by its velocity, as a Diagram named "uvms".
@@ -197,14 +202,15 @@ def make_kinematic_plant(
     - `disturbance` (6) [m/s, rad/s]: w, added to χ̇.
 
     The subsystems "kinematics", "disturbance" and, with Meshcat, "geometry_pose", "scene_graph" and
-    "meshcat" are found with `GetSubsystemByName`. The default configuration is zero, where the
-    end-effector of an arm may be at the Euler angles' singularity: use `set_configuration`.
+    "meshcat" are found with `GetSubsystemByName`.
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
         disturbance: w, of bound w̃; the paper's w = 0.2 sin(t) 1₆ has w̃ = 0.2 √6. None exports an
             input port `disturbance` for the caller's.
         seed: Of the disturbance.
+        start: Default 𝔮 (6+n,) [m, rad]; if left out, zero, where the end-effector of an arm may be
+            at the Euler angles' singularity.
         meshcat: Where to draw the robot, if at all.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
@@ -223,7 +229,8 @@ def make_kinematic_plant(
     else:
         with within("disturbance"):
             w = BoundedDisturbance.AddToBuilder(builder, 6, disturbance, seed)
-    kinematics = VelocityDrivenUvms.AddToBuilder(builder, uvms, disturbance=w.get_output_port())
+    kinematics = VelocityDrivenUvms.AddToBuilder(
+        builder, uvms, start=start, disturbance=w.get_output_port())
     if meshcat is not None and scene_graph is not None:
         pose = builder.AddNamedSystem("geometry_pose", MultibodyPositionToGeometryPose(plant))
         builder.Connect(kinematics.GetOutputPort("positions"), pose.get_input_port())

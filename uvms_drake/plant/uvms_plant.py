@@ -30,6 +30,7 @@ def make_uvms_plant(
     disturbance: DisturbanceConfig | None,
     seed: int = 0,
     error: ModelError | None = None,
+    start: np.ndarray | None = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Returns a UVMS under water in front of a compliant surface, as a Diagram named "uvms".
@@ -84,6 +85,7 @@ def make_uvms_plant(
         disturbance: What is added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Of the disturbance.
         error: By what the robot's parameters are multiplied, if at all.
+        start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
         meshcat: Where to draw the robot, if at all.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
@@ -92,6 +94,10 @@ def make_uvms_plant(
     uvms = add_uvms(plant, model, error)
     plant.Finalize()
     coordinates = Coordinates(uvms)
+    if start is not None:
+        at_rest = np.concatenate([vector("start", start, coordinates.size),
+                                  np.zeros(coordinates.size)])
+        plant.SetDefaultPositions(coordinates.to_drake(at_rest)[: coordinates.num_positions])
 
     with within("surface"):
         contact = CompliantSurface.AddToBuilder(builder, plant, uvms.tip, surface)
