@@ -13,9 +13,17 @@ from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces, RigidBody
-from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, ValueProducer
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    ValueProducer,
+)
+from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.hydrodynamics_data import (
@@ -94,7 +102,7 @@ class Water:
     quadratic: np.ndarray
     """(nd, 6)."""
 
-    def force(self, nu_r: np.ndarray, nu_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
+    def fluid_force(self, nu_r: np.ndarray, nu_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
         """Returns the force on each body (nb, 6): Kirchhoff's, drag and buoyancy."""
         nu_P = (self.drag_points @ nu_r.ravel()).reshape(-1, 6)
         drag = self.drag_points.T @ drag_force(self.linear, self.quadratic, nu_P).ravel()
@@ -140,8 +148,10 @@ class Hydrodynamics(LeafSystem):
     instead would be an algebraic loop, or with a delay unstable as soon as M_A > M_RB.
 
     - Weight acts on the dry mass and is the plant's own; buoyancy uses the plant's gravity vector.
-    - All other forces must come in through `generalized_force`. What reaches the plant in another
-      way (its other ports, contact, joint limits of a discrete plant) moves the dry mass only.
+    - All other forces must come in through `generalized_force`, spatial forces through
+      `AppliedForces`. What reaches the plant in another way moves the dry mass only: contact and
+      joint limits of a discrete plant do; its ports for spatial forces and actuation are closed by
+      `AddToBuilder`.
     - In a discrete plant with time step h, v⁺ = v + h v̇ holds exactly while no constraint acts. Its
       solvers but TAMSI treat joint damping D as implicit, and so does this system: M_RB + hD
       stands for M_RB. The force of the water is that at (q, v); h must resolve the drag.
@@ -213,21 +223,40 @@ class Hydrodynamics(LeafSystem):
         parameters: HydrodynamicParameters,
         name: str = "hydrodynamics",
     ) -> "Hydrodynamics":
-        """Adds the system to `builder` and wires it to the state and force ports of `plant`."""
+        """Adds the system to `builder` and wires it to the state and force ports of `plant`.
+
+        The ports `applied_spatial_force` and `actuation` of the plant get an empty list and zeros,
+        so that whoever connects to them later (as does the mouse of `AddDefaultVisualization` in
+        newer versions of Drake, if it may) fails instead of moving the dry mass only.
+
+        Raises:
+            InvalidParameter: One of these ports is connected already.
+        """
         system = Hydrodynamics(plant, parameters)
         builder.AddNamedSystem(name, system)
+        for port, nothing in (
+            (plant.get_applied_spatial_force_input_port(),
+             ExternallyAppliedSpatialForceMultiplexer(num_inputs=0)),
+            (plant.get_actuation_input_port(),
+             ConstantVectorSource(np.zeros(plant.num_actuated_dofs()))),
+        ):
+            require(not builder.IsConnectedOrExported(port),
+                    f"plant.{port.get_name()}", "connected",
+                    "free: under water, forces go to Hydrodynamics.generalized_force")
+            builder.AddNamedSystem(f"{name}.no_{port.get_name()}", nothing)
+            builder.Connect(nothing.get_output_port(), port)
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         builder.Connect(system.GetOutputPort("applied_generalized_force"),
                         plant.get_applied_generalized_force_input_port())
         return system
 
-    def _calc_applied_generalized_force(self, context, output):
+    def _calc_applied_generalized_force(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._solution.Eval(context)[1])
 
-    def _calc_acceleration(self, context, output):
+    def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._solution.Eval(context)[0])
 
-    def _solve(self, context, solution):
+    def _solve(self, context: Context, solution: AbstractValue) -> None:
         plant, workspace = self._plant, self._workspace
         plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
         M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
@@ -255,10 +284,10 @@ class Hydrodynamics(LeafSystem):
         nu_r = J @ plant.GetVelocities(workspace)
         nu_r[:, :3] -= v_c_W @ R_WB
         g_B = plant.gravity_field().gravity_vector() @ R_WB
-        return J, self._water.force(nu_r, relative_acceleration(A_B, nu_r), g_B)
+        return J, self._water.fluid_force(nu_r, relative_acceleration(A_B, nu_r), g_B)
 
 
-def _eval_or_zero(port: InputPort, context) -> np.ndarray:
+def _eval_or_zero(port: InputPort, context: Context) -> np.ndarray:
     return cast(np.ndarray, port.Eval(context)) if port.HasValue(context) else np.zeros(port.size())
 
 

@@ -13,6 +13,7 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.law import SurfaceConfig
 from uvms_drake.model.uvms import add_uvms
+from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.model_error import ModelError
@@ -39,7 +40,7 @@ def make_uvms_plant(
 
         current ─────────────────────────────────────┐
         tau ──▶ tau_to_drake_order ──┐               ▼
-                                     ├─▶ (+) ─▶ hydrodynamics ─▶ plant ─┬─▶ plant_state
+        applied_… ─▶ applied_forces ─┼─▶ (+) ─▶ hydrodynamics ─▶ plant ─┬─▶ plant_state, body_…
                    ┌─▶ surface ──────┘               ▲                  ├─▶ to_paper_order ─▶ state
                    │      └──▶ force, penetration    │                  │
                    │         disturbance ─▶ disturbance_to_drake_order  │
@@ -56,6 +57,8 @@ def make_uvms_plant(
         input_ports:
         - tau (optional)
         - current (optional)
+        - applied_spatial_force (optional)
+        - applied_generalized_force (optional)
         - disturbance (with disturbance=None)
         output_ports:
         - state
@@ -64,16 +67,24 @@ def make_uvms_plant(
         - disturbance
         - acceleration
         - plant_state
+        - body_poses
+        - body_spatial_velocities
 
     - `tau` (6 + n) [N, N m]: generalised force of thrusters and joints, in the paper's order, the
       vehicle's part in body axes; unconnected means zero.
     - `current` (3) [m/s]: velocity of the water in World; unconnected means still water.
+    - `applied_spatial_force`: list[ExternallyAppliedSpatialForce], where Drake's `Propeller` and
+      `Wing`, a tether or another thing that pulls is connected; unconnected means none.
+    - `applied_generalized_force` (nv) [N, N m]: further force in the plant's order, not the
+      paper's; unconnected means zero.
     - `state` (2 (6 + n)): 𝔮 [m, rad], ζ [m/s, rad/s].
     - `force` (6) [N, N m]: 𝔉, see `CompliantSurface`.
     - `penetration` (1) [m]: see `CompliantSurface`.
     - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
     - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, with d in it.
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
+    - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, which the systems
+      at `applied_spatial_force` want to know.
 
     The subsystems "plant", "scene_graph", "hydrodynamics", "surface", "disturbance" and, with
     Meshcat, "meshcat" are found with `GetSubsystemByName`. Joint limits can be read from the plant
@@ -102,10 +113,13 @@ def make_uvms_plant(
     with within("surface"):
         contact = CompliantSurface.AddToBuilder(builder, plant, uvms.tip, surface)
     tau = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "tau_to_drake_order")
-    total = Adder(num_inputs=2, size=plant.num_velocities())
+    applied = AppliedForces.AddToBuilder(builder, plant)
+    total = Adder(num_inputs=3, size=plant.num_velocities())
     builder.AddNamedSystem("total_force", total)
-    builder.Connect(tau.GetOutputPort("drake_order"), total.get_input_port(0))
-    builder.Connect(contact.GetOutputPort("generalized_force"), total.get_input_port(1))
+    for i, port in enumerate((tau.GetOutputPort("drake_order"),
+                              contact.GetOutputPort("generalized_force"),
+                              applied.GetOutputPort("generalized_force"))):
+        builder.Connect(port, total.get_input_port(i))
 
     d_drake = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "disturbance_to_drake_order")
     if disturbance is None:
@@ -129,12 +143,16 @@ def make_uvms_plant(
 
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
     builder.ExportInput(water.GetInputPort("current"), "current")
+    for name in ("applied_spatial_force", "applied_generalized_force"):
+        builder.ExportInput(applied.GetInputPort(name), name)
     builder.ExportOutput(state.GetOutputPort("state"), "state")
     builder.ExportOutput(contact.GetOutputPort("force"), "force")
     builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
     builder.ExportOutput(d_source.get_output_port(), "disturbance")
     builder.ExportOutput(state.GetOutputPort("acceleration"), "acceleration")
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
+    builder.ExportOutput(plant.get_body_poses_output_port(), "body_poses")
+    builder.ExportOutput(plant.get_body_spatial_velocities_output_port(), "body_spatial_velocities")
     diagram = builder.Build()
     diagram.set_name("uvms")
     return diagram
