@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.true_model import model_with_error
 from pydrake.math import RotationMatrix
 
 from uvms_drake.campaign.campaign import Campaign, Target, make_campaign
@@ -38,7 +39,6 @@ from uvms_drake.command.campaign import CampaignProgress, replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.surface.law import make_surface_law
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import MONITOR_SLACK
@@ -295,7 +295,7 @@ def test_what_an_error_of_the_model_induces_is_what_the_plant_does():
     record = simulate(scenario)
 
     def acceleration(error):
-        model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface), error)
+        model = model_with_error(scenario.model, make_surface_law(scenario.surface), error)
         kinematics = model.kinematics(record.config)
         bias = model.inverse_dynamics(kinematics, record.zeta, np.zeros_like(record.zeta))
         return np.linalg.solve(

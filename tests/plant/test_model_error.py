@@ -1,13 +1,19 @@
-"""`model.model_error`: what is multiplied, and by what."""
+"""`plant.model_error`: what is multiplied, and by what."""
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from support.true_model import model_with_error
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms import model_dir
-from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.model_error import ModelError, check_model_error, scaled_inertias
+from uvms_drake.plant.model_error import (
+    ModelError,
+    add_simulated_uvms,
+    check_model_error,
+    scaled_inertias,
+)
 
 ROBOT = "girona500_arm5e"
 LEVEL = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.1, 0.9, 0.4, 0.2])
@@ -15,7 +21,7 @@ LEVEL = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.1, 0.9, 0.4, 0.2])
 
 @pytest.fixture(scope="module")
 def load(plane):
-    return lambda error=None: UvmsModel.load(ROBOT, make_surface_law(plane), error)
+    return lambda error=None: model_with_error(ROBOT, make_surface_law(plane), error)
 
 
 def mass_matrix(model):
@@ -69,6 +75,39 @@ def test_the_files_of_the_robot_are_read_as_they_are():
     text = (model_dir(ROBOT) / f"{ROBOT}.sdf").read_text(encoding="utf-8")
     assert scaled_inertias(text, 1.1).count("<mass>198.0") == 1
     assert "<ixx>1.0</ixx> <izz>0.004" in scaled_inertias("<ixx>0.5</ixx> <izz> 2e-3 </izz>", 2.0)
+
+
+WHOLE = """<link name="vehicle"><inertial><mass>3</mass><inertia><ixx>1</ixx><iyy>1</iyy>
+  <izz>1</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"""
+ARM = """<robot name="arm"><link name="upper"><inertial><mass value="2"/>
+  <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+@pytest.mark.parametrize(("rest", "body"), [
+    ("", ""),
+    ("<include merge='true'><uri>package://diver/arm.urdf</uri></include>", "upper"),
+    ("<include><uri>package://diver/arm.urdf</uri></include>", "upper"),
+    ("<link name='base'/>", "base"),
+    ("<link name='base'><inertial><mass>2</mass></inertial></link>", "base")])
+def test_a_mass_that_is_not_written_in_the_file_itself_is_not_scaled_by_halves(
+        tmp_path, rest, body):
+    """It would leave the inertia of an included arm as it is, but not the volume."""
+    folder = tmp_path / "diver"
+    folder.mkdir()
+    (folder / "diver.sdf").write_text(
+        f'<sdf version="1.9"><model name="diver">{WHOLE}{rest}'
+        '<frame name="tip" attached_to="vehicle"/></model></sdf>')
+    (folder / "arm.urdf").write_text(ARM)
+    (folder / "hydrodynamics.yaml").write_text("{}")
+    (folder / "package.xml").write_text("<package><name>diver</name></package>")
+    add_simulated_uvms(MultibodyPlant(0.0), str(folder), ModelError(drag=1.1))
+    if not body:
+        plant = MultibodyPlant(0.0)
+        add_simulated_uvms(plant, str(folder), ModelError(mass=1.1))
+        assert plant.GetBodyByName("vehicle").default_mass() == pytest.approx(3.3)
+        return
+    with pytest.raises(InvalidParameter, match=rf"^model_error\.mass = 1\.1: must be 1 .* '{body}' by numbers"):
+        add_simulated_uvms(MultibodyPlant(0.0), str(folder), ModelError(mass=1.1))
 
 
 @pytest.mark.parametrize(("error", "key"), [

@@ -15,7 +15,6 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, Rig
 import uvms_drake
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters, load_hydrodynamics
-from uvms_drake.plant.model_error import ModelError, scaled_hydrodynamics, scaled_inertias
 
 STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
 
@@ -51,19 +50,19 @@ def model_dir(model: str) -> Path:
     return folder
 
 
-def add_uvms(plant: MultibodyPlant, model: str, error: ModelError | None = None) -> Uvms:
+def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     """Adds a robot to `plant`, sets gravity along +z (Σ_I is NED), and returns its handles.
 
     Args:
         plant: A plant that is not finalized; `add_uvms` does not finalize it.
         model: Name of a shipped robot or path of a robot's folder.
-        error: By what its parameters are multiplied, if at all.
+        sdf: Text that stands for that of the robot's SDFormat file, if any.
 
     Raises:
         InvalidParameter: The robot's files cannot be used.
     """
     folder = model_dir(model)
-    instance = _parse(plant, folder, error)
+    instance = _parse(plant, folder, sdf)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, STANDARD_GRAVITY])
     for name in ("vehicle", "tip"):
         require(plant.HasFrameNamed(name, instance), "model", model,
@@ -72,8 +71,6 @@ def add_uvms(plant: MultibodyPlant, model: str, error: ModelError | None = None)
     for name in hydrodynamics.bodies:
         require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",
                 name, f"a body of {folder.name}.sdf")
-    if error is not None:
-        hydrodynamics = scaled_hydrodynamics(hydrodynamics, error, plant, instance)
     return Uvms(
         plant=plant,
         model_instance=instance,
@@ -84,20 +81,15 @@ def add_uvms(plant: MultibodyPlant, model: str, error: ModelError | None = None)
     )
 
 
-def _parse(plant: MultibodyPlant, folder: Path, error: ModelError | None
-           ) -> ModelInstanceIndex:
-    sdf = folder / f"{folder.name}.sdf"
+def _parse(plant: MultibodyPlant, folder: Path, sdf: str | None) -> ModelInstanceIndex:
+    file = str(folder / f"{folder.name}.sdf")
     parser = Parser(plant)
     try:
         parser.package_map().AddPackageXml(str(folder / "package.xml"))
-        if error is None:
-            (instance,) = parser.AddModels(str(sdf))
-        else:
-            (instance,) = parser.AddModelsFromString(
-                scaled_inertias(sdf.read_text(encoding="utf-8"), error.mass), "sdf")
+        (instance,) = (parser.AddModels(file) if sdf is None
+                       else parser.AddModelsFromString(sdf, "sdf"))
     except RuntimeError as reason:
-        raise InvalidParameter(
-            "model", str(sdf), f"a readable robot: {_one_line(reason)}") from None
+        raise InvalidParameter("model", file, f"a readable robot: {_one_line(reason)}") from None
     return instance
 
 

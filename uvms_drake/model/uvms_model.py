@@ -38,7 +38,6 @@ from uvms_drake.model.spatial import (
 from uvms_drake.model.surface.law import SurfaceLaw
 from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
 from uvms_drake.model.uvms import Uvms, add_uvms
-from uvms_drake.plant.model_error import ModelError
 
 
 class Kinematics(NamedTuple):
@@ -89,10 +88,10 @@ class UvmsModel:
         self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
 
     @staticmethod
-    def load(model: str, surface: SurfaceLaw, error: ModelError | None = None) -> "UvmsModel":
+    def load(model: str, surface: SurfaceLaw) -> "UvmsModel":
         """Returns the model of a shipped robot or a robot's folder, read by a plant of its own."""
         plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
-        uvms = add_uvms(plant, model, error)
+        uvms = add_uvms(plant, model)
         plant.Finalize()
         return UvmsModel(uvms, surface)
 

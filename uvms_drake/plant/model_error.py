@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, HydrodynamicParameters
+from uvms_drake.model.uvms import Uvms, add_uvms, model_dir
 
 INERTIAL = re.compile(r"<(mass|i[xyz][xyz])>\s*([^<]*?)\s*</\1>")
 FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever")
@@ -19,11 +20,13 @@ class ModelError:
     """The simulated robot's parameters over the controller's; 1 where they are the same."""
 
     mass: float = 1.0
-    """Of masses and inertias, and of the displaced volumes: a robot is trimmed before it dives."""
+    """Factor of masses, inertias and displaced volumes: a robot is trimmed before it dives."""
     added_mass: float = 1.0
+    """Factor of the added masses."""
     drag: float = 1.0
+    """Factor of the drag coefficients."""
     buoyancy_lever: float = 1.0
-    """Of the distance from the centre of mass to that of buoyancy, of each body."""
+    """Factor of each body's distance from the centre of mass to that of buoyancy."""
     share: float = 0.0
     """Part of d̃ that is left to what the error induces; the disturbance takes the rest."""
 
@@ -41,18 +44,51 @@ def check_model_error(error: ModelError) -> None:
     require(bool(0.0 <= error.share < 1.0), "share", error.share, "at least 0 and below 1")
 
 
+def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | None) -> Uvms:
+    """Adds the simulated robot to `plant` as `add_uvms` adds the one that the controller knows.
+
+    Raises:
+        InvalidParameter: The robot's files cannot be used, or they give an inertia in a way other
+            than by the numbers that are scaled, such as an included file or a density.
+    """
+    if error is None or error.size == 0.0:
+        return add_uvms(plant, model)
+    sdf = None
+    if error.mass != 1.0:  # Drake can change an inertia in a Context, but not a plant's default.
+        folder = model_dir(model)
+        text = (folder / f"{folder.name}.sdf").read_text(encoding="utf-8")
+        sdf = scaled_inertias(text, error.mass)
+    uvms = add_uvms(plant, model, sdf)
+    if sdf is not None:
+        _check_scaled(plant, model, error.mass)
+    return replace(uvms, hydrodynamics=scaled_hydrodynamics(uvms, error))
+
+
+def _check_scaled(plant: MultibodyPlant, model: str, factor: float) -> None:
+    """Raises unless the inertias of all bodies are those of the robot's files, scaled."""
+    known = MultibodyPlant(plant.time_step())
+    add_uvms(known, model)
+    for i in range(1, known.num_bodies()):  # 0 is World.
+        body = known.get_body(BodyIndex(i))
+        before, after = (each.default_spatial_inertia().CopyToFullMatrix6()
+                         for each in (body, plant.get_body(BodyIndex(i))))
+        require(np.allclose(after, factor * before, rtol=1e-9, atol=0.0),
+                "model_error.mass", factor,
+                f"1 for this robot: its SDFormat file does not give the mass and the inertia of "
+                f"'{body.name()}' by numbers of its own")
+
+
 def scaled_inertias(sdf: str, factor: float) -> str:
     """Returns the text of an SDFormat file with its masses and inertias multiplied."""
     return INERTIAL.sub(
         lambda found: f"<{found[1]}>{float(factor * float(found[2]))!r}</{found[1]}>", sdf)
 
 
-def scaled_hydrodynamics(parameters: HydrodynamicParameters, error: ModelError,
-                         plant: MultibodyPlant, instance: ModelInstanceIndex
-                         ) -> HydrodynamicParameters:
-    """Returns what the water does to the simulated robot; the bodies are those of `plant`."""
+def scaled_hydrodynamics(uvms: Uvms, error: ModelError) -> HydrodynamicParameters:
+    """Returns what the water does to the simulated robot, where `uvms` has the controller's."""
+    plant, parameters = uvms.plant, uvms.hydrodynamics
     return replace(parameters, bodies={
-        name: _scaled(body, error, plant.GetBodyByName(name, instance).default_com())
+        name: _scaled(body, error, plant.GetBodyByName(name, uvms.model_instance).default_com())
         for name, body in parameters.bodies.items()})
 
 

@@ -12,11 +12,10 @@ from pydrake.systems.primitives import Adder, PassThrough
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.law import SurfaceConfig
-from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
-from uvms_drake.plant.model_error import ModelError
+from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface
 
@@ -102,7 +101,7 @@ def make_uvms_plant(
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    uvms = add_uvms(plant, model, error)
+    uvms = add_simulated_uvms(plant, model, error)
     plant.Finalize()
     coordinates = Coordinates(uvms)
     if start is not None:

@@ -161,7 +161,7 @@ def make_simulated_uvms(scenario: Scenario, disturbance: DisturbanceConfig | Non
     return make_uvms_plant(
         model=scenario.model, surface=displaced(scenario.surface, scenario.surface_error),
         disturbance=disturbance, seed=scenario.seed,
-        error=scenario.model_error if scenario.model_error.size > 0.0 else None)
+        error=scenario.model_error)
 
 
 def _measured(builder: DiagramBuilder, scenario: Scenario, true: OutputPort) -> OutputPort:

@@ -1,0 +1,15 @@
+"""The robot as it is simulated, in the equations of the controller's model."""
+
+from pydrake.multibody.plant import MultibodyPlant
+
+from uvms_drake.model.surface.law import SurfaceLaw
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
+
+
+def model_with_error(model: str, surface: SurfaceLaw, error: ModelError | None) -> UvmsModel:
+    """Returns the model of a robot whose parameters are multiplied, if at all."""
+    plant = MultibodyPlant(time_step=0.1)
+    uvms = add_simulated_uvms(plant, model, error)
+    plant.Finalize()
+    return UvmsModel(uvms, surface)
