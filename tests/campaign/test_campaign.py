@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.true_model import model_with_error
 from pydrake.math import RotationMatrix
+from support.true_model import model_with_error
 
 from uvms_drake.campaign.campaign import Campaign, Target, make_campaign
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures

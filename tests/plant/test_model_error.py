@@ -106,7 +106,8 @@ def test_a_mass_that_is_not_written_in_the_file_itself_is_not_scaled_by_halves(
         add_simulated_uvms(plant, str(folder), ModelError(mass=1.1))
         assert plant.GetBodyByName("vehicle").default_mass() == pytest.approx(3.3)
         return
-    with pytest.raises(InvalidParameter, match=rf"^model_error\.mass = 1\.1: must be 1 .* '{body}' by numbers"):
+    with pytest.raises(InvalidParameter,
+                       match=rf"^model_error\.mass = 1\.1: must be 1 .* '{body}' by numbers"):
         add_simulated_uvms(MultibodyPlant(0.0), str(folder), ModelError(mass=1.1))
 
 
