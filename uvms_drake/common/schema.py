@@ -1,19 +1,21 @@
-"""Holds raw YAML data against dataclasses, so that a mistake is reported by its key.
+"""Holds raw YAML data against dataclasses, so that a mistake is reported by its key; writes them.
 
 `yaml_load_typed` stops at the first mistake too, but names neither the path of the key nor, for
 arrays and tags, what would have been right; and it lets NaN and ragged arrays through.
+`yaml_dump_typed` refuses an object whose type the field does not name, as one of a user's own.
 """
 
 import dataclasses
 import difflib
 import math
+import textwrap
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_dump, yaml_load_data, yaml_load_typed
+from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load_data, yaml_load_typed
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 
@@ -55,7 +57,7 @@ def conform(schema: typing.Any, value: object, key: str = "") -> typing.Any:
     Raises:
         InvalidParameter: An unknown key or tag, or a value of the wrong type.
     """
-    if isinstance(schema, types.UnionType) or typing.get_origin(schema) is typing.Union:
+    if _is_union(schema):
         return _conform_union(typing.get_args(schema), value, key)
     if schema in _LEAVES:
         return _LEAVES[schema](value, key)
@@ -77,10 +79,57 @@ def load_typed(schema: type[T], raw: object) -> T:
     return yaml_load_typed(schema=schema, data=yaml_dump(conform(schema, raw)))
 
 
+def dump_typed(value: object, leave_out: Collection[str] = ()) -> str:
+    """Returns a dataclass or config struct as YAML, of which `load_typed` makes an equal one.
+
+    A part is tagged with the name of its type, unless that is the first one its field names. A
+    field that is None is left out.
+
+    Args:
+        value: What is written; its parts may be of types that no field names.
+        leave_out: Names of fields that are not written.
+    """
+    return "".join(_entry(name, getattr(value, name), declared, leave_out)
+                   for name, declared in field_types(type(value)).items()
+                   if name not in leave_out and getattr(value, name) is not None)
+
+
+def _entry(name: str, value: typing.Any, declared: typing.Any, leave_out: Collection[str]) -> str:
+    """Returns the lines of one field."""
+    first = typing.get_args(declared)[0] if _is_union(declared) else declared
+    if _is_struct(value):
+        return _struct(f"{name}:", value, first, leave_out)
+    if typing.get_origin(first) is list and any(_is_struct(item) for item in value):
+        (item,) = typing.get_args(first)
+        first = typing.get_args(item)[0] if _is_union(item) else item
+        return f"{name}:\n" + "".join(_struct("-", each, first, leave_out) for each in value)
+    if first is np.ndarray:
+        value = np.asarray(value, dtype=float)
+    return yaml_dump_typed({name: value}, schema=types.GenericAlias(dict, (str, first)))
+
+
+def _struct(head: str, value: object, first: typing.Any, leave_out: Collection[str]) -> str:
+    """Returns the lines of a part below its name, or beside the dash of a list."""
+    tag = "" if type(value) is first else f" !{type(value).__name__}"
+    body = textwrap.indent(dump_typed(value, leave_out), "  ")
+    if not body:
+        return f"{head}{tag} {{}}\n"
+    return f"- {body[2:]}" if head + tag == "-" else f"{head}{tag}\n{body}"
+
+
+def _is_struct(value: object) -> bool:
+    return dataclasses.is_dataclass(value) or hasattr(value, "__fields__")
+
+
+def _is_union(schema: typing.Any) -> bool:
+    return isinstance(schema, types.UnionType) or typing.get_origin(schema) is typing.Union
+
+
 def field_types(schema: typing.Any) -> dict[str, typing.Any]:
     """Returns the name and type of each field of a dataclass or of a Drake config struct."""
     if dataclasses.is_dataclass(schema):
-        return {f.name: f.type for f in dataclasses.fields(schema)}
+        hints = typing.get_type_hints(schema)
+        return {f.name: hints[f.name] for f in dataclasses.fields(schema)}
     return {f.name: f.type for f in schema.__fields__}
 
 

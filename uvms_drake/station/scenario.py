@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
+from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 import uvms_drake
 from uvms_drake.common.errors import InvalidParameter, ScenarioError, require, within
-from uvms_drake.common.schema import load_typed, parse_yaml, read_yaml
+from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_yaml
 from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
@@ -173,10 +173,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
 def dump_scenario(scenario: Scenario) -> str:
     """Returns the fully resolved scenario as YAML; loading it gives the same scenario."""
     # Drake 1.51 has a setting that 1.58 has not, and that makes no difference to a run.
-    retired = "publish_every_time_step:"
-    simulator = yaml_dump_typed(scenario.simulator, child_name="simulator")
-    kept = [line for line in simulator.splitlines(True) if not line.strip().startswith(retired)]
-    return yaml_dump_typed(scenario).replace(simulator, "".join(kept))
+    return dump_typed(scenario, leave_out=("publish_every_time_step",))
 
 
 def apply_overrides(raw: object, overrides: Sequence[str]) -> object:
