@@ -17,11 +17,12 @@ import numpy as np
 import pytest
 from pydrake.math import RotationMatrix
 from support.true_model import model_with_error
+from support.workers import process_id
 
 from uvms_drake.campaign.campaign import Campaign, Target, make_campaign
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
 from uvms_drake.campaign.outside import kinds_outside
-from uvms_drake.campaign.pool import ONE_THREAD, local_pool, run_all
+from uvms_drake.campaign.pool import ONE_THREAD, RUNS_PER_WORKER, Pool, local_pool, run_all
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.store import RUNS_FILE, SETUP_FILE, read_setup, run_log
 from uvms_drake.campaign.summary import (
@@ -143,9 +144,20 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
 
 def test_the_workers_take_one_core_each_and_the_parent_is_left_as_it_was(monkeypatch):
     monkeypatch.setenv(ONE_THREAD[0], "7")
-    with local_pool(1)() as executor:
+    with local_pool(1).open() as executor:
         assert executor.submit(os.getenv, ONE_THREAD[0]).result() == "1"
     assert os.environ[ONE_THREAD[0]] == "7"
+
+
+def test_a_worker_is_replaced_before_it_keeps_too_much_memory(monkeypatch):
+    monkeypatch.setattr("uvms_drake.campaign.pool.run_one", process_id)
+    monkeypatch.setattr("uvms_drake.campaign.pool.RUNS_PER_WORKER", 3)
+    runs = dict(run_all(None, range(7), local_pool(1)))
+    assert list(runs) == list(range(7))
+    processes = [runs[index]["process"] for index in range(7)]
+    assert [len(set(processes[i: i + 3])) for i in (0, 3, 6)] == [1, 1, 1]
+    assert len(set(processes)) == 3
+    assert RUNS_PER_WORKER * 7 < 300  # MB: a run leaves 6 MB behind.
 
 
 def test_the_distribution_tells_whose_the_worst_is():
@@ -261,7 +273,7 @@ def test_workers_that_always_die_are_given_up(campaign):
         yield Dying()
 
     with pytest.raises(RunFailed, match=r"die before any run comes back \(of 2 runs: 0, 1\): gone"):
-        list(run_all(campaign, [0, 1], pool))
+        list(run_all(campaign, [0, 1], Pool(pool)))
 
 
 def refusal(capsys, *args) -> str:
@@ -398,7 +410,8 @@ def test_another_program_runs_nothing(campaign, reference, monkeypatch, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(campaign):
+@pytest.mark.parametrize("runs", [None, 2])
+def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(campaign, runs):
     """The others are done, although it is the first."""
     class Poisoned(Executor):
         def __init__(self):
@@ -417,7 +430,7 @@ def test_a_run_that_takes_its_worker_with_it_comes_last_and_is_named(campaign):
     def pool():
         yield Poisoned()
 
-    runs = run_all(campaign, range(5), pool)
+    runs = run_all(campaign, range(5), Pool(pool, runs))
     assert {next(runs)[0] for _ in range(4)} == {1, 2, 3, 4}
     with pytest.raises(RunFailed, match=r"of 1 runs: 0\)"):
         next(runs)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.run import run_one
@@ -21,18 +21,27 @@ NAMED = 8
 RESTARTS = 3
 """How often in a row the workers may die without a single run coming back."""
 CONNECT_SECONDS = 10
+RUNS_PER_WORKER = 40
+"""Runs after which a worker is replaced. Drake's Python bindings never free a LeafSystem that is
+written in Python, so that a process keeps about 6 MB of each run."""
 
-Pool = Callable[[], AbstractContextManager[Executor]]
-"""Opens the workers; more than once, if they die."""
+
+class Pool(NamedTuple):
+    """Workers that can be replaced by new ones."""
+
+    open: Callable[[], AbstractContextManager[Executor]]
+    """Starts the workers."""
+    runs: int | None = None
+    """Number of runs after which all of them are replaced; never, if None."""
 
 
 def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
             ) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yields (index, what `run_one` returns) for each index once, in the order they come back.
 
-    A run raises nothing, so that an error is the workers'. Then those that have not come back are
-    run again by new workers, those first that were last, so that a run that takes its worker with
-    it comes last.
+    A run raises nothing, so that an error is the workers'. Then new workers repeat the runs that
+    have not come back. They begin with those that were last, so that a run that takes its worker
+    with it comes last.
 
     Raises:
         RunFailed: The workers die again and again.
@@ -40,12 +49,12 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
     waiting, fruitless, first = set(indices), 0, 0
     while waiting:
         before, reason = len(waiting), ""
-        with pool() as executor:
+        with pool.open() as executor:
             futures: dict[Future, int] = {}
             try:
                 order = sorted(waiting, key=lambda index: (index < first, index))
                 first = order[1] if len(order) > 1 else 0
-                for index in order:
+                for index in order[: pool.runs]:
                     futures[executor.submit(run_one, campaign, index)] = index
             except BrokenProcessPool as error:  # One has died already; the others are looked at.
                 reason = str(error)
@@ -65,9 +74,13 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
 
 
 def local_pool(workers: int) -> Pool:
-    """Returns a pool of processes of this machine, each with a fresh interpreter."""
+    """Returns a pool of processes of this machine, each with a fresh interpreter.
+
+    They are replaced together: `ProcessPoolExecutor` has `max_tasks_per_child`, but waits forever
+    for a worker that it has not replaced (python/cpython#115634, in all versions up to 3.14).
+    """
     @contextmanager
-    def pool() -> Iterator[Executor]:
+    def workers_here() -> Iterator[Executor]:
         with _environment(dict.fromkeys(ONE_THREAD, "1")):
             executor = ProcessPoolExecutor(
                 workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
@@ -76,7 +89,7 @@ def local_pool(workers: int) -> Pool:
             finally:
                 executor.shutdown(cancel_futures=True)
 
-    return pool
+    return Pool(workers_here, RUNS_PER_WORKER * workers)
 
 
 def cluster_pool(address: str) -> Pool:
@@ -99,12 +112,12 @@ def cluster_pool(address: str) -> Pool:
                                    f"answers ({type(error).__name__})") from None
 
     @contextmanager
-    def pool() -> Iterator[Executor]:
+    def workers_there() -> Iterator[Executor]:
         with connected() as client, client.get_executor(pure=False) as executor:
             yield executor
 
     connected().close()
-    return pool
+    return Pool(workers_there)
 
 
 @contextmanager

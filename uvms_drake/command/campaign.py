@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 from uvms_drake.campaign.campaign import Campaign, make_campaign, require_same_code
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
-from uvms_drake.campaign.pool import cluster_pool, local_pool, run_all
+from uvms_drake.campaign.pool import Pool, cluster_pool, local_pool, run_all
 from uvms_drake.campaign.store import RunLog, read_indices, read_setup, run_log
 from uvms_drake.campaign.summary import (
     all_well,
@@ -99,7 +99,7 @@ def _certificate(scenario: Scenario, source: str, announce: Callable[[], None]) 
     return certificate
 
 
-def _run(campaign: Campaign, runs: int, log: RunLog, pool: Any) -> None:
+def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool) -> None:
     missing = [index for index in range(runs) if index not in log.runs]
     if len(missing) < runs:
         print(f"{runs - len(missing)} of {runs} runs are there already", file=sys.stderr)
