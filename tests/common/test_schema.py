@@ -115,9 +115,18 @@ def test_a_mistake_is_named_by_key_value_and_what_is_allowed(text, expected):
 @pytest.mark.parametrize(("text", "expected"), [
     ("a: [1, 2\nb: 3", "line 2, column 2: expected ',' or ']', but got ':'"),
     ("a: *b", "line 1, column 4: found undefined alias 'b'"),
+    ("a: 1\nb: {c: 2, c: 3}", "line 2: the key 'c' is there already, in line 2"),
+    ("a: 1\nb: 2\na: 3", "line 3: the key 'a' is there already, in line 1"),
     ("a: !Tag", "line 1, column 4: expected a mapping node, but found scalar"),
 ])
 def test_a_yaml_syntax_error_is_one_line_with_its_place(text, expected):
     with pytest.raises(ScenarioError) as caught:
         parse_yaml(text)
     assert str(caught.value) == expected
+
+
+def test_an_alias_a_merged_mapping_and_a_mapping_within_itself_have_no_key_twice():
+    assert parse_yaml("a: &a {c: 1}\nb: {<<: *a, c: 2}\nd: [*a, *a]") == {
+        "a": {"c": 1}, "b": {"c": 2}, "d": [{"c": 1}, {"c": 1}]}
+    loop = parse_yaml("a: &a {b: *a}")
+    assert loop["a"]["b"] is loop["a"]

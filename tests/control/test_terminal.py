@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.plan import advance
-from uvms_drake.control.terminal import INFLATION, terminal_ingredients
+from uvms_drake.control.terminal import INFLATION, LARGEST_GROWTH, terminal_ingredients
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.station.scenario import load_scenario
 
@@ -120,3 +121,15 @@ def test_the_inflated_penalty_falls_by_more_than_the_stage_cost_of_the_robot(ocp
         bare = loop.value(after) - loop.value(xi) + stage
         worst_bare = max(worst_bare, bare / stage)
     assert worst_bare > 0.0, "without inflation it does not"
+
+
+def test_a_loop_that_floating_point_cannot_tell_how_to_stabilise_is_refused(ocp, loop):
+    J, h = loop.A[:10, 10:] / ocp.time_step, ocp.time_step
+    for damping, refused in ((0.5 * LARGEST_GROWTH, False), (2.0 * LARGEST_GROWTH, True)):
+        f_zeta = damping / h * np.eye(10)  # A + BF is then about h·f_ζ in all coordinates.
+        arguments = (J, np.zeros((10, 10)), f_zeta, ocp.Q, ocp.R, h, 0.3)
+        if refused:
+            with pytest.raises(InvalidParameter, match=r"^time_step = 0\.2: must be such that"):
+                terminal_ingredients(*arguments)
+        else:
+            terminal_ingredients(*arguments)

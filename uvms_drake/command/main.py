@@ -70,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     for logger in (logging.getLogger("drake"), LOGGER):
         logger.setLevel(logging.WARNING)
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # A slow machine is no warning.
     try:
         args = make_parser().parse_args(argv)
         return args.command(args)

@@ -30,6 +30,12 @@ def require(condition: bool, key: str, value: object, allowed: str) -> None:
         raise InvalidParameter(key, value, allowed)
 
 
+def shortened(text: str, most: int = 60) -> str:
+    """Returns a text of at most `most` characters, the middle left out of a longer one."""
+    half = (most - 5) // 2
+    return text if len(text) <= most else f"{text[:half]} ... {text[-half:]}"
+
+
 @contextmanager
 def within(prefix: str) -> Iterator[None]:
     """Prepends `prefix.` to the key of an `InvalidParameter` raised inside the block."""

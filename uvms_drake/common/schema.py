@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
+import yaml  # type: ignore[import-untyped]  # Drake's own choice and dependency.
 from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load_data, yaml_load_typed
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
@@ -38,12 +39,35 @@ def read_yaml(path: Path) -> object:
 def parse_yaml(text: str) -> object:
     """Returns the raw data of a YAML text, or raises a `ScenarioError` that names the line."""
     try:
+        _require_distinct_keys(yaml.compose(text, Loader=yaml.SafeLoader))
         return yaml_load_data(text, private=True)
-    except Exception as error:  # PyYAML's, which is Drake's choice and not imported here.
+    except ScenarioError:
+        raise
+    except Exception as error:  # PyYAML's, and Python's of numbers that are none.
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or getattr(error, "context", None) or error
         raise ScenarioError(f"{where}{' '.join(str(problem).split())}") from None
+
+
+def _require_distinct_keys(root: yaml.Node | None) -> None:
+    """Raises for the first key that a mapping has twice; PyYAML would take the last in silence."""
+    waiting, seen = [root], set()
+    while waiting:
+        node = waiting.pop()
+        if id(node) in seen or not isinstance(node, yaml.CollectionNode):
+            continue
+        seen.add(id(node))  # An alias is the node that it stands for, and can be within itself.
+        if isinstance(node, yaml.SequenceNode):
+            waiting += node.value
+            continue
+        keys: dict[object, yaml.Node] = {}
+        for key, value in node.value:
+            first = keys.setdefault(key.value if isinstance(key, yaml.ScalarNode) else key, key)
+            if first is not key:
+                raise ScenarioError(f"line {key.start_mark.line + 1}: the key {key.value!r} is "
+                                    f"there already, in line {first.start_mark.line + 1}")
+            waiting.append(value)
 
 
 def conform(schema: typing.Any, value: object, key: str = "") -> typing.Any:

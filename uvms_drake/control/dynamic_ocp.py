@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits import NominalLimits
 from uvms_drake.control.ocp import Motion, MpcConfig, Ocp, input_limits, weight
 from uvms_drake.control.plan import DynamicPlan
@@ -51,6 +52,7 @@ class DynamicOcp(Ocp[DynamicPlan]):
         self.Q = np.diag(np.concatenate([weight(config, key, size, zeros=declared)
                                          for key in ("weight_y", "weight_zeta")]))
         self.R = np.diag(weight(config, "weight_u", size))
+        require(bool(np.any(self.Q[:size] > 0.0)), "weight_y", config.weight_y, "not all zero")
         config_des = model.configuration(y_des)
         self.u_eq = model.equilibrium_input(config_des)
         self.u_ref = np.zeros(size) if config.input_reference == "zero" else self.u_eq

@@ -122,6 +122,8 @@ TERMINAL_PENALTY = 100.0
 This and the next two are made for weights of the order of 1 to 1000: an exact penalty has to be
 above the multipliers, which grow with the weights.
 """
+SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-6, 1e6
+"""Of every weight that is not zero; beyond, the penalties mean nothing, nor does P."""
 VIOLATION_PENALTY = 1e3
 """Cost of one unit of violation; above every multiplier of a limit."""
 EXCESS_PENALTY = 1e5
@@ -349,7 +351,8 @@ def input_limits(value: np.ndarray, by_z: np.ndarray, bound: np.ndarray) -> Line
 def weight(config: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:
     """Returns a weight of an `MpcConfig`: `size` positive numbers, or `zeros` among them too."""
     values = vector(key, getattr(config, key), size)
-    allowed = bool(np.all(values >= 0.0 if zeros else values > 0.0))
-    require(allowed, key, values,
-            f"{size} numbers, none negative" if zeros else f"{size} positive numbers")
+    usual = (values >= SMALLEST_WEIGHT) & (values <= LARGEST_WEIGHT)
+    require(bool(np.all(usual | (values == 0.0) if zeros else usual)), key, values,
+            f"{size} positive numbers{' or zeros' if zeros else ''}, from {SMALLEST_WEIGHT:g} to "
+            f"{LARGEST_WEIGHT:g}")
     return values

@@ -4,10 +4,10 @@ The parameters of each part stand beside that part; here they are only put toget
 file and changed by overrides such as `surface.stiffness=2000`.
 """
 
+import contextlib
 import difflib
 import shlex
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +16,14 @@ from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 import uvms_drake
-from uvms_drake.common.errors import InvalidParameter, ScenarioError, require, within
+from uvms_drake.common.errors import (
+    InvalidParameter,
+    ScenarioError,
+    require,
+    shortened,
+    vector,
+    within,
+)
 from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_yaml
 from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.limits import Limits, TubeRadii
@@ -30,11 +37,14 @@ from uvms_drake.plant.disturbance import (
 )
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
+from uvms_drake.station.cost import check_cost
 from uvms_drake.station.faults import Fault, check_faults
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
 MOTIONS = ("dynamic", "kinematic")
+LONGEST_NAME = 100
+"""Of a scenario [bytes in UTF-8]; file systems allow 255 for a file, its folder's suffix too."""
 
 
 @dataclass
@@ -127,18 +137,20 @@ def scenario_path(name_or_path: str) -> Path:
     """Returns the file of a shipped scenario or of a path; a shipped name goes first."""
     shipped = shipped_scenarios()
     path = shipped.get(name_or_path, Path(name_or_path))
-    if path.is_file():
-        return path
+    with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
+        if path.is_file():
+            return path
     close = difflib.get_close_matches(name_or_path, shipped, n=1)
     raise ScenarioError(
-        f"scenario = {name_or_path!r}: must be one of {', '.join(shipped)}, or a YAML file"
-        + (f" (did you mean '{close[0]}'?)" if close else ""))
+        f"scenario = {shortened(name_or_path)!r}: must be one of {', '.join(shipped)}, or a YAML "
+        "file that exists" + (f" (did you mean '{close[0]}'?)" if close else ""))
 
 
 def scenario_source(name_or_path: str, overrides: Sequence[str] = ()) -> str:
-    """Returns where a scenario's values come from, for messages about them."""
-    path = scenario_path(name_or_path)
-    return f"{path} with {shlex.join(set_options(overrides))}" if overrides else str(path)
+    """Returns where a scenario's values come from, for the end of messages about them."""
+    name = scenario_path(name_or_path).name
+    return (f"{name} with {shortened(shlex.join(set_options(overrides)), 100)}" if overrides
+            else name)
 
 
 def set_options(overrides: Sequence[str]) -> list[str]:
@@ -159,7 +171,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
         ScenarioError: With one line that says which file, key and value, and what is allowed.
     """
     path = scenario_path(name_or_path)
-    with reported_in(str(path)):
+    with reported_in(path.name):
         scenario = load_typed(Scenario, _without_private_keys(read_yaml(path)))
         scenario.name = scenario.name or path.stem
     with reported_in(scenario_source(name_or_path, overrides)):
@@ -201,22 +213,31 @@ def check_scenario(scenario: Scenario) -> None:
 
     The parts check their own parameters when they are built; this is what no part owns.
     """
-    name = scenario.name
-    require(not any(c in name for c in "/\\\n") and name not in (".", ".."), "name", name,
-            "usable as the name of a folder")
     require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
     _require_positive("duration", scenario.duration)
     _require_positive("log_period", scenario.log_period)
     require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
             f"at most the duration, {scenario.duration:g} s")
-    _require_positive("task.force_tolerance", scenario.task.force_tolerance)
+    tolerance = scenario.task.force_tolerance
+    _require_positive("task.force_tolerance", tolerance)
+    with within("task"):
+        force = float(np.linalg.norm(vector("force", scenario.task.force, 6)))
+    require(force == 0.0 or tolerance < force, "task.force_tolerance", tolerance,
+            f"smaller than the desired force itself, {force:g} N")
     with within("model_error"):
         check_model_error(scenario.model_error)
     with within("surface_error"):
         check_surface_error(scenario.surface_error)
     check_faults(scenario.faults, kinematic=scenario.kinematic)
     _check_simulator(scenario.simulator)
+    check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,
+               scenario.mpc.time_step, scenario.mpc.horizon)
     check_visual(scenario.visual)
+    name = scenario.name
+    usable = name.isprintable() and not any(c in name for c in "/\\") and (
+        0 < len(name.encode(errors="replace")) <= LONGEST_NAME and name not in (".", ".."))
+    require(usable, "name", shortened(name),
+            f"usable as the name of a folder, of at most {LONGEST_NAME} bytes")
 
 
 def _check_simulator(config: SimulatorConfig) -> None:
@@ -259,10 +280,10 @@ def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") ->
     return {**mapping, head: _replaced(mapping.get(head), rest, value, key)}
 
 
-@contextmanager
+@contextlib.contextmanager
 def reported_in(source: str) -> Iterator[None]:
-    """Turns what is wrong with a value inside the block into a `ScenarioError` with its file."""
+    """Turns what is wrong with a value inside the block into a `ScenarioError`, the file last."""
     try:
         yield
     except (InvalidParameter, ScenarioError) as error:
-        raise ScenarioError(f"{source}: {error}") from None
+        raise ScenarioError(f"{error} ({source})") from None

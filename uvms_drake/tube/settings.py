@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from uvms_drake.common.errors import require
 
+MOST_SAMPLES = 1_000_000
+"""Of anything; a supremum that so many miss, more will miss too."""
+
 
 @dataclass
 class CertificateSettings:
@@ -23,6 +26,7 @@ class CertificateSettings:
 def check_settings(settings: CertificateSettings) -> None:
     """Raises `InvalidParameter` for the first setting that has no meaning."""
     for key in ("constant_samples", "tube_samples", "terminal_samples"):
-        require(getattr(settings, key) >= 10, key, getattr(settings, key), "at least 10")
+        require(10 <= getattr(settings, key) <= MOST_SAMPLES, key, getattr(settings, key),
+                f"from 10 to {MOST_SAMPLES}, which take hours and gigabytes")
     require(settings.safety_factor >= 1.0, "safety_factor", settings.safety_factor, "at least 1")
     require(settings.seed >= 0, "seed", settings.seed, "zero or positive")
