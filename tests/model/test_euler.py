@@ -7,6 +7,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from uvms_drake.model.euler import (
     euler_angles,
     inverse_rate_matrix,
+    pose_difference,
     rate_matrix,
     rotation_matrix,
     wrap_angle,
@@ -122,3 +123,12 @@ def test_wrap_angle_stays_on_the_circle_and_in_its_range(rng):
     wrapped = wrap_angle(angle)
     assert np.all((wrapped >= -np.pi) & (wrapped < np.pi))
     np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * angle), atol=1e-12)
+    np.testing.assert_array_equal(wrap_angle(angle + 3e-20j), wrapped + 3e-20j)
+
+
+def test_poses_differ_by_the_shorter_way_round():
+    near, far = np.zeros((2, 1, 8))
+    near[..., 5], far[..., 5], far[..., 7] = np.pi - 0.1, -np.pi + 0.1, 4.0
+    np.testing.assert_allclose(
+        pose_difference(near, far), [[0.0, 0.0, 0.0, 0.0, 0.0, -0.2, 0.0, -4.0]], atol=1e-15)
+    assert far[0, 5] == -np.pi + 0.1

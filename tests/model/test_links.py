@@ -58,7 +58,7 @@ def test_welded_bodies_are_dragged_by_the_velocities_of_their_own_points(links, 
     V = np.array([np.concatenate([velocity.translational(), velocity.rotational()]) for velocity in
                   (frame.CalcSpatialVelocity(context, W, frame) for frame in frames)])
     zero, still = np.zeros((5, 6)), np.zeros((5, 3))
-    power = np.sum(V * links.force(V, zero, still))  # V ×* I V does not have any.
+    power = np.sum(V * links.links_force(V, zero, still))  # V ×* I V does not have any.
     expected = 0.0
     for name, body in uvms.hydrodynamics.bodies.items():
         B = plant.GetBodyByName(name).body_frame()
@@ -76,12 +76,12 @@ def test_the_gradients_are_those_of_differences(links, motion, derivative):
     N, K = links.force_gradients(V, g)
     rng = np.random.default_rng(3)
     for direction in rng.normal(size=(5, 6)):
-        by_velocity = derivative(lambda s, d=direction: links.force(
+        by_velocity = derivative(lambda s, d=direction: links.links_force(
             V + s * d, A + s * cross_motion(np.broadcast_to(d, V.shape), V), g), 1e-5)
         np.testing.assert_allclose(times(N, direction), by_velocity, rtol=1e-6, atol=1e-6)
 
         def turned(s, d=direction):
-            return links.force(V, A, g @ _turn(s * d[3:]))  # Rᵀ g
+            return links.links_force(V, A, g @ _turn(s * d[3:]))  # Rᵀ g
 
         np.testing.assert_allclose(times(K, direction), derivative(turned), rtol=1e-6, atol=1e-6)
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.model.spatial import times
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.station.diagram import make_simulated_uvms
@@ -28,7 +29,7 @@ def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: DynamicOcp
     model = ocp.model
     config, zeta, zeta_dot = _points(plan, model.configuration(ocp.y_des))
     u = zeta_dot - model.drift(config, zeta)
-    tau = (model.mass_matrix(model.kinematics(config)) @ u[..., None])[..., 0]
+    tau = times(model.mass_matrix(model.kinematics(config)), u)
     induced = _accelerations(scenario, np.hstack([config, zeta]), tau) - zeta_dot
     return float(np.max(np.linalg.norm(induced, axis=1)))
 

@@ -23,6 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from uvms_drake.model.spatial import times
+
 KEPT = 1e-7
 """A limit broken by no more than this, in its own unit, is kept: ten times the solver's own."""
 NEAR = 0.03
@@ -224,7 +226,7 @@ class _Limits:
     def broken(program: StagedProgram, z: np.ndarray, excess: float) -> "_Limits":
         """Returns the limits that z (N+1, nx+nw) breaks, soft ones by more than `excess`."""
         linear, terminal = program.linear, program.terminal
-        value = linear.value + (linear.C @ z[..., None])[..., 0]
+        value = linear.value + times(linear.C, z)
         room = KEPT + excess * linear.soft
         end = terminal.value + terminal.T @ z[-1, : terminal.T.shape[1]]
         return _Limits(

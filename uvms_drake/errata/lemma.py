@@ -15,9 +15,9 @@ from uvms_drake.errata.paper import (
     SAME,
     configuration,
     numbers,
-    pose_error,
     robot,
 )
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
@@ -162,7 +162,7 @@ def self_motion(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> E
     """E5: two configurations with the same χ; what J and f differ by between them."""
     model, config = robot(), configuration(CHI_START, np.array([q_a, q_b]))
     geometry = model.kinematics(config)
-    apart = float(np.linalg.norm(pose_error(*geometry.chi)))
+    apart = float(np.linalg.norm(pose_difference(*geometry.chi)))
     J_gap = float(np.linalg.norm(geometry.J_chi[0] - geometry.J_chi[1], 2))
     f = model.drift(config, np.zeros_like(config))
     f_gap = float(np.linalg.norm(f[0] - f[1]))

@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 
 from uvms_drake.certificate.certify import declared_set
-from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.surface.law import BilateralSpring, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import load_scenario
@@ -112,11 +111,6 @@ def is_allowed(config: np.ndarray) -> bool:
 def smallest_eigenvalue(config: np.ndarray) -> np.ndarray:
     """Returns λ_min(J Jᵀ) (...) at 𝔮 (..., 10)."""
     return np.linalg.svd(robot().kinematics(config).J_chi, compute_uv=False)[..., -1] ** 2
-
-
-def pose_error(chi: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Returns the difference of two poses (6,), angles in [−π, π)."""
-    return np.concatenate([chi[:3] - other[:3], wrap_angle(chi[3:6] - other[3:6])])
 
 
 def local_search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,

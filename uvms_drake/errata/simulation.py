@@ -36,10 +36,9 @@ from uvms_drake.errata.paper import (
     is_allowed,
     number,
     numbers,
-    pose_error,
     robot,
 )
-from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.euler import pose_difference, wrap_angle
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import load_scenario
@@ -206,7 +205,7 @@ def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_O
     model = robot()
     pitch = float(model.kinematics(np.zeros(model.size)).chi[4])
     config = configuration(CHI_START, np.array([q_a, q_b]))
-    off = max(float(np.max(np.abs(pose_error(chi, CHI_START))))
+    off = max(float(np.max(np.abs(pose_difference(chi, CHI_START))))
               for chi in model.kinematics(config).chi)
     apart = float(np.max(np.abs(wrap_angle(config[1] - config[0])[3:])))
     end = configuration(CHI_DES, Q_DES)
@@ -272,7 +271,7 @@ def hold(measured: bool, sigma: float = SIGMA, w_bound: float = W_BOUND) -> Hold
             jump = max(jump, float(np.linalg.norm(error)))
             plan = plan.redone(model.configuration(y), plan.decision)
             error = np.zeros(model.size)
-    return Holding(jump, float(np.linalg.norm(pose_error(y[:6], CHI_DES))))
+    return Holding(jump, float(np.linalg.norm(pose_difference(y[:6], CHI_DES))))
 
 
 def initial_state(measured: bool = True) -> Erratum:
@@ -316,7 +315,7 @@ def reach(q: np.ndarray, stage_weight: float) -> Reach:
     ocp = kinematic_ocp(stage_weight)
     plan = ocp.resting_plan(0.0, configuration(CHI_START, q))
     plan = SequentialConvexSolver(ocp).solve(plan, FIRST_SOLVE_ITERATIONS).plan or plan
-    end = pose_error(ocp.model.task_pose(plan.config[-1]), CHI_DES)
+    end = pose_difference(ocp.model.task_pose(plan.config[-1])[:6], CHI_DES)
     J = ocp.model.kinematics(plan.config[:-1]).J_chi
     speeds = np.linalg.norm((J @ plan.zeta[..., None])[:, :3, 0], axis=1)
     return Reach(math.sqrt(WEIGHT) * float(np.linalg.norm(end)), float(np.max(speeds)),

@@ -84,5 +84,18 @@ def inverse_rate_matrix(rpy: np.ndarray) -> np.ndarray:
 
 
 def wrap_angle(angle: np.ndarray) -> np.ndarray:
-    """Returns the angle plus a multiple of 2π, in [−π, π)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    """Returns the angle plus a multiple of 2π, its real part in [−π, π)."""
+    wrapped = (angle.real + np.pi) % (2.0 * np.pi) - np.pi
+    return wrapped + 1j * angle.imag if np.iscomplexobj(angle) else wrapped
+
+
+def pose_difference(y: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Returns y − y' (..., m), the Euler angles by the shorter way round.
+
+    Args:
+        y: Position, Euler angles and whatever follows, such as joint angles (..., m).
+        other: y' (..., m).
+    """
+    difference = y - other
+    difference[..., 3:6] = wrap_angle(difference[..., 3:6])
+    return difference

@@ -48,7 +48,7 @@ class Links:
     rotor_inertia: np.ndarray
     """(n,) of the motors, reflected to the joints [kg m²]."""
 
-    def force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
+    def links_force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Returns f (..., n+1, 6) that moves the links so in still water.
 
         f = I A + V ×* I V − weight + Σ h (D_lin + D_quad |hᵀV|) hᵀV (Kirchhoff; Fossen 2021, §6.3

@@ -218,7 +218,7 @@ class UvmsModel:
 
     def _forces(self, kinematics: Kinematics, motion: "_Motion") -> np.ndarray:
         """Returns fₖ (..., n+1, 6): what moves link k so, against water and surface."""
-        force = self._links.force(motion.V, motion.A, motion.g)
+        force = self._links.links_force(motion.V, motion.A, motion.g)
         force[..., -1, :] += tip_force(
             self.surface, kinematics.chi, kinematics.A_E, motion.V[..., -1, :])
         return force

@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
@@ -135,10 +142,10 @@ class Adversary(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(
             self._half, self._half * float(-shift % 1.0), self._update_sign)
 
-    def _update_sign(self, context, discrete_state):
+    def _update_sign(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value([self._sign_at(context.get_time())])
 
-    def _calc_disturbance(self, context, output):
+    def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
         match self._config.kind:
             case "along_r":
                 e = toward(self._r_port.Eval(context), self._direction)
@@ -160,7 +167,7 @@ class Adversary(LeafSystem):
                 e = self._direction * context.get_discrete_state_vector().value()[0]
         output.SetFromVector(self._config.bound * e)
 
-    def _ahead(self, context) -> np.ndarray:
+    def _ahead(self, context: Context) -> np.ndarray:
         """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃e‖, T = `AHEAD`.
 
         By the generalised power method, each step of which makes it larger: it is convex in e.
@@ -174,7 +181,7 @@ class Adversary(LeafSystem):
             e = toward(J.T @ (drift + reach @ e), self._direction)
         return e
 
-    def _jacobian(self, context) -> np.ndarray:
+    def _jacobian(self, context: Context) -> np.ndarray:
         """Returns the rows of J_x that are aimed at."""
         config = self._state_port.Eval(context)[: self._model.size]
         return self._model.task_jacobian(config)[ROWS[self._config.rows]]
@@ -234,7 +241,7 @@ class TaskAdversary(LeafSystem):
         self._e_port = self.DeclareVectorInputPort("e", 6)
         self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance)
 
-    def _calc_disturbance(self, context, output):
+    def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._bound * toward(self._e_port.Eval(context), self._direction))
 
     @staticmethod

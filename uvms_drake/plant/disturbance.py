@@ -7,7 +7,13 @@ d is the paper's disturbance of the dynamics (eq:dynamics), a generalised accele
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+)
 
 from uvms_drake.common.errors import require, vector
 
@@ -19,7 +25,7 @@ class ConstantDisturbance:
     bound: float = 0.0
     """d̃ [m/s², rad/s²]."""
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Of any length; empty means the same in all components."""
+    """Vector of any length; empty means the same in all components."""
 
 
 @dataclass
@@ -29,11 +35,11 @@ class SinusoidalDisturbance:
     bound: float = 0.0
     """d̃ [m/s², rad/s²]."""
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Of any length; empty means the same in all components."""
+    """Vector of any length; empty means the same in all components."""
     frequency: float = 1.0
-    """ω [rad/s]."""
+    """Angular frequency ω [rad/s]."""
     phase: float = 0.0
-    """[rad]."""
+    """Argument of the sine at t = 0 [rad]."""
 
 
 @dataclass
@@ -100,7 +106,7 @@ class BoundedDisturbance(LeafSystem):
     Args:
         size: Number of components.
         config: `ConstantDisturbance`, `SinusoidalDisturbance` or `RandomDisturbance`.
-        seed: Of the random kind, zero or positive.
+        seed: Seed of the random kind, zero or positive.
     """
 
     def __init__(self, size: int, config: DisturbanceConfig, seed: int = 0):
@@ -142,7 +148,7 @@ class BoundedDisturbance(LeafSystem):
         amplitude = self._bound * unit_vector(config.direction, self._size)
         frequency, phase = config.frequency, config.phase
 
-        def calc(context, output):
+        def calc(context: Context, output: BasicVector) -> None:
             output.SetFromVector(amplitude * np.sin(frequency * context.get_time() + phase))
 
         self.DeclareVectorOutputPort("disturbance", self._size, calc, {self.time_ticket()})
@@ -163,13 +169,13 @@ class BoundedDisturbance(LeafSystem):
         ends = [self._bound * ball_sample(self._size, self._seed, i) for i in (index, index + 1)]
         return np.concatenate([[index], *ends])
 
-    def _update(self, context, discrete_state):
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         # The index follows from the time, so that a simulation may start at any time; at an
         # event, 2 bandwidth t is a whole number but for rounding.
         index = max(int(np.floor(self._rate * context.get_time() + 1e-6)), 0)
         discrete_state.set_value(self._interval(index))
 
-    def _calc_random(self, context, output):
+    def _calc_random(self, context: Context, output: BasicVector) -> None:
         state = context.get_discrete_state_vector().value()
         start, end = state[1: 1 + self._size], state[1 + self._size:]
         weight = smooth_step(self._rate * context.get_time() - state[0])

@@ -32,7 +32,7 @@ from uvms_drake.model.hydrodynamics_data import (
     added_mass_about_origin,
     check_hydrodynamics,
 )
-from uvms_drake.model.spatial import cross, cross_force, skew
+from uvms_drake.model.spatial import cross, cross_force, skew, times
 
 _FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.
 
@@ -63,9 +63,7 @@ def kirchhoff_force(M_A: np.ndarray, nu_r: np.ndarray, nu_r_dot: np.ndarray) -> 
         nu_r: ν_r (..., 6) [m/s, rad/s].
         nu_r_dot: ν̇_r (..., 6), see `relative_acceleration` [m/s², rad/s²].
     """
-    rate = (M_A @ nu_r_dot[..., None])[..., 0]
-    momentum = (M_A @ nu_r[..., None])[..., 0]
-    return -(rate + cross_force(nu_r, momentum))
+    return -(times(M_A, nu_r_dot) + cross_force(nu_r, times(M_A, nu_r)))
 
 
 def drag_force(linear: np.ndarray, quadratic: np.ndarray, nu_r: np.ndarray) -> np.ndarray:
@@ -98,9 +96,9 @@ class Water:
     drag_points: np.ndarray
     """H (6 nd, 6 nb) that maps the ν of all bodies to those of the drag points."""
     linear: np.ndarray
-    """(nd, 6)."""
+    """Linear drag coefficients (nd, 6)."""
     quadratic: np.ndarray
-    """(nd, 6)."""
+    """Quadratic drag coefficients (nd, 6)."""
 
     def fluid_force(self, nu_r: np.ndarray, nu_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
         """Returns the force on each body (nb, 6): Kirchhoff's, drag and buoyancy."""

@@ -16,6 +16,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    ContinuousState,
     Diagram,
     DiagramBuilder,
     InputPort,
@@ -133,7 +134,9 @@ class VelocityDrivenUvms(LeafSystem):
             self.coordinates.size)])  # v = T ζ
         return chi, J_v @ T
 
-    def DoCalcTimeDerivatives(self, context, derivatives):  # noqa: D102  Drake's name and meaning
+    def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
+        self, context: Context, derivatives: ContinuousState
+    ) -> None:
         config = context.get_continuous_state_vector().CopyToVector()
         zeta = self._value(context, self._zeta_port)
         w = self._value(context, self._disturbance_port)
@@ -148,12 +151,12 @@ class VelocityDrivenUvms(LeafSystem):
                                 "are singular at ±π/2")
         derivatives.SetFromVector(carried_rate(config, zeta, w, J))
 
-    def _calc_state(self, context, output):
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.concatenate([
             context.get_continuous_state_vector().CopyToVector(),
             self._value(context, self._zeta_port)]))
 
-    def _calc_positions(self, context, output):
+    def _calc_positions(self, context: Context, output: BasicVector) -> None:
         config = context.get_continuous_state_vector().CopyToVector()
         output.SetFromVector(self._plant_state(config)[: self.coordinates.num_positions])
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.model.coordinates import Coordinates
 
@@ -56,10 +56,10 @@ class ToPaperOrder(LeafSystem):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         return system
 
-    def _calc_state(self, context, output):
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.coordinates.from_drake(self._plant_state_port.Eval(context)))
 
-    def _calc_acceleration(self, context, output):
+    def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.coordinates.acceleration_from_drake(
             self._plant_state_port.Eval(context), self._v_dot_port.Eval(context)))
 
@@ -112,7 +112,7 @@ class ToDrakeOrder(LeafSystem):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         return system
 
-    def _calc_drake_order(self, context, output):
+    def _calc_drake_order(self, context: Context, output: BasicVector) -> None:
         if not self._vector_port.HasValue(context):
             output.SetFromVector(np.zeros(self._coordinates.num_velocities))
             return

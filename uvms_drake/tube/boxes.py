@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.euler import rotation_matrix
-from uvms_drake.model.spatial import cross, skew
+from uvms_drake.model.spatial import cross, skew, times
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 
@@ -239,7 +239,7 @@ class JacobianBoxes:
         moved = (step @ along).reshape(*K.shape[:2], len(self._vertices), rows, columns)
         value = _norm(K[:, :, :1] + moved)
         slope = np.einsum("mk,emki->emi", mu, g.slope)[..., self._free]
-        value -= (step @ slope[..., None])[..., 0]
+        value -= times(step, slope)
         return np.max(value, axis=-1) + np.sum(mu * (g.rest - g.value), axis=-1)
 
     def _score(self, K: np.ndarray, mu: np.ndarray, gradient: np.ndarray, half: np.ndarray,

@@ -32,6 +32,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
+from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate_matrix
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.local_search import DIFFERENCE, climb
@@ -122,7 +123,7 @@ def product(model: UvmsModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
     moved = config + 1j * COMPLEX_STEP * direction
     if matrix == "c_y":
         rate = model.kinematics(moved).J_chi.imag / COMPLEX_STEP
-        return (rate @ zeta[..., None])[..., 0]
+        return times(rate, zeta)
     return model.drift(moved, zeta.astype(complex)).imag / COMPLEX_STEP
 
 

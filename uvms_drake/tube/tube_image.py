@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.tubes import joint_rate_radius
@@ -108,9 +109,9 @@ def rest(model: UvmsModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
     """
     y_bar, J_bar, J_bar_dot = model.task_motion(nominal_config, nominal_zeta)
     f_bar = model.drift(nominal_config, nominal_zeta)
-    y_dot = _times(J_bar, nominal_zeta)
-    y_ddot = _times(J_bar_dot, nominal_zeta) + _times(J_bar, nominal_u + f_bar)
-    tau_bar = _times(model.mass_matrix(model.kinematics(nominal_config)), nominal_u)
+    y_dot = times(J_bar, nominal_zeta)
+    y_ddot = times(J_bar_dot, nominal_zeta) + times(J_bar, nominal_u + f_bar)
+    tau_bar = times(model.mass_matrix(model.kinematics(nominal_config)), nominal_u)
 
     config = model.configuration(y_bar + e_y)
     kinematics = model.kinematics(config)
@@ -118,19 +119,15 @@ def rest(model: UvmsModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
     p = _solve(J, e_y)
     zeta_ref = _solve(J, y_dot) - sigma * p
     zeta = zeta_ref + r
-    e_dot = _times(J, zeta) - y_dot
+    e_dot = times(J, zeta) - y_dot
     J_dot_zeta_ref = _jacobian_rate_times(model, config, zeta, zeta_ref)
     zeta_ref_dot = _solve(J, y_ddot - sigma * e_dot - J_dot_zeta_ref)
     bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
     M = model.mass_matrix(kinematics)
     u_rest = zeta_ref_dot + _solve(M, bias) + sigma * r - sigma**2 * p - nominal_u
-    attitude = _wrap(config[..., 3:5] - nominal_config[..., 3:5])
+    attitude = wrap_angle(config[..., 3:5] - nominal_config[..., 3:5])
     return np.concatenate([zeta - nominal_zeta - r + sigma * p, attitude, u_rest,
-                           _times(M, u_rest + nominal_u) - tau_bar], axis=-1)
-
-
-def _wrap(angle: np.ndarray) -> np.ndarray:
-    return wrap_angle(angle.real) + 1j * angle.imag if np.iscomplexobj(angle) else wrap_angle(angle)
+                           times(M, u_rest + nominal_u) - tau_bar], axis=-1)
 
 
 def _jacobian_rate_times(model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
@@ -140,11 +137,7 @@ def _jacobian_rate_times(model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
     rate = configuration_rate(config, zeta)
     ahead = model.task_jacobian(config + step * rate)
     behind = model.task_jacobian(config - step * rate)
-    return _times(ahead - behind, vector) / (2.0 * step)
-
-
-def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return (A @ x[..., None])[..., 0]
+    return times(ahead - behind, vector) / (2.0 * step)
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -253,6 +246,6 @@ def _support(model: UvmsModel, nominal: _Nominal, balls: tuple[float, ...], k: f
             sign = np.where(np.sum(left[:, :, 0], axis=1) < 0.0, -1.0, 1.0)
             error[:, block] = radius * sign[:, None] * right[:, 0, :]
         exact = rest(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
-        linear = (G[:, row] @ error[..., None])[..., 0]
+        linear = times(G[:, row], error)
         out[:, column] += np.linalg.norm(exact[:, row] - linear, axis=1)
     return out
