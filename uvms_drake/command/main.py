@@ -241,7 +241,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
 
 def bench_scenario(args: argparse.Namespace) -> int:
     """Prints how long the parts of a scenario take, and writes it."""
-    from uvms_drake.studies.bench import BENCH_FILE, format_bench, measure, write_bench
+    from uvms_drake.studies.bench import BENCH_FILE, measure, write_bench
+    from uvms_drake.studies.bench_table import format_bench
 
     def progress(what: str) -> None:
         print(f"measuring {what} ...", file=sys.stderr)

@@ -1,32 +1,7 @@
 """How long things take: a step of the controller, a derivative of the plant, a simulation.
 
-Nothing in the product is instrumented: its functions are replaced by timed ones while a measurement
-lasts. The time of a part is its own, without that of the other parts that it calls, so the parts
-add up to the total. Everything is done a few times before it is measured. Wall times depend on the
-machine and on what else it does; compare them within a run only.
-
-The content of bench.json, all times in ms where the name does not say otherwise; a *timing* has
-`min`, `mean`, `p50`, `p95`, `p99` and `max`, and the means of the parts add up to the total's:
-
-- `scenario`, `versions` (of `uvms_drake`, `drake`, `numpy`, `python`).
-- `machine`: `cpus` that the process may use; `load_average` over 1, 5 and 15 minutes, before;
-  `cpu_share`, processor time of the process over wall time, meanwhile: well below one, something
-  else had the processor, and all but `min` and perhaps `p50` says little.
-- `controller`: the nominal MPC in a closed loop with its own model, at the scenario's horizon.
-    - `horizon` N, `steps` measured, `failures` among them, `total` timing of a step.
-    - `parts`: timings of `linearise` (the model about the plan; in `program` where the velocity is
-      the input), `program` (the rest of making the convex program), `solve` (solving it) and `rest`
-      (the guess, values of plans, line search).
-    - `conic_programs`: how many steps solved so many conic programs; none where no limit mattered.
-    - `first_plan` timing of the first solve, iterated to convergence; `first_iterations` it takes.
-- `derivative`: one evaluation of the station's time derivatives, as an integrator asks for it.
-    - `evaluations` measured, at states `on_surface` and `off_surface` so many; `total` timing.
-    - `parts`: timings by path of the system in the station, of systems in Python that have a share
-      in the derivative; `rest` is all else: the MultibodyPlant and Drake.
-- `simulation`: `simulated_s`, `wall_s` without initialization, `real_time_factor`.
-- `growth`: for each `horizon` N the timing `step` of so many `steps`, `failures` among them,
-  `conic_programs` on average, `per_interval`, the step's p50 over N, and `ratio`, that over the one
-  of the first horizon: above one, the time grows faster than the horizon.
+Everything is done a few times before it is measured. bench.json has the fields of `Bench`; times
+are in ms where a name does not say otherwise, and the means of the parts add up to the total's.
 """
 
 import inspect
@@ -35,7 +10,7 @@ import os
 import platform
 import time
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -59,9 +34,16 @@ from uvms_drake.station.diagram import initialize, make_station
 from uvms_drake.station.problem import make_ocp, start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.simulation import simulate
+from uvms_drake.studies.stopwatch import (
+    REST,
+    Stopwatch,
+    Timing,
+    replaced,
+    stopwatch,
+    timings,
+)
 
 BENCH_FILE = "bench.json"
-REST = "rest"
 STEP_PARTS = ("linearise", "program", "solve", REST)
 
 
@@ -72,65 +54,62 @@ class Effort:
     warm_up: int = 5
     """Repetitions before each measurement."""
     steps: int = 100
-    """Of the controller."""
+    """Measured steps of the controller."""
     first_plans: int = 5
-    """How often the first plan is made."""
+    """Number of times that the first plan is made."""
     instants: int = 10
-    """Of a simulation, at which derivatives are evaluated."""
+    """Instants of a simulation at which derivatives are evaluated."""
     rounds: int = 50
     """Evaluations at each instant."""
     simulated: float = 5.0
-    """[s], or the scenario's duration if that is shorter."""
+    """Simulated time, or the scenario's duration if that is shorter [s]."""
     horizons: tuple[int, ...] = (5, 10, 20, 40)
+    """Numbers of intervals N at which the growth is measured."""
     horizon_steps: int = 100
-    """Steps of the controller at each of the horizons,"""
+    """Largest number of steps at each of the horizons."""
     horizon_seconds: float = 20.0
-    """and no more of them than until so much time has passed [s]."""
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Statistics of a repeated measurement [ms]."""
-
-    min: float
-    mean: float
-    p50: float
-    p95: float
-    p99: float
-    max: float
-
-    @staticmethod
-    def of(seconds: Sequence[float]) -> "Timing":
-        """Returns the statistics of at least one measurement [s]."""
-        ms = 1e3 * np.asarray(seconds, dtype=float)
-        p50, p95, p99 = (float(x) for x in np.percentile(ms, [50, 95, 99]))
-        return Timing(min=float(np.min(ms)), mean=float(np.mean(ms)), p50=p50, p95=p95, p99=p99,
-                      max=float(np.max(ms)))
+    """Wall time after which no further step at the horizons is begun [s]."""
 
 
 @dataclass(frozen=True)
 class ControllerTimes:
-    """A step of the nominal MPC; the module explains the fields of this and of the following."""
+    """A step of the nominal MPC in a closed loop with its own model, at the scenario's horizon."""
 
     horizon: int
+    """Number of intervals N."""
     steps: int
+    """Number of measured steps."""
     failures: int
+    """Steps at which the solver found no plan."""
     total: Timing
+    """Time of a step."""
     parts: dict[str, Timing]
+    """Times of `linearise` (the model about the plan; in `program` where the velocity is the
+    input), `program` (the rest of making the convex program), `solve` (solving it) and `rest` (the
+    guess, values of plans, line search)."""
     conic_programs: dict[int, int]
+    """Number of steps by the conic programs that they solved; none where no limit mattered."""
     first_plan: Timing
+    """Time of the first solve, iterated to convergence."""
     first_iterations: int
+    """Convex programs of the first solve."""
 
 
 @dataclass(frozen=True)
 class DerivativeTimes:
-    """An evaluation of the station's time derivatives."""
+    """An evaluation of the station's time derivatives, as an integrator asks for it."""
 
     evaluations: int
+    """Number of measured evaluations."""
     on_surface: int
+    """Number of states in contact at which it is evaluated."""
     off_surface: int
+    """Number of states off the surface."""
     total: Timing
+    """Time of an evaluation."""
     parts: dict[str, Timing]
+    """Times by path of the system in the station, of systems in Python that have a share in the
+    derivative; `rest` is all else: the MultibodyPlant and Drake."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +117,11 @@ class SimulationTime:
     """A simulation as a whole."""
 
     simulated_s: float
+    """Simulated time [s]."""
     wall_s: float
+    """Wall time without initialization [s]."""
     real_time_factor: float
+    """Simulated over wall time."""
 
 
 @dataclass(frozen=True)
@@ -147,12 +129,19 @@ class HorizonTimes:
     """A step of the nominal MPC at another horizon."""
 
     horizon: int
+    """Number of intervals N."""
     step: Timing
+    """Time of a step."""
     steps: int
+    """Number of measured steps."""
     failures: int
+    """Steps at which the solver found no plan."""
     conic_programs: float
+    """Mean number of conic programs a step."""
     per_interval: float
+    """Median of the step over N [ms]."""
     ratio: float
+    """`per_interval` over that of the first horizon: above one, the time grows faster than N."""
 
 
 @dataclass(frozen=True)
@@ -160,86 +149,21 @@ class Bench:
     """All that is measured in a run, and on what."""
 
     scenario: str
+    """Name of the scenario."""
     versions: dict[str, str]
+    """Versions of `uvms_drake`, `drake`, `numpy` and `python`."""
     machine: dict[str, Any]
+    """`cpus` that the process may use; `load_average` over 1, 5 and 15 minutes, before;
+    `cpu_share`, processor time of the process over wall time, meanwhile: well below one, something
+    else had the processor, and all but `min` and perhaps `p50` says little."""
     controller: ControllerTimes
+    """Times of the controller's step."""
     derivative: DerivativeTimes
+    """Times of the station's derivative."""
     simulation: SimulationTime
+    """Time of a simulation."""
     growth: list[HorizonTimes]
-
-
-# Timers ------------------------------------------------------------------------------------------
-
-
-class Stopwatch:
-    """Collects the time that functions take, each without that of the others that it calls."""
-
-    def __init__(self) -> None:
-        self._seconds: dict[Hashable, float] = {}
-        self._within: list[float] = []
-
-    def timed(self, part: Hashable, function: Callable) -> Callable:
-        """Returns a function that does the same and counts as a `part`."""
-        def call(*args, **kwargs):
-            self._within.append(0.0)
-            started = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                took = time.perf_counter() - started
-                own = took - self._within.pop()
-                self._seconds[part] = self._seconds.get(part, 0.0) + own
-                if self._within:
-                    self._within[-1] += took
-        return call
-
-    def lap(self) -> dict[Hashable, float]:
-        """Returns the time of every part [s] since the last lap."""
-        seconds, self._seconds = self._seconds, {}
-        return seconds
-
-    def measure(self, function: Callable[[], object]) -> dict[Hashable, float]:
-        """Returns the time of every part [s] in a call, with the `REST` that is in no part."""
-        self.lap()
-        self.timed(REST, function)()
-        return self.lap()
-
-
-@contextmanager
-def replaced(owner: Any, name: str, value: object) -> Iterator[None]:
-    """Gives an object, class or module another attribute inside the block."""
-    own = vars(owner)
-    old = own.get(name)
-    is_own = name in own
-    setattr(owner, name, value)
-    try:
-        yield
-    finally:
-        if is_own:
-            setattr(owner, name, old)
-        else:
-            delattr(owner, name)
-
-
-@contextmanager
-def stopwatch(parts: Mapping[str, tuple[Any, str]]) -> Iterator[Stopwatch]:
-    """Times functions inside the block.
-
-    Args:
-        parts: By name of the part, the owner of a function and the function's name there.
-    """
-    watch = Stopwatch()
-    with ExitStack() as stack:
-        for part, (owner, name) in parts.items():
-            stack.enter_context(replaced(owner, name, watch.timed(part, getattr(owner, name))))
-        yield watch
-
-
-def timings(samples: Sequence[Mapping[str, float]]) -> tuple[Timing, dict[str, Timing]]:
-    """Returns the timings of the total and of every part; a part that is missing took no time."""
-    names = list(dict.fromkeys(name for sample in samples for name in sample))
-    parts = {name: Timing.of([sample.get(name, 0.0) for sample in samples]) for name in names}
-    return Timing.of([sum(sample.values()) for sample in samples]), parts
+    """Times of the controller's step by horizon."""
 
 
 # Controller --------------------------------------------------------------------------------------
@@ -507,57 +431,3 @@ def write_bench(bench: Bench, folder: Path) -> None:
     """Writes bench.json."""
     text = json.dumps(jsonable(asdict(bench)), indent=2, allow_nan=False, ensure_ascii=False)
     (folder / BENCH_FILE).write_text(text + "\n", encoding="utf-8")
-
-
-# Table -------------------------------------------------------------------------------------------
-
-
-def format_bench(bench: Bench) -> str:
-    """Returns the measurements as a table for a terminal."""
-    versions, machine, simulation = bench.versions, bench.machine, bench.simulation
-    load = ", ".join(f"{x:.2f}" for x in machine["load_average"] or ()) or "unknown"
-    return "\n".join([
-        f"{bench.scenario}: uvms_drake {versions['uvms_drake']}, Drake {versions['drake']}, "
-        f"NumPy {versions['numpy']}, Python {versions['python']}",
-        f"{machine['cpus']} processors, load average {load} before; this run got "
-        f"{machine['cpu_share']:.0%} of one processor: compare times within a run only",
-        "", *_controller_rows(bench.controller),
-        "", *_derivative_rows(bench.derivative),
-        "", f"simulation  {simulation.simulated_s:g} s in {simulation.wall_s:.2f} s, "
-        f"{simulation.real_time_factor:.2f} times real time",
-        "", *_growth_rows(bench.growth)])
-
-
-def _controller_rows(times: ControllerTimes) -> list[str]:
-    counts = ", ".join(f"{count} in {steps} steps" for count, steps in times.conic_programs.items())
-    return [
-        *_part_rows(f"controller step, N = {times.horizon} [ms]", times.total, times.parts),
-        f"  {'first plan':<32}{_numbers(times.first_plan)}",
-        f"  {times.steps} steps, {times.failures} failures; conic programs: {counts}; "
-        f"the first plan takes {times.first_iterations} iterations"]
-
-
-def _derivative_rows(times: DerivativeTimes) -> list[str]:
-    return [
-        *_part_rows("derivative of the station [ms]", times.total, times.parts),
-        f"  {times.evaluations} evaluations at {times.off_surface} states off the surface and "
-        f"{times.on_surface} on it"]
-
-
-def _part_rows(title: str, total: Timing, parts: Mapping[str, Timing]) -> list[str]:
-    head = "".join(f"{name:>9}" for name in (*vars(total), "share"))
-    return [f"{title:<34}{head}", *(
-        f"  {name:<32}{_numbers(part)}{part.mean / total.mean:>9.1%}"
-        for name, part in {**parts, "total": total}.items())]
-
-
-def _numbers(timing: Timing) -> str:
-    return "".join(f"{value:>9.3f}" for value in vars(timing).values())
-
-
-def _growth_rows(growth: Sequence[HorizonTimes]) -> list[str]:
-    head = "".join(f"{name:>9}" for name in ("min", "p50", "p95", "p50/N", "ratio"))
-    return [f"{'step at other horizons [ms]':<34}{head}{'conic programs':>16}", *(
-        f"  {f'N = {row.horizon}':<32}{row.step.min:>9.3f}{row.step.p50:>9.3f}{row.step.p95:>9.3f}"
-        f"{row.per_interval:>9.3f}{row.ratio:>9.2f}{row.conic_programs:>16.2f}"
-        + (f"  {row.failures} failures" if row.failures else "") for row in growth)]
