@@ -13,7 +13,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario
 
 GRAVITY = 9.81  # m/s²

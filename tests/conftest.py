@@ -14,7 +14,7 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
 STIFFNESS = 1000.0  # N/m

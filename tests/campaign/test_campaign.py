@@ -39,12 +39,13 @@ from uvms_drake.certificate.certify import certified_once, certify
 from uvms_drake.command.campaign import CampaignProgress, replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import MONITOR_SLACK
-from uvms_drake.station.faults import COVERED
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -101,7 +102,7 @@ def test_what_is_drawn_is_inside_the_bounds_and_comes_in_all_kinds(campaign):
         kinds.add(getattr(scenario.disturbance, "kind", type(scenario.disturbance).__name__))
         faults |= {type(fault) for fault in scenario.faults}
     assert len(kinds) > 6
-    assert faults <= set(COVERED)
+    assert faults <= {SolverFailure, SolverTimeout, DroppedPeriod}
     assert len(faults) > 1
 
 

@@ -8,7 +8,8 @@ import pytest
 from uvms_drake.campaign.induced import predicted_disturbance
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 

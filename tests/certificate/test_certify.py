@@ -14,7 +14,7 @@ from uvms_drake.certificate.certify import (
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.gain_front import format_front, front
 from uvms_drake.tube.terminal_set import check_terminal

@@ -14,7 +14,8 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.staged_program import solve_staged
 from uvms_drake.model.surface.law import static_force
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario
 
 ITERATIONS, TOLERANCE = 300, 1e-10  # at most, and of the merit, for a converged solution

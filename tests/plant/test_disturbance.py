@@ -1,4 +1,4 @@
-"""`BoundedDisturbance`: the bound, the closed forms, and that the Context holds its state."""
+"""Disturbances of time alone: the bound, the closed forms, and a state that is in the Context."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.plant.disturbance import (
-    BoundedDisturbance,
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
@@ -24,7 +23,7 @@ KINDS = [ConstantDisturbance(BOUND), SinusoidalDisturbance(BOUND, frequency=1.7,
 
 def record(config, times, seed=0, size=SIZE):
     """Returns d (len(times), size), simulated through `times`."""
-    simulator = Simulator(BoundedDisturbance(size, config, seed))
+    simulator = Simulator(config.system(size, seed))
     port = simulator.get_system().GetOutputPort("disturbance")
     simulator.get_mutable_context().SetTime(times[0])
     simulator.Initialize()
@@ -126,7 +125,7 @@ def test_a_simulation_may_start_at_any_time():
 
 
 def test_a_cloned_context_continues_identically():
-    system = BoundedDisturbance(SIZE, RandomDisturbance(BOUND, 2.0), 9)
+    system = RandomDisturbance(BOUND, 2.0).system(SIZE, 9)
     port = system.GetOutputPort("disturbance")
     simulator = Simulator(system)
     simulator.AdvanceTo(3.3)
@@ -140,7 +139,7 @@ def test_a_cloned_context_continues_identically():
 
 
 def test_what_the_output_interpolates_is_in_the_context():
-    system = BoundedDisturbance(SIZE, RandomDisturbance(BOUND, 2.0), 9)
+    system = RandomDisturbance(BOUND, 2.0).system(SIZE, 9)
     context = system.CreateDefaultContext()
     port = system.GetOutputPort("disturbance")
     context.SetTime(12.5 / 4.0)
@@ -152,7 +151,7 @@ def test_what_the_output_interpolates_is_in_the_context():
 
 def test_the_output_draws_nothing():
     """The same Context gives the same value after everything was computed anew."""
-    system = BoundedDisturbance(SIZE, RandomDisturbance(BOUND, 2.0), 1)
+    system = RandomDisturbance(BOUND, 2.0).system(SIZE, 1)
     context = system.CreateDefaultContext()
     port = system.GetOutputPort("disturbance")
     context.SetTime(0.1)
@@ -166,13 +165,13 @@ def test_the_output_draws_nothing():
 @pytest.mark.parametrize(("config", "states"), [
     (KINDS[0], 0), (KINDS[1], 0), (KINDS[2], 1 + 2 * SIZE)])
 def test_only_the_random_kind_has_state(config, states):
-    context = BoundedDisturbance(SIZE, config).CreateDefaultContext()
+    context = config.system(SIZE).CreateDefaultContext()
     assert context.num_total_states() == states
 
 
 def test_it_works_in_a_users_diagram():
     builder = DiagramBuilder()
-    system = BoundedDisturbance.AddToBuilder(builder, 2, RandomDisturbance(BOUND), name="gusts")
+    system = RandomDisturbance(BOUND).add_source(builder, 2, name="gusts")
     logger = LogVectorOutput(system.GetOutputPort("disturbance"), builder, 0.25)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(10.0)
@@ -202,9 +201,9 @@ def test_a_config_survives_a_round_trip_through_yaml(config):
 ])
 def test_bad_parameters_are_named(config, message):
     with pytest.raises(InvalidParameter, match=message):
-        BoundedDisturbance(SIZE, config)
+        config.system(SIZE)
 
 
 def test_a_negative_seed_is_named():
     with pytest.raises(InvalidParameter, match=r"^seed = -1: must be zero or positive$"):
-        BoundedDisturbance(SIZE, RandomDisturbance(), -1)
+        RandomDisturbance().system(SIZE, -1)

@@ -8,14 +8,20 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ancillary import task_error
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.plant.disturbance import RandomDisturbance
+from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.signals import constraint_signals
-from uvms_drake.station.diagram import LOGGED, initialize, make_station, read_logs
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.diagram import make_station, read_logs
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 SHORT = ["mpc.horizon=8"]
+LOGGED = ("state", "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "force",
+          "penetration", "accepted_force", "disturbance", "acceleration", "tube_deviation",
+          "tube_bound")
+"""Signals of dynamic motion."""
 WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",
         "limits.pitch=0.3"]
 """The joint limits of the robot itself, and a wide range of attitudes."""
@@ -26,7 +32,6 @@ def logs_of(scenario: Scenario, duration: float) -> dict[str, np.ndarray]:
     station = make_station(scenario)
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
-    initialize(station, simulator.get_mutable_context(), scenario)
     simulator.AdvanceTo(duration)
     return without_wall_times(read_logs(station, simulator.get_context()))
 
@@ -177,7 +182,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
         return make_tube_mpc(ocp, ancillary, targets)
 
     limited = logs_of(scenario, 2.0)
-    monkeypatch.setattr("uvms_drake.station.diagram.make_tube_mpc", without_limits)
+    monkeypatch.setattr("uvms_drake.station.dynamic.make_tube_mpc", without_limits)
     assert_identical(limited, logs_of(scenario, 2.0))
     assert told == [scenario.limits]
     assert np.all(limited["limited"] == 0.0)
@@ -194,10 +199,11 @@ def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limit
     station = make_station(scenario)
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
-    initialize(station, context, scenario)
     simulator.Initialize()
-    scenario.start.eta[0] += 0.1
-    initialize(station, context, scenario)
+    uvms = station.GetSubsystemByName("uvms")
+    state = station.GetOutputPort("state").Eval(context).copy()
+    state[0] += 0.1
+    set_state(uvms, uvms.GetMyMutableContextFromRoot(context), state)
     u, flag = (station.GetOutputPort(name).Eval(context) for name in ("u", "limited"))
     assert bool(flag) == limited == bool(np.max(np.abs(u) / scenario.limits.u) <= 1.0)
 
@@ -231,7 +237,6 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
     station = make_station(scenario)
     original = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, original)
-    initialize(station, original.get_mutable_context(), scenario)
     original.AdvanceTo(pause)
     clone = original.get_context().Clone()
     original.AdvanceTo(end)
@@ -245,7 +250,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
                            for each in (other, original))
     for logs in (continued, expected):
         np.testing.assert_allclose(logs["mpc_time"][:9], 0.2 * np.arange(9), atol=1e-9)
-    for name in ("time", *LOGGED["dynamic"]):
+    for name in ("time", *LOGGED):
         late = continued["time"] > pause, expected["time"] > pause
         assert np.sum(late[0]) >= 50
         np.testing.assert_array_equal(
@@ -260,7 +265,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
 def test_the_station_exports_what_it_documents():
     station = make_station(load_scenario("girona500_contact", SHORT))
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
-    assert names == {*LOGGED["dynamic"], "plan", "report", "solve_seconds", "tube_report",
+    assert names == {*LOGGED, "plan", "report", "solve_seconds", "tube_report",
                      "tube_alarm"}
     assert station.num_input_ports() == 1
     assert station.HasInputPort("desired_force")

@@ -36,6 +36,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.certificate.certificate import fingerprint
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.command.main import main
@@ -43,21 +44,18 @@ from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
-from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
-from uvms_drake.report.events import events
-from uvms_drake.station.diagram import make_station
-from uvms_drake.station.fault_systems import solver_fault
-from uvms_drake.station.faults import (
-    COVERED,
+from uvms_drake.control.solver_faults import (
     DroppedPeriod,
-    ExcessDisturbance,
-    FrozenState,
-    LostState,
     SolverFailure,
     SolverTimeout,
-    StuckJoint,
-    check_faults,
+    solver_fault,
 )
+from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
+from uvms_drake.plant.disturbance import ExcessDisturbance
+from uvms_drake.report.events import events
+from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.faults import check_faults
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -72,7 +70,7 @@ STEP = 0.2
 def scenario_of(duration: float, *faults, overrides=()):
     scenario = load_scenario("girona500_contact", [
         f"duration={duration}", f"log_period={PERIOD}", CLOSE, *overrides])
-    check_faults(faults, kinematic=False)
+    check_faults(faults, "dynamic")
     return replace(scenario, faults=list(faults))
 
 
@@ -307,7 +305,7 @@ def test_a_stuck_joint_is_noted(joint):
 
 def kinematic(*faults):
     scenario = load_scenario("paper_kinematic_certified", ["duration=1.5"])
-    check_faults(faults, kinematic=True)
+    check_faults(faults, "kinematic")
     return run(replace(scenario, faults=list(faults)))
 
 
@@ -387,7 +385,7 @@ def test_a_stuck_joint_has_a_torque_and_is_one_of_the_arms():
 def test_the_certificate_is_void_only_with_faults_that_the_proofs_do_not_cover():
     scenario = scenario_of(1.0)
     for fault in EVERY:
-        covered = isinstance(fault, COVERED)
+        covered = isinstance(fault, SolverFailure | SolverTimeout | DroppedPeriod)
         with_it = replace(scenario, faults=[fault])
         broken = [item.name for item in assumptions(with_it) if not item.holds]
         assert broken == ([] if covered else ["faults, which the proofs do not cover"])

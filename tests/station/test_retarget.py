@@ -7,7 +7,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.diagram import initialize, make_station, read_logs
+from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.problem import retargeted_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario, load_scenario
@@ -30,7 +30,6 @@ def record(scenario) -> Record:
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
     context = simulator.get_mutable_context()
-    initialize(station, context, scenario)
     for time, force in FORCES:
         simulator.AdvanceTo(time)
         station.GetInputPort("desired_force").FixValue(context, [force, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -64,7 +64,9 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
     monitor = TubeMonitor.AddToBuilder(
         builder, model, law, D_BOUND, radii or {}, state=state, disturbance=d, period=0.0,
         nominal_state=controller.GetOutputPort("nominal_state"))
-    adversary = Adversary.AddToBuilder(builder, model, attack, state=state, monitor=monitor)
+    adversary = Adversary.AddToBuilder(
+        builder, model, attack, state=state, e_y=monitor.GetOutputPort("e_y"),
+        r=monitor.GetOutputPort("r"))
     cascade = builder.AddNamedSystem("cascade", Cascade(model))
     builder.Connect(adversary.get_output_port(), plant.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))

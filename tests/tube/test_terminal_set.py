@@ -17,7 +17,7 @@ from uvms_drake.model.surface.law import (
     make_surface_law,
     static_force,
 )
-from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube import terminal_set
 from uvms_drake.tube.terminal_set import (

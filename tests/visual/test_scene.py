@@ -11,7 +11,7 @@ from support.synthetic import synthetic_record
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.problem import make_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.visual.config import VisualConfig, check_visual
 from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, ForceSlider

@@ -19,6 +19,7 @@ from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.schema import load_typed
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import retargeted_ocp
 from uvms_drake.station.scenario import Scenario, dump_scenario
 
@@ -138,7 +139,8 @@ def _targets_on(scenario: Scenario, wall: int) -> list[Target]:
     """
     own = Target(wall, 1.0, scenario.mpc.terminal_radius)
     force = np.asarray(scenario.task.force, dtype=float)
-    if scenario.kinematic or not scenario.mpc.terminal_set or not np.any(force):
+    movable = motion_of(scenario).has_forces and scenario.mpc.terminal_set
+    if not (movable and np.any(force)):
         return [own]
 
     def compute() -> list[list[float]]:

@@ -7,7 +7,7 @@ from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.model.spatial import times
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import set_state
-from uvms_drake.station.diagram import make_simulated_uvms
+from uvms_drake.station.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario import Scenario
 
 WITHIN = 3

@@ -14,8 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.campaign.unknowns import Unknowns
-from uvms_drake.station.faults import ExcessDisturbance, Fault, FrozenState, LostState, StuckJoint
+from uvms_drake.plant.disturbance import ExcessDisturbance
+from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.station.faults import AnyFault
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 
 FAULT_SECONDS = 0.5
@@ -31,7 +35,7 @@ FACTORS = (1.5, 2.0, 5.0)
 Step = Callable[[Scenario, float, np.random.Generator], Scenario]
 
 
-def _faulty(fault: Fault) -> Callable[[Scenario], Scenario]:
+def _faulty(fault: AnyFault) -> Callable[[Scenario], Scenario]:
     return lambda scenario: replace(scenario, faults=[*scenario.faults, fault])
 
 
@@ -82,15 +86,15 @@ MEASURED_WRONG = ("state frozen", "state lost")
 _ALL_MOTIONS: dict[str, Step] = {
     "state frozen": _frozen, "state lost": _lost,
     **{f"d of {factor:g} bounds": _excess(factor) for factor in FACTORS}}
-_DYNAMIC: dict[str, Step] = {
+_WITH_FORCES: dict[str, Step] = {
     STUCK: _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
     "surface misplaced": _misplaced, "model wrong": _model, "current": _current}
 
 
 def kinds_outside(scenario: Scenario) -> tuple[str, ...]:
     """Returns what can happen in a scenario."""
-    dynamic = () if scenario.kinematic else _DYNAMIC
-    return (*_ALL_MOTIONS, *(kind for kind in dynamic
+    with_forces = _WITH_FORCES if motion_of(scenario).has_forces else ()
+    return (*_ALL_MOTIONS, *(kind for kind in with_forces
                              if kind != STUCK or np.size(scenario.start.q) > 0))
 
 
@@ -104,4 +108,4 @@ def step_outside(kind: str, scenario: Scenario, largest: float, rng: np.random.G
         largest: Largest relative error of "model wrong".
         rng: Decides when, where and how much.
     """
-    return (_ALL_MOTIONS | _DYNAMIC)[kind](scenario, largest, rng)
+    return (_ALL_MOTIONS | _WITH_FORCES)[kind](scenario, largest, rng)

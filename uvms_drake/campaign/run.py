@@ -11,12 +11,12 @@ from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.vary import Variation, kind_of, vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.control.nominal_mpc import FAILED, SOLVED
+from uvms_drake.control.solver_faults import solver_fault
 from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.report.summary import jsonable, summarise
 from uvms_drake.station.diagram import set_wise_radii
-from uvms_drake.station.fault_systems import solver_fault
-from uvms_drake.station.faults import COVERED
+from uvms_drake.station.faults import faults_at
 from uvms_drake.station.record import Record
 from uvms_drake.station.simulation import simulate
 
@@ -120,7 +120,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
 def own_failures(record: Record) -> int:
     """Returns at how many samples the solver failed of itself, without a fault of the scenario."""
     scenario = record.scenario
-    faults = [fault for fault in scenario.faults if isinstance(fault, COVERED)]
+    faults = list(faults_at("solver", scenario.faults).values())
     period = scenario.mpc.time_step
     declared = [solver_fault(faults, scenario.seed, round(time / period), period)
                 for time in record.mpc_time]

@@ -21,14 +21,15 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import DynamicPlan, Plan
-from uvms_drake.plant.adversary import KINDS, ROWS, AdversarialDisturbance
+from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.station.faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.motions import make_ocp, motion_of
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -113,9 +114,9 @@ def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Dis
     bound = scenario.disturbance.bound
     period = float(np.exp(rng.uniform(*np.log(PERIODS))))
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    kinds = ("along_task_error", "constant", "sinusoid") if scenario.kinematic else KINDS
-    kind = str(rng.choice([*kinds, "random"]))
-    direction = rng.normal(size=6 if scenario.kinematic else size)
+    motion = motion_of(scenario)
+    kind = str(rng.choice([*motion.adversaries, "random"]))
+    direction = rng.normal(size=motion.disturbance_size(size))
     if kind == "random":
         return RandomDisturbance(bound, bandwidth=1.0 / period)
     if kind == "constant":
@@ -153,5 +154,7 @@ def kind_of(scenario: Scenario) -> str:
             return "constant"
         case SinusoidalDisturbance():
             return "sinusoid"
-        case _:
+        case RandomDisturbance():
             return "random"
+        case other:
+            return type(other).__name__

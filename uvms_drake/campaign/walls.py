@@ -20,6 +20,7 @@ from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 
 OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
@@ -52,7 +53,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
         announce: As of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
-    for stiffness, tilt in () if scenario.kinematic else OTHER_WALLS:
+    for stiffness, tilt in OTHER_WALLS if motion_of(scenario).has_forces else ():
         if tilt and not isinstance(scenario.surface, UnilateralPlane):
             continue
         other = _with_surface(scenario, stiffness, tilt)

@@ -29,7 +29,8 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.faults import uncovered
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
 from uvms_drake.tube.constants import Constant, estimate_constants
@@ -107,6 +108,9 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     else:
         given_up.append(("mpc.input_reference, not the equilibrium's input",
                          mpc.input_reference != "equilibrium"))
+    for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
+        given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
+                     for i, part in enumerate(parts) if part.assumption() is not None]
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 

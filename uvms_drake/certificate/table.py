@@ -29,6 +29,8 @@ HELP = {
     "model_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",
+    "sensing[": "leaving it out",
+    "actuation[": "leaving it out",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
     "first plan, violation between": "a shorter mpc.time_step with a longer mpc.horizon, or wider "
@@ -39,8 +41,8 @@ HELP = {
 }
 """What would make a failed condition hold, by how its name begins."""
 
-COUNTS = ("faults", "mpc.", "joints of weight zero", "n, joints", "left by the tube",
-          "first plan, none")
+COUNTS = ("faults", "sensing[", "actuation[", "mpc.", "joints of weight zero", "n, joints",
+          "left by the tube", "first plan, none")
 """How the names of conditions begin that say it all: the number is a yes or no, or a count."""
 
 UNITS = {

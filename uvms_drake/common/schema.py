@@ -182,6 +182,8 @@ def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, ob
     for name, item in value.items():
         path = f"{key}.{name}" if key else str(name)
         if name == "_tag":
+            if item == f"!{schema.__name__}":  # What it is anyway.
+                continue
             raise InvalidParameter(key, item, "written without a tag")
         if name not in fields:
             raise InvalidParameter(path, item, f"under one of the keys {', '.join(fields)}"

@@ -1,10 +1,10 @@
 """Disturbances that try to break the tube, with ‖d(t)‖₂ ≤ d̃ at all times like any other.
 
 Those that are aimed read the error they drive through ports, and know the robot's geometry; they do
-not know the controller. Use one in place of a `BoundedDisturbance`: `make_uvms_plant` with
-`disturbance=None` has an input port for it.
+not know the controller. `make_uvms_plant` with `disturbance=None` has an input port for them.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -20,7 +20,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.disturbance import unit_vector
+from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
 AIM_FROM = 1e-6
 """‖𝔯‖, ‖J_bᵀ𝔢_b‖ or ‖𝔢‖ at which what is aimed goes halfway between fixed direction and aim."""
@@ -41,7 +41,7 @@ Rows = Literal["all", "position", "orientation", "joints"]
 
 
 @dataclass
-class AdversarialDisturbance:
+class AdversarialDisturbance(Disturbance):
     """A disturbance of the full size d̃, or of size d̃|sin| for `sinusoid`.
 
     - `along_r`: along 𝔯, which keeps ‖𝔯‖ at the solution of Ṙ = −kR + d̃.
@@ -55,8 +55,6 @@ class AdversarialDisturbance:
     is the one that has an inner product with the fixed direction that is not negative.
     """
 
-    bound: float = 0.0
-    """d̃ [m/s², rad/s²]."""
     kind: str = "along_r"
     rows: str = "all"
     """Block of rows of J_x that is aimed at."""
@@ -68,6 +66,21 @@ class AdversarialDisturbance:
     """Of `sinusoid`, `bang_bang` and `per_channel` [s]."""
     phase: float = 0.0
     """Of the sine at t = 0 [rad]."""
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, OutputPort]) -> OutputPort:
+        """Adds an `Adversary`; see `Disturbance`."""
+        return Adversary.AddToBuilder(
+            builder, model, self, state=signals["state"], e_y=signals["e_y"], r=signals["r"]
+        ).get_output_port()
+
+    def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
+                         signals: Mapping[str, OutputPort]) -> OutputPort:
+        """Adds the one adversary of kinematic motion, a `TaskAdversary`; see `Disturbance`."""
+        require(self.kind == "along_task_error", "kind", self.kind,
+                "along_task_error, if the motion is kinematic")
+        return TaskAdversary.AddToBuilder(
+            builder, self.bound, self.direction, e=signals["e"]).get_output_port()
 
 
 def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -188,8 +201,8 @@ class Adversary(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AdversarialDisturbance, *,
-                     state: OutputPort | None = None, monitor: LeafSystem | None = None,
-                     name: str = "adversary") -> "Adversary":
+                     state: OutputPort | None = None, e_y: OutputPort | None = None,
+                     r: OutputPort | None = None, name: str = "adversary") -> "Adversary":
         """Adds the adversary.
 
         Args:
@@ -197,16 +210,15 @@ class Adversary(LeafSystem):
             model: Of the robot's geometry.
             config: What it does.
             state: Gives (𝔮, ζ); not every kind needs it.
-            monitor: A system with a `TubeMonitor`'s output ports e_y and r; likewise.
+            e_y: Gives 𝔢_y; likewise.
+            r: Gives 𝔯; likewise.
             name: Name of the system.
         """
         adversary = Adversary(model, config)
         builder.AddNamedSystem(name, adversary)
-        if state is not None:
-            builder.Connect(state, adversary.GetInputPort("state"))
-        if monitor is not None:
-            for port in ("e_y", "r"):
-                builder.Connect(monitor.GetOutputPort(port), adversary.GetInputPort(port))
+        for port, source in (("state", state), ("e_y", e_y), ("r", r)):
+            if source is not None:
+                builder.Connect(source, adversary.GetInputPort(port))
         return adversary
 
 
@@ -230,14 +242,14 @@ class TaskAdversary(LeafSystem):
 
     Args:
         bound: w̃ [m/s, rad/s].
-        direction: The fixed direction (6,), of any length; None means the same in all components.
+        direction: The fixed direction (6,), of any length; empty means the same in all components.
     """
 
-    def __init__(self, bound: float, direction: np.ndarray | None = None):
+    def __init__(self, bound: float, direction: Sequence[float] | np.ndarray = ()):
         super().__init__()
         require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
         self._bound = bound
-        self._direction = unit_vector(np.zeros(0) if direction is None else direction, 6)
+        self._direction = unit_vector(np.asarray(direction), 6)
         self._e_port = self.DeclareVectorInputPort("e", 6)
         self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance)
 
@@ -245,8 +257,8 @@ class TaskAdversary(LeafSystem):
         output.SetFromVector(self._bound * toward(self._e_port.Eval(context), self._direction))
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, bound: float, direction: np.ndarray | None = None, *,
-                     e: OutputPort | None = None,
+    def AddToBuilder(builder: DiagramBuilder, bound: float,
+                     direction: Sequence[float] | np.ndarray = (), *, e: OutputPort | None = None,
                      name: str = "adversary") -> "TaskAdversary":
         """Adds the adversary; `e` gives 𝔢 and is left to the caller if None."""
         adversary = TaskAdversary(bound, direction)

@@ -1,9 +1,12 @@
 """Disturbances d(t) with ‖d(t)‖₂ ≤ d̃ at all times, by construction.
 
 d is the paper's disturbance of the dynamics (eq:dynamics), a generalised acceleration
-[m/s², rad/s²]; the laws do not depend on what the components mean.
+[m/s², rad/s²]; the laws do not depend on what the components mean. A disturbance adds itself to a
+diagram: here those that are functions of time, in `adversary` those that are aimed.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,46 +16,12 @@ from pydrake.systems.framework import (
     DiagramBuilder,
     DiscreteValues,
     LeafSystem,
+    OutputPort,
 )
 
-from uvms_drake.common.errors import require, vector
-
-
-@dataclass
-class ConstantDisturbance:
-    """d = d̃ e with the unit vector e along `direction`."""
-
-    bound: float = 0.0
-    """d̃ [m/s², rad/s²]."""
-    direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Vector of any length; empty means the same in all components."""
-
-
-@dataclass
-class SinusoidalDisturbance:
-    """d = d̃ e sin(ωt + phase) with the unit vector e along `direction`; the paper's kind."""
-
-    bound: float = 0.0
-    """d̃ [m/s², rad/s²]."""
-    direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Vector of any length; empty means the same in all components."""
-    frequency: float = 1.0
-    """Angular frequency ω [rad/s]."""
-    phase: float = 0.0
-    """Argument of the sine at t = 0 [rad]."""
-
-
-@dataclass
-class RandomDisturbance:
-    """Uniformly distributed points of the ball ‖d‖₂ ≤ d̃, smoothly interpolated in time."""
-
-    bound: float = 0.0
-    """d̃ [m/s², rad/s²]."""
-    bandwidth: float = 0.5
-    """Half the rate of the points [Hz]; nearly all power is below it."""
-
-
-DisturbanceConfig = ConstantDisturbance | SinusoidalDisturbance | RandomDisturbance
+from uvms_drake.common.errors import InvalidParameter, require, vector
+from uvms_drake.model.part import Fault
+from uvms_drake.model.uvms_model import UvmsModel
 
 _NEVER_ABOVE_ONE = 1.0 - 8.0 * np.finfo(float).eps  # So that rounding cannot exceed the bound.
 
@@ -82,87 +51,183 @@ def smooth_step(x: float) -> float:
     return x * x * (3.0 - 2.0 * x)
 
 
-class BoundedDisturbance(LeafSystem):
-    """A disturbance with ‖d(t)‖₂ ≤ d̃, of one of three kinds.
+@dataclass
+class Disturbance(ABC):
+    """A disturbance of the robot; the fields of the dataclass are its settings.
 
-    `RandomDisturbance` takes a point of the ball every 1/(2 bandwidth) and goes from one to the
-    next by a convex combination, which stays in the ball; the weight is a smooth step, so that d(t)
-    is continuously differentiable.
-
-    .. pydrake_system::
-
-        name: BoundedDisturbance
-        output_ports:
-        - disturbance
-
-    - `disturbance` (size) [m/s², rad/s²]: d; to `Hydrodynamics.acceleration_disturbance`, through
-      `ToDrakeOrder` if it is in the paper's order.
-
-    The constant and the sinusoid do not have any state. The random kind has discrete state: the
-    index i of the interval of time (1) and the two points at its ends (2 size). A point is a
-    function of seed and index, and nothing is drawn in an output calculation, so that a cloned
-    Context continues identically and the integrator's step size does not matter.
-
-    Args:
-        size: Number of components.
-        config: `ConstantDisturbance`, `SinusoidalDisturbance` or `RandomDisturbance`.
-        seed: Seed of the random kind, zero or positive.
+    Who writes one answers for its bound, which a certificate takes for granted; the `TubeMonitor`
+    notes where it is exceeded.
     """
 
-    def __init__(self, size: int, config: DisturbanceConfig, seed: int = 0):
-        super().__init__()
-        require(0.0 <= config.bound < np.inf, "bound", config.bound, "zero or positive")
-        self._size = size
-        self._bound = config.bound
-        match config:
-            case ConstantDisturbance():
-                self._declare_constant(config)
-            case SinusoidalDisturbance():
-                self._declare_sinusoid(config)
-            case RandomDisturbance():
-                self._declare_random(config, seed)
+    bound: float = 0.0
+    """d̃ [m/s², rad/s²]; w̃ [m/s, rad/s] if the motion is kinematic."""
 
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        size: int,
-        config: DisturbanceConfig,
-        seed: int = 0,
-        name: str = "disturbance",
-    ) -> "BoundedDisturbance":
-        """Adds the system to `builder`; it has no inputs."""
-        system = BoundedDisturbance(size, config, seed)
+    def check(self) -> None:
+        """Raises `InvalidParameter` unless the bound is one."""
+        require(0.0 <= self.bound < np.inf, "bound", self.bound, "zero or positive")
+
+    @abstractmethod
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, OutputPort]) -> OutputPort:
+        """Adds the source of d and returns its port (6+n) [m/s², rad/s²], in the paper's order.
+
+        Args:
+            builder: Where to add it.
+            model: Of the robot's geometry.
+            seed: Of what is random, zero or positive.
+            signals: Of the closed loop, with `e_y` and `r` (6+n) of its `TubeMonitor`.
+        """
+
+    def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
+                         signals: Mapping[str, OutputPort]) -> OutputPort:
+        """Adds the source of w and returns its port (6) [m/s, rad/s]; by default there is none.
+
+        Args:
+            builder: Where to add it.
+            seed: Of what is random, zero or positive.
+            signals: Of the closed loop, with `e` (6) of its `KinematicTubeMonitor`.
+        """
+        raise InvalidParameter("kind", type(self).__name__, "another, if the motion is kinematic")
+
+
+class OpenLoopDisturbance(Disturbance):
+    """A disturbance that is a function of time and seed alone."""
+
+    @abstractmethod
+    def system(self, size: int, seed: int = 0) -> LeafSystem:
+        """Returns a system without inputs and with one output port, `disturbance` (size)."""
+
+    def add_source(self, builder: DiagramBuilder, size: int, seed: int = 0,
+                   name: str = "disturbance") -> LeafSystem:
+        """Adds the system to `builder` and returns it."""
+        system = self.system(size, seed)
         builder.AddNamedSystem(name, system)
         return system
 
-    def _declare_constant(self, config: ConstantDisturbance) -> None:
-        value = self._bound * unit_vector(config.direction, self._size)
-        self.DeclareVectorOutputPort(
-            "disturbance", self._size, lambda context, output: output.SetFromVector(value),
-            {self.nothing_ticket()})
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
+               signals: Mapping[str, OutputPort]) -> OutputPort:
+        """Adds the source of d; see `Disturbance`."""
+        return self.add_source(builder, model.size, seed).get_output_port()
 
-    def _declare_sinusoid(self, config: SinusoidalDisturbance) -> None:
+    def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
+                         signals: Mapping[str, OutputPort]) -> OutputPort:
+        """Adds the source of w; see `Disturbance`."""
+        return self.add_source(builder, 6, seed).get_output_port()
+
+
+@dataclass
+class ConstantDisturbance(OpenLoopDisturbance):
+    """d = d̃ e with the unit vector e along `direction`."""
+
+    direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Vector of any length; empty means the same in all components."""
+
+    def system(self, size: int, seed: int = 0) -> LeafSystem:
+        """Returns the source; see `OpenLoopDisturbance`."""
+        return DirectedDisturbance(self.bound, unit_vector(self.direction, size), lambda time: 1.0)
+
+
+@dataclass
+class SinusoidalDisturbance(OpenLoopDisturbance):
+    """d = d̃ e sin(ωt + phase) with the unit vector e along `direction`; the paper's kind."""
+
+    direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Vector of any length; empty means the same in all components."""
+    frequency: float = 1.0
+    """Angular frequency ω [rad/s]."""
+    phase: float = 0.0
+    """Argument of the sine at t = 0 [rad]."""
+
+    def system(self, size: int, seed: int = 0) -> LeafSystem:
+        """Returns the source; see `OpenLoopDisturbance`."""
         for key in ("frequency", "phase"):
-            value = getattr(config, key)
+            value = getattr(self, key)
             require(bool(np.isfinite(value)), key, value, "finite")
-        amplitude = self._bound * unit_vector(config.direction, self._size)
-        frequency, phase = config.frequency, config.phase
+        frequency, phase = self.frequency, self.phase
+        return DirectedDisturbance(self.bound, unit_vector(self.direction, size),
+                                   lambda time: np.sin(frequency * time + phase))
 
-        def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(amplitude * np.sin(frequency * context.get_time() + phase))
 
-        self.DeclareVectorOutputPort("disturbance", self._size, calc, {self.time_ticket()})
+@dataclass
+class RandomDisturbance(OpenLoopDisturbance):
+    """Uniformly distributed points of the ball ‖d‖₂ ≤ d̃, smoothly interpolated in time."""
 
-    def _declare_random(self, config: RandomDisturbance, seed: int) -> None:
-        require(0.0 < config.bandwidth < np.inf, "bandwidth", config.bandwidth, "positive")
+    bandwidth: float = 0.5
+    """Half the rate of the points [Hz]; nearly all power is below it."""
+
+    def system(self, size: int, seed: int = 0) -> LeafSystem:
+        """Returns the source; see `OpenLoopDisturbance`."""
+        return RandomPoints(size, self.bound, self.bandwidth, seed)
+
+
+class DirectedDisturbance(LeafSystem):
+    """A disturbance d(t) = d̃ g(t) e along one direction.
+
+    .. pydrake_system::
+
+        name: DirectedDisturbance
+        output_ports:
+        - disturbance
+
+    - `disturbance` (size) [m/s², rad/s²]: d, to the input port `disturbance` of a plant.
+
+    It has no state.
+
+    Args:
+        bound: d̃.
+        direction: e (size,), ‖e‖₂ ≤ 1.
+        factor: g of the time [s], |g| ≤ 1.
+    """
+
+    def __init__(self, bound: float, direction: np.ndarray, factor: Callable[[float], float]):
+        super().__init__()
+        require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
+        self._amplitude, self._factor = bound * direction, factor
+        self.DeclareVectorOutputPort(
+            "disturbance", len(direction), self._calc, {self.time_ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._amplitude * self._factor(context.get_time()))
+
+
+class RandomPoints(LeafSystem):
+    """A disturbance that takes a random point of the ball ‖d‖₂ ≤ d̃ every 1/(2 bandwidth).
+
+    It goes from one to the next by a convex combination, which stays in the ball; the weight is a
+    smooth step, so that d(t) is continuously differentiable.
+
+    .. pydrake_system::
+
+        name: RandomPoints
+        output_ports:
+        - disturbance
+
+    - `disturbance` (size) [m/s², rad/s²]: d, to the input port `disturbance` of a plant.
+
+    The discrete state is the index i of the interval of time (1) and the two points at its ends
+    (2 size). A point is a function of seed and index, and nothing is drawn in an output
+    calculation, so that a cloned Context continues identically and the integrator's step size does
+    not matter.
+
+    Args:
+        size: Number of components.
+        bound: d̃.
+        bandwidth: Half the rate of the points [Hz].
+        seed: Of the points, zero or positive.
+    """
+
+    def __init__(self, size: int, bound: float, bandwidth: float, seed: int):
+        super().__init__()
+        require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
+        require(0.0 < bandwidth < np.inf, "bandwidth", bandwidth, "positive")
         require(seed >= 0, "seed", seed, "zero or positive")
-        self._seed = seed
-        self._rate = 2.0 * config.bandwidth
+        self._size, self._bound, self._seed = size, bound, seed
+        self._rate = 2.0 * bandwidth
         self.DeclareDiscreteState(self._interval(0))
         self.DeclareInitializationDiscreteUpdateEvent(self._update)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / self._rate, 0.0, self._update)
         self.DeclareVectorOutputPort(
-            "disturbance", self._size, self._calc_random, {self.time_ticket(), self.xd_ticket()})
+            "disturbance", size, self._calc, {self.time_ticket(), self.xd_ticket()})
 
     def _interval(self, index: int) -> np.ndarray:
         """Returns the discrete state (i, dᵢ, dᵢ₊₁)."""
@@ -175,8 +240,22 @@ class BoundedDisturbance(LeafSystem):
         index = max(int(np.floor(self._rate * context.get_time() + 1e-6)), 0)
         discrete_state.set_value(self._interval(index))
 
-    def _calc_random(self, context: Context, output: BasicVector) -> None:
+    def _calc(self, context: Context, output: BasicVector) -> None:
         state = context.get_discrete_state_vector().value()
         start, end = state[1: 1 + self._size], state[1 + self._size:]
         weight = smooth_step(self._rate * context.get_time() - state[0])
         output.SetFromVector((1.0 - weight) * start + weight * end)
+
+
+@dataclass
+class ExcessDisturbance(Fault):
+    """The disturbance that is simulated is larger than its bound d̃, in which all else believes."""
+
+    place = "disturbance"
+
+    factor: float = 2.0
+    """Factor by which it is larger."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(1.0 < self.factor < np.inf, "factor", self.factor, "above 1")

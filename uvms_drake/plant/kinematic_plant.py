@@ -30,7 +30,7 @@ from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
+from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.uvms_plant import add_visualizer
 
@@ -172,7 +172,7 @@ class VelocityDrivenUvms(LeafSystem):
 def make_kinematic_plant(
     *,
     model: str,
-    disturbance: DisturbanceConfig | None,
+    disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     start: np.ndarray | None = None,
     meshcat: Meshcat | None = None,
@@ -231,7 +231,7 @@ def make_kinematic_plant(
         builder.ExportInput(w.get_input_port(), "disturbance")
     else:
         with within("disturbance"):
-            w = BoundedDisturbance.AddToBuilder(builder, 6, disturbance, seed)
+            w = disturbance.add_source(builder, 6, seed)
     kinematics = VelocityDrivenUvms.AddToBuilder(
         builder, uvms, start=start, disturbance=w.get_output_port())
     if meshcat is not None and scene_graph is not None:

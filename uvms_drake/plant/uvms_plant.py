@@ -13,7 +13,7 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.law import SurfaceConfig
 from uvms_drake.plant.applied_forces import AppliedForces
-from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
+from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
@@ -27,7 +27,7 @@ def make_uvms_plant(
     *,
     model: str,
     surface: SurfaceConfig,
-    disturbance: DisturbanceConfig | None,
+    disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     error: ModelError | None = None,
     start: np.ndarray | None = None,
@@ -126,7 +126,7 @@ def make_uvms_plant(
         builder.ExportInput(d_source.get_input_port(), "disturbance")
     else:
         with within("disturbance"):
-            d_source = BoundedDisturbance.AddToBuilder(builder, coordinates.size, disturbance, seed)
+            d_source = disturbance.add_source(builder, coordinates.size, seed)
     builder.Connect(d_source.get_output_port(), d_drake.GetInputPort("paper_order"))
 
     with within("hydrodynamics"):

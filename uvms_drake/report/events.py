@@ -21,6 +21,7 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.station.diagram import MONITOR_SLACK, monitor_floor, set_wise_radii
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.record import Record
 
 GAP = 0.1
@@ -91,7 +92,7 @@ def _logged(record: Record) -> Iterator[_Signal]:
     """Yields the signals at the logged samples."""
     depth, bound = record.penetration, record.scenario.disturbance.bound
     d = np.linalg.norm(record.effective_disturbance, axis=1)
-    if not record.scenario.kinematic:  # There nothing is touched.
+    if motion_of(record.scenario).has_forces:  # Without them nothing is touched.
         yield _Signal("contact", depth > 0.0,
                       lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
     radii = set_wise_radii(record.scenario)

@@ -34,6 +34,7 @@ from uvms_drake.report.kinematic_figures import (
     draw_position_errors,
 )
 from uvms_drake.report.signals import input_names, settling_index, wrench_unit
+from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
@@ -57,8 +58,9 @@ def make_figures(record: Record, output_dir: Path) -> list[Path]:
 
 def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
-    without = WITH_FORCES if scenario.kinematic else PAPERS
-    return [name for name in FIGURES if name not in without]
+    special = {name for motion in MOTIONS.values() for name in motion.figures}
+    own = motion_of(scenario).figures
+    return [name for name in FIGURES if name in own or name not in special]
 
 
 def draw_task_error(record: Record) -> Figure:
@@ -209,12 +211,10 @@ def draw_disturbance(record: Record) -> Figure:
     The norm of the effective disturbance is drawn too, where it is another one.
     """
     figure, axes = panels(2, 2.8)
-    kinematic = record.scenario.kinematic
-    symbol, unit = ("w", "m/s, rad/s") if kinematic else ("d", "m/s², rad/s²")
-    blocks = (slice(0, 3), slice(3, 6), slice(6, None))[: 2 if kinematic else 3]
-    names = ("position", "orientation") if kinematic else (
-        "surge, sway, heave", "roll, pitch, yaw", "joints")
-    for block, color, name in zip(blocks, XYZ, names, strict=False):
+    motion = motion_of(record.scenario)
+    symbol, unit = motion.disturbance_symbol, motion.disturbance_unit
+    blocks = (slice(0, 3), slice(3, 6), slice(6, None))
+    for block, color, name in zip(blocks, XYZ, motion.disturbance_blocks, strict=False):
         axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
                      label=name)
     norm = np.linalg.norm(record.disturbance, axis=1)
@@ -279,7 +279,7 @@ def nominal_limits(record: Record) -> NominalLimits:
     """Returns what the tube left of the limits to the nominal MPC."""
     scenario = record.scenario
     return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper,
-                   make_surface_law(scenario.surface), accelerations=not scenario.kinematic)
+                   make_surface_law(scenario.surface), accelerations=motion_of(scenario).has_forces)
 
 
 def _name_tube(axis: Axes, record: Record) -> None:
@@ -311,7 +311,3 @@ FIGURES: dict[str, Callable[[Record], Figure]] = {
     "orientation_errors.png": draw_orientation_errors,
     "input_norms.png": draw_input_norms,
 }
-WITH_FORCES = ("force.png", "inputs.png")
-"""Of dynamic motion only."""
-PAPERS = ("position_errors.png", "orientation_errors.png", "input_norms.png")
-"""Of kinematic motion only: the paper's."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from uvms_drake.model.surface.law import make_surface_law, static_force
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
@@ -42,7 +43,7 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
         signals["static_force"] = (static_force(surface, record.chi), limits.static_force)
     names = input_names(record.num_joints)
     for key, inputs, bounds in (("u", record.u, limits.u), ("tau", record.tau, limits.tau)):
-        if bounds is not None and not record.scenario.kinematic:
+        if bounds is not None and motion_of(record.scenario).has_forces:
             for name, values, limit in zip(names, inputs.T, bounds, strict=True):
                 signals[f"{key}_{name}"] = (np.abs(values), limit)
     return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}

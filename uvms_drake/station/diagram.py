@@ -1,52 +1,41 @@
-"""The closed loop of a scenario: plant, controller and logs in one Diagram."""
+"""The closed loop of a scenario: plant, controller and what stands between them, in one Diagram."""
 
-from dataclasses import replace
-from functools import partial
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, VectorLogSink
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.errors import require, within
 from uvms_drake.control.ancillary import Transpose
-from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
 from uvms_drake.control.limits import resolved_radii
-from uvms_drake.control.nominal_mpc import REPORT_FIELDS, Targets
-from uvms_drake.control.tube_monitor import TubeMonitor
-from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
+from uvms_drake.control.nominal_mpc import REPORT_FIELDS
+from uvms_drake.control.solver_faults import SolverFaults
+from uvms_drake.model.part import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, TaskAdversary
-from uvms_drake.plant.disturbance import BoundedDisturbance, DisturbanceConfig
-from uvms_drake.plant.kinematic_plant import make_kinematic_plant, set_configuration
-from uvms_drake.plant.surface_error import displaced
-from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.fault_systems import FaultySensor, JointBrake, SolverFaults
-from uvms_drake.station.faults import COVERED, FrozenState, LostState, StuckJoint, excess
-from uvms_drake.station.problem import (
-    make_dynamic_ocp,
-    make_kinematic_ocp,
-    retargeted_ocp,
-    start_state,
-)
+from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.station.faults import faults_at
+from uvms_drake.station.motions import make_ocp, motion_of
+from uvms_drake.station.problem import start_state
+from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.visual.controls import DisturbanceSlider, ForceSlider
+from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
 
-LOGGED = {
-    "dynamic": ("state", "nominal_state", "nominal_input", "u", "tau", "lost", "limited",
-                "force", "penetration", "accepted_force", "disturbance", "acceleration",
-                "tube_deviation", "tube_bound"),
-    "kinematic": ("state", "nominal_state", "nominal_input", "u", "lost", "disturbance",
-                  "tube_deviation", "tube_bound"),
-}
-"""Output ports of the station that are logged every `log_period`, by the scenario's motion."""
+SAMPLED = ("report", "solve_seconds")
+"""Outputs of the MPC that are logged every sampling period."""
 
-IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
-"""Integration schemes whose steps may be much longer than 1/k, with which the command is not cut.
-Their Newton iteration asks the law far from the solution, and where a limit cuts the command it is
-flat: in `paper_dynamic` it would converge in far shorter steps only."""
+ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
+               "nominal_input": "nominal_input", "force": "force",
+               "desired_force": "accepted_force"}
+"""Signals of the ports of an `Illustration`, as far as there are any."""
+
+RESERVED = {*SAMPLED, "plan", "tube_alarm", *(field.name for field in fields(Record))}
+"""Names that a part's signal cannot have: those of a record's own fields and of other outputs."""
 
 MONITOR_SLACK = 0.01
 """Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over
@@ -57,219 +46,133 @@ tenth of the tube's smallest radius, see `monitor_floor`."""
 
 
 def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
-                 certified: bool = False) -> Diagram:
-    """Returns the closed loop as a Diagram named "station".
+                 certified: bool = False, model: UvmsModel | None = None) -> Diagram:
+    """Returns the closed loop as a Diagram named "station", which starts as the scenario says.
 
     ::
 
-        current ──▶ ┌──────┐ state   ┌──────────┐
-                    │ uvms │────────▶│ tube_mpc │──┐
-               ┌───▶└──────┘         └──────────┘  │ tau
-               └───────────────────────────────────┘
+                       ┌──────┐ state   ┌─────────┐         ┌──────────┐
+        disturbance ──▶│ uvms │────────▶│ sensing │────────▶│ tube_mpc │◀── fault
+                   ┌──▶└──────┘         └─────────┘         └──────────┘
+                   │                   ┌───────────┐ tau         │
+                   └───────────────────│ actuation │◀────────────┘
+                                       └───────────┘
 
-    A `TubeMonitor` watches both. The input port `desired_force` (6) changes the task while it runs,
-    see `NominalMpc`; unconnected, it stays the scenario's. With kinematic motion there is none, and
-    no current; the controller reads `configuration`, and its velocity ζ = u goes to the plant. The
-    command of dynamic motion is cut to `limits.u` and, if declared, to `limits.tau`, unless the
-    integration scheme is one of `IMPLICIT`.
+    Sensing and actuation are chains of parts, none by default: the scenario's, and its faults of
+    the sensors, which are nearest to the robot, and of the actuators, likewise. A `TubeMonitor`
+    watches the true and the nominal state. The input port `desired_force` (6) changes the task
+    while it runs, see `NominalMpc`; unconnected, it stays the scenario's. With kinematic motion
+    there is none; the controller reads `configuration`, and its velocity ζ = u goes to the plant.
 
-    The scenario's faults are systems between plant and controller: a `FaultySensor` in `state`, a
-    `JointBrake` in `tau`, `SolverFaults` at the port `fault`. All else, the logs too, sees the true
-    state and the commanded τ.
-
-    The output ports are those of `LOGGED`, `plan`, `report`, `solve_seconds`, `tube_report` and
-    `tube_alarm`; see `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and their kinematic
-    counterparts. Each of the logged ports has a VectorLogSink named `log.<port>`; `report` and
-    `solve_seconds` have one of the sampling period.
+    Every signal of plant and controller that is a vector, of the parts, and `tube_deviation` and
+    `tube_bound`, is an output port and has a VectorLogSink named `log.<name>` of the `log_period`;
+    `report` and `solve_seconds` have one of the sampling period. The ports `plan`, `tube_report`
+    and `tube_alarm` are not logged. See `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and
+    their kinematic counterparts.
 
     Args:
         scenario: Everything the run depends on.
         meshcat: Where an `Illustration` draws, if at all.
         certified: Whether the tube is that of a certificate that holds; it is only shown.
+        model: The controller's model; loaded if it is left out.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
     """
-    builder = DiagramBuilder()
-    connect = _connect_kinematic if scenario.kinematic else _connect_dynamic
-    uvms, controller, monitor = connect(builder, scenario, meshcat)
+    builder, motion = DiagramBuilder(), motion_of(scenario)
+    motion.check(scenario)
+    with within("disturbance"):
+        scenario.disturbance.check()
+
+    # Plant and controller.
+    ocp = make_ocp(scenario, model)
+    start = start_state(scenario, ocp)[: ocp.model.size]
+    uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
+    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, ocp))
+    motion.connect_rest(builder, scenario, uvms, controller, meshcat)
+    signals = Signals()
+    for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
+        for name in names:
+            signals[name] = system.GetOutputPort(name)
+
+    # What stands between them.
+    measured = _behind(
+        builder, ocp.model, uvms.GetOutputPort(motion.measured), signals,
+        faults_at("sensing", scenario.faults) | _keyed("sensing", scenario.sensing))
+    builder.Connect(measured, controller.GetInputPort(motion.measured))
+    exerted = _behind(
+        builder, ocp.model, controller.GetOutputPort(motion.command), signals,
+        _keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults))
+    builder.Connect(exerted, uvms.GetInputPort(motion.effect))
+    solver_faults = faults_at("solver", scenario.faults)
+    if solver_faults:
+        source = SolverFaults.AddToBuilder(
+            builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step)
+        builder.Connect(source.get_output_port(), controller.GetInputPort("fault"))
+
+    # What watches them, and what disturbs them and may know it.
+    monitor = motion.monitor.AddToBuilder(
+        builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
+        set_wise_radii(scenario), state=signals["state"], nominal_state=signals["nominal_state"],
+        disturbance=signals["disturbance"], period=scenario.log_period, slack=MONITOR_SLACK,
+        floor=monitor_floor(scenario))
+    for name in ("deviation", "bound"):
+        signals[f"tube_{name}"] = monitor.GetOutputPort(name)
+    with within("disturbance"):
+        disturbance = motion.add_disturbance(builder, applied_disturbance(scenario), ocp.model,
+                                             scenario.seed, signals, monitor)
     if meshcat is not None:
-        shown = ("state", "nominal_state", "u", "nominal_input", "plan", "force")
-        ports = {name: system.GetOutputPort(name) for name in (*shown, "accepted_force")
-                 for system in (uvms, controller) if system.HasOutputPort(name)}
-        if "accepted_force" in ports:
-            ports["desired_force"] = ports.pop("accepted_force")
-        Illustration.AddToBuilder(builder, meshcat, scenario, certified=certified, **ports)
-    logged = LOGGED[scenario.motion]
-    for name in (*logged, "plan", "report", "solve_seconds", "tube_report", "tube_alarm"):
-        if name.startswith("tube_"):
-            port = monitor.GetOutputPort(name.removeprefix("tube_"))
-        else:
-            port = (uvms if uvms.HasOutputPort(name) else controller).GetOutputPort(name)
+        disturbance = DisturbanceSlider.AddToBuilder(
+            builder, meshcat, disturbance=disturbance).get_output_port()
+    builder.Connect(disturbance, uvms.GetInputPort("disturbance"))
+
+    # Logs, outputs and the picture.
+    for name, port in signals.items():
         builder.ExportOutput(port, name)
-        if name not in ("plan", "tube_report", "tube_alarm"):
-            period = scenario.log_period if name in logged else scenario.mpc.time_step
-            LogVectorOutput(port, builder, period).set_name(f"log.{name}")
+        LogVectorOutput(port, builder, scenario.log_period).set_name(f"log.{name}")
+    for name in SAMPLED:
+        port = controller.GetOutputPort(name)
+        builder.ExportOutput(port, name)
+        LogVectorOutput(port, builder, scenario.mpc.time_step).set_name(f"log.{name}")
+    builder.ExportOutput(controller.GetOutputPort("plan"), "plan")
+    for name in ("report", "alarm"):
+        builder.ExportOutput(monitor.GetOutputPort(name), f"tube_{name}")
+    if meshcat is not None:
+        Illustration.AddToBuilder(
+            builder, meshcat, scenario, certified=certified, plan=controller.GetOutputPort("plan"),
+            **{port: signals[name] for port, name in ILLUSTRATED.items() if name in signals})
     station = builder.Build()
     station.set_name("station")
     return station
 
 
-def _connect_dynamic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None
-                     ) -> tuple[Diagram, Diagram, TubeMonitor]:
-    """Adds plant, controller and monitor of dynamic motion, connected."""
-    ocp = make_dynamic_ocp(scenario)
-    start_state(scenario, ocp)
-    uvms = builder.AddNamedSystem(
-        "uvms", make_simulated_uvms(scenario, _disturbance_inside(scenario, meshcat)))
-    cut = scenario.simulator.integration_scheme not in IMPLICIT
-    with within("ancillary"):
-        controller = builder.AddNamedSystem("tube_mpc", make_tube_mpc(
-            ocp, scenario.ancillary, Targets(
-                np.asarray(scenario.task.force, dtype=float), partial(retargeted_ocp, scenario)),
-            scenario.limits if cut else None))
-    if meshcat is None:
-        builder.ExportInput(controller.GetInputPort("desired_force"), "desired_force")
-    else:
-        slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
-        builder.Connect(slider.get_output_port(), controller.GetInputPort("desired_force"))
-    current = builder.AddNamedSystem(
-        "current", ConstantVectorSource(vector("current", scenario.current, 3)))
-    builder.Connect(current.get_output_port(), uvms.GetInputPort("current"))
-    builder.Connect(_measured(builder, scenario, uvms.GetOutputPort("state")),
-                    controller.GetInputPort("state"))
-    builder.Connect(_exerted(builder, scenario, ocp.model, controller.GetOutputPort("tau"),
-                             uvms.GetOutputPort("state")), uvms.GetInputPort("tau"))
-    _connect_solver_faults(builder, scenario, controller)
-    monitor = TubeMonitor.AddToBuilder(
-        builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
-        set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
-        nominal_state=controller.GetOutputPort("nominal_state"),
-        disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
-        slack=MONITOR_SLACK, floor=monitor_floor(scenario))
-    _connect_disturbance(builder, scenario, ocp.model, uvms, monitor, meshcat)
-    return uvms, controller, monitor
+def _keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
+    """Returns the parts by their keys in a scenario."""
+    return {f"{key}[{i}]": part for i, part in enumerate(parts)}
 
 
-def make_simulated_uvms(scenario: Scenario, disturbance: DisturbanceConfig | None) -> Diagram:
-    """Returns the robot and the surface as they are, which the controller may not know.
-
-    Args:
-        scenario: Of dynamic motion; its own disturbance is not looked at.
-        disturbance: As of `make_uvms_plant`.
-    """
-    return make_uvms_plant(
-        model=scenario.model, surface=displaced(scenario.surface, scenario.surface_error),
-        disturbance=disturbance, seed=scenario.seed,
-        error=scenario.model_error)
-
-
-def _measured(builder: DiagramBuilder, scenario: Scenario, true: OutputPort) -> OutputPort:
-    """Adds the faults of the sensors; returns what is measured of the `true` state."""
-    for fault in scenario.faults:
-        if isinstance(fault, FrozenState | LostState):
-            true = FaultySensor.AddToBuilder(
-                builder, fault, true=true, name=f"sensor.{type(fault).__name__}").get_output_port()
-    return true
+def _behind(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,
+            parts: dict[str, Part]) -> OutputPort:
+    """Adds a chain of parts behind `port` and returns the port at its end."""
+    for key, part in parts.items():
+        before = len(builder.GetSystems())
+        with within(key):
+            size, known = port.size(), len(signals)
+            port = part.add_to(builder, model, port, signals)
+            require(port.size() == size, "size", port.size(), f"{size}, as before it")
+            added = list(signals)[known:]
+            require(not set(added) & RESERVED, "signals", added,
+                    f"called otherwise than {', '.join(sorted(RESERVED))}")
+        for system in builder.GetSystems()[before:]:
+            system.set_name(f"{key}.{system.get_name()}")
+    return port
 
 
-def _exerted(builder: DiagramBuilder, scenario: Scenario, model: UvmsModel, commanded: OutputPort,
-             state: OutputPort) -> OutputPort:
-    """Adds the faults of the actuators; returns the τ that moves the robot."""
-    for i, fault in enumerate(scenario.faults):
-        if isinstance(fault, StuckJoint):
-            with within(f"faults[{i}]"):
-                commanded = JointBrake.AddToBuilder(
-                    builder, model, fault, commanded=commanded, state=state).get_output_port()
-    return commanded
-
-
-def _connect_solver_faults(builder: DiagramBuilder, scenario: Scenario, controller: Diagram
-                           ) -> None:
-    """Adds the faults of the solver, if any is declared."""
-    faults = [fault for fault in scenario.faults if isinstance(fault, COVERED)]
-    if faults:
-        source = SolverFaults.AddToBuilder(
-            builder, faults, scenario.seed, scenario.mpc.time_step)
-        builder.Connect(source.get_output_port(), controller.GetInputPort("fault"))
-
-
-def _disturbance_inside(scenario: Scenario, meshcat: Meshcat | None) -> DisturbanceConfig | None:
-    """Returns the plant's own disturbance; none if it sees the robot or a slider scales it."""
-    if meshcat is not None or isinstance(scenario.disturbance, AdversarialDisturbance):
-        return None
-    disturbance = applied_disturbance(scenario)
-    assert not isinstance(disturbance, AdversarialDisturbance)
-    return disturbance
-
-
-def applied_disturbance(scenario: Scenario) -> DisturbanceConfig | AdversarialDisturbance:
+def applied_disturbance(scenario: Scenario) -> Disturbance:
     """Returns the disturbance with what `model_error.share` leaves of its bound, or in excess."""
     disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
-    return replace(disturbance, bound=excess(scenario.faults) * left * disturbance.bound)
-
-
-def _connect_disturbance(builder: DiagramBuilder, scenario: Scenario, model: UvmsModel,
-                         uvms: Diagram, monitor: TubeMonitor, meshcat: Meshcat | None) -> None:
-    """Adds the disturbance of a plant that has none of its own, with Meshcat behind a slider."""
-    if not uvms.HasInputPort("disturbance"):
-        return
-    target, config = uvms.GetInputPort("disturbance"), applied_disturbance(scenario)
-    with within("disturbance"):
-        if not isinstance(config, AdversarialDisturbance):
-            source: LeafSystem = BoundedDisturbance.AddToBuilder(
-                builder, target.size(), config, scenario.seed)
-        elif scenario.kinematic:
-            source = _task_adversary(builder, config, monitor)
-        else:
-            source = Adversary.AddToBuilder(
-                builder, model, config, state=uvms.GetOutputPort("state"), monitor=monitor)
-    port = source.get_output_port()
-    if meshcat is not None:
-        port = DisturbanceSlider.AddToBuilder(
-            builder, meshcat, disturbance=port).get_output_port()
-    builder.Connect(port, target)
-
-
-def _connect_kinematic(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None
-                       ) -> tuple[Diagram, Diagram, KinematicTubeMonitor]:
-    """Adds plant, controller and monitor of kinematic motion, connected."""
-    require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
-            "zero where there is no water (motion: kinematic)")
-    require(scenario.model_error.size == 0.0, "model_error", scenario.model_error,
-            "left out where the velocity is the input (motion: kinematic)")
-    require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
-            "left out where there is no contact (motion: kinematic)")
-    ocp = make_kinematic_ocp(scenario)
-    start_state(scenario, ocp)
-    uvms = builder.AddNamedSystem("uvms", make_kinematic_plant(
-        model=scenario.model, disturbance=_disturbance_inside(scenario, meshcat),
-        seed=scenario.seed))
-    with within("ancillary"):
-        controller = builder.AddNamedSystem(
-            "tube_mpc", make_kinematic_tube_mpc(ocp, scenario.ancillary))
-    builder.Connect(_measured(builder, scenario, uvms.GetOutputPort("configuration")),
-                    controller.GetInputPort("configuration"))
-    _connect_solver_faults(builder, scenario, controller)
-    builder.Connect(controller.GetOutputPort("u"), uvms.GetInputPort("zeta"))
-    monitor = KinematicTubeMonitor.AddToBuilder(
-        builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
-        set_wise_radii(scenario), state=uvms.GetOutputPort("state"),
-        nominal_state=controller.GetOutputPort("nominal_state"),
-        disturbance=uvms.GetOutputPort("disturbance"), period=scenario.log_period,
-        slack=MONITOR_SLACK, floor=monitor_floor(scenario))
-    _connect_disturbance(builder, scenario, ocp.model, uvms, monitor, meshcat)
-    return uvms, controller, monitor
-
-
-def _task_adversary(builder: DiagramBuilder, config: AdversarialDisturbance,
-                    monitor: TubeMonitor) -> TaskAdversary:
-    """Adds the one adversary of kinematic motion, w along 𝔢."""
-    require(config.kind == "along_task_error", "kind", config.kind,
-            "along_task_error, if the motion is kinematic")
-    direction = None if np.size(config.direction) == 0 else config.direction
-    return TaskAdversary.AddToBuilder(
-        builder, config.bound, direction, e=monitor.GetOutputPort("e"))
+    excess = math.prod(fault.factor for fault in faults_at("disturbance", scenario.faults).values())
+    return replace(disturbance, bound=excess * left * disturbance.bound)
 
 
 def monitor_floor(scenario: Scenario) -> float:
@@ -290,36 +193,25 @@ def set_wise_radii(scenario: Scenario) -> dict[str, float]:
     return {field: radius for field, radius in radii.items() if radius is not None}
 
 
-def initialize(station: Diagram, context: Context, scenario: Scenario) -> None:
-    """Sets the state of a station's `context` to the scenario's start."""
-    uvms = cast(Diagram, station.GetSubsystemByName("uvms"))
-    own_context = uvms.GetMyMutableContextFromRoot(context)
-    config = np.concatenate([scenario.start.eta, scenario.start.q])
-    if scenario.kinematic:
-        set_configuration(uvms, own_context, config)
-    else:
-        set_state(uvms, own_context, np.concatenate([config, np.zeros_like(config)]))
-
-
 def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
-    """Returns the logs so far: `time` (T,), each logged port (T, size), and the MPC's samples.
+    """Returns the logs so far: `time` (T,), each signal (T, size), and the MPC's samples.
 
     The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
     `mpc_iterations`, `mpc_refused` (K,), see `REPORT_FIELDS`, and `step_seconds` (K,), wall time.
     """
-    def log(name: str):
+    def log(name: str) -> VectorLog:
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)
 
-    logged = [name for ports in LOGGED.values() for name in ports
-              if station.HasSubsystemNamed(f"log.{name}")]
-    logs = {name: log(name).data().T.copy() for name in logged}
+    sinks = [system.get_name() for system in station.GetSystems()]
+    logged = [name.removeprefix("log.") for name in sinks if name.startswith("log.")]
+    logs = {name: log(name).data().T.copy() for name in logged if name not in SAMPLED}
     logs["time"] = log("state").sample_times().copy()
     logs["tube_report"] = station.GetOutputPort("tube_report").Eval(context).copy()
     # A sink publishes before the update of the same instant: the last sample is in the Context.
-    ports = [station.GetOutputPort(name) for name in ("report", "solve_seconds")]
+    ports = [station.GetOutputPort(name) for name in SAMPLED]
     samples = np.vstack([
         np.hstack([port.Eval(station.GetMyContextFromRoot(context)) for port in ports]),
-        np.vstack([log("report").data(), log("solve_seconds").data()]).T])
+        np.vstack([log(name).data() for name in SAMPLED]).T])
     _, first = np.unique(samples[:, 0], return_index=True)
     for i, field in enumerate(REPORT_FIELDS):
         logs[f"mpc_{field}"] = samples[first, i]

@@ -15,25 +15,25 @@ from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
 
-def make_ocp(scenario: Scenario) -> Ocp:
-    """Returns the nominal MPC's problem, with a model that is the controller's own.
-
-    Raises:
-        InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
-    """
-    return make_kinematic_ocp(scenario) if scenario.kinematic else make_dynamic_ocp(scenario)
+def load_model(scenario: Scenario) -> UvmsModel:
+    """Returns the controller's model of robot and surface."""
+    with within("surface"):
+        surface = make_surface_law(scenario.surface)
+    return UvmsModel.load(scenario.model, surface)
 
 
-def make_kinematic_ocp(scenario: Scenario) -> KinematicOcp:
-    """Returns the problem of a scenario with kinematic motion; see `make_ocp`."""
-    model, y_des, limits = _task(scenario)
+def make_kinematic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> KinematicOcp:
+    """Returns the problem of a scenario with kinematic motion; see `motions.make_ocp`."""
+    model = model or load_model(scenario)
+    y_des, limits = _task(scenario, model, accelerations=False)
     with within("mpc"):
         return KinematicOcp(model, scenario.mpc, y_des, limits)
 
 
-def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
-    """Returns the problem of a scenario with dynamic motion; see `make_ocp`."""
-    model, y_des, limits = _task(scenario)
+def make_dynamic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> DynamicOcp:
+    """Returns the problem of a scenario with dynamic motion; see `motions.make_ocp`."""
+    model = model or load_model(scenario)
+    y_des, limits = _task(scenario, model, accelerations=True)
     with within("mpc"):
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
     require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
@@ -41,7 +41,8 @@ def make_dynamic_ocp(scenario: Scenario) -> DynamicOcp:
     return ocp
 
 
-def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
+def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: UvmsModel | None = None
+                   ) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
     The tube stays the scenario's: it holds for all forces within `limits.static_force`.
@@ -49,20 +50,19 @@ def retargeted_ocp(scenario: Scenario, force: np.ndarray) -> DynamicOcp:
     Raises:
         InvalidParameter: The force cannot be held within the limits.
     """
-    settings = scenario.certificate
+    settings, model = scenario.certificate, model or load_model(scenario)
     other = replace(scenario, task=replace(scenario.task, force=force))
-    ocp = make_dynamic_ocp(other)
+    ocp = make_dynamic_ocp(other, model)
     radius, _ = largest_radius(ocp, settings.terminal_samples, settings.seed)
-    return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)))
+    return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)), model)
 
 
-def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
-    """Returns the controller's model, y_des (6+n,), and the limits that the tube leaves."""
-    with within("surface"):
-        surface = make_surface_law(scenario.surface)
-    model = UvmsModel.load(scenario.model, surface)
+def _task(scenario: Scenario, model: UvmsModel, *, accelerations: bool
+          ) -> tuple[np.ndarray, NominalLimits]:
+    """Returns y_des (6+n,) and the limits that the tube leaves."""
+    surface = model.surface
     limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper, surface,
-                     accelerations=not scenario.kinematic)
+                     accelerations=accelerations)
     task = scenario.task
     with within("task"):
         force = vector("force", task.force, 6)
@@ -72,7 +72,7 @@ def _task(scenario: Scenario) -> tuple[UvmsModel, np.ndarray, NominalLimits]:
         config = model.configuration(y_des)
         _check_force("force", force, model, y_des, limits)
         _check_configuration("pose", "posture", config, y_des, limits)
-    return model, y_des, limits
+    return y_des, limits
 
 
 def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What is left of a run: its scenario and its signals, as plain arrays."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,8 @@ TIMING_FILE = "timing.npz"
 class Record:
     """The signals of a run: T logged samples, K samples of the nominal MPC, n joints.
 
-    Every array is in `log.npz` under its name, except the two wall times, which differ from run
-    to run and are in `timing.npz`. A bar marks the nominal system.
+    Every array, also of `signals`, is in `log.npz` under its name, except the two wall times, which
+    differ from run to run and are in `timing.npz`. A bar marks the nominal system.
     """
 
     scenario: Scenario
@@ -89,6 +89,8 @@ class Record:
     """Norms of the deviation (T, 6), see `tube_monitor.FIELDS`."""
     tube_bound: np.ndarray
     """Their trajectory-wise bounds (T, 6)."""
+    signals: dict[str, np.ndarray] = field(default_factory=dict)
+    """What the parts of sensing and actuation have logged (T, size), by name."""
 
     @property
     def num_joints(self) -> int:
@@ -125,7 +127,7 @@ class Record:
 
 
 _TIMING = ("step_seconds", "wall_time_s")
-_LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", *_TIMING))
+_LOGGED = tuple(f.name for f in fields(Record) if f.name not in ("scenario", "signals", *_TIMING))
 
 
 def save_record(record: Record, folder: Path) -> list[Path]:
@@ -135,7 +137,8 @@ def save_record(record: Record, folder: Path) -> list[Path]:
     """
     scenario, log, timing = (folder / name for name in (SCENARIO_FILE, LOG_FILE, TIMING_FILE))
     scenario.write_text(dump_scenario(record.scenario), encoding="utf-8")
-    np.savez(log, **{name: getattr(record, name) for name in _LOGGED})
+    logged = {name: getattr(record, name) for name in _LOGGED}
+    np.savez(log, **{**logged, **record.signals})
     np.savez(timing, **{name: getattr(record, name) for name in _TIMING})
     return [scenario, log, timing]
 
@@ -144,6 +147,8 @@ def load_record(folder: Path) -> Record:
     """Returns the record that `save_record` wrote into a folder."""
     with np.load(folder / LOG_FILE) as log, np.load(folder / TIMING_FILE) as timing:
         arrays = {name: log[name] for name in _LOGGED}
+        signals = {name: log[name] for name in log.files if name not in _LOGGED}
         return Record(scenario=load_scenario(str(folder / SCENARIO_FILE)),
                       step_seconds=timing["step_seconds"],
-                      wall_time_s=float(timing["wall_time_s"]), **arrays)
+                      wall_time_s=float(timing["wall_time_s"]), signals=signals,
+                      **arrays)

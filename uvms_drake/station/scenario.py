@@ -38,7 +38,13 @@ from uvms_drake.plant.disturbance import (
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
 from uvms_drake.station.cost import check_cost
-from uvms_drake.station.faults import Fault, check_faults
+from uvms_drake.station.faults import (
+    AnyActuation,
+    AnyFault,
+    AnySensing,
+    check_components,
+    check_faults,
+)
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
@@ -102,7 +108,11 @@ class Scenario:
     """How the simulated surface differs from `surface`, which the controller knows."""
     disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
                   | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
-    faults: list[Fault] = field(default_factory=list)
+    sensing: list[AnySensing] = field(default_factory=list)
+    """Parts between the robot's state and the controller, from the robot on."""
+    actuation: list[AnyActuation] = field(default_factory=list)
+    """Parts between the controller's command and the robot, from the controller on."""
+    faults: list[AnyFault] = field(default_factory=list)
     """What fails, at most one of a kind; an entry without a tag is a `SolverFailure`."""
     task: Task = field(default_factory=Task)
     limits: Limits = field(default_factory=Limits)
@@ -228,7 +238,9 @@ def check_scenario(scenario: Scenario) -> None:
         check_model_error(scenario.model_error)
     with within("surface_error"):
         check_surface_error(scenario.surface_error)
-    check_faults(scenario.faults, kinematic=scenario.kinematic)
+    check_components("sensing", scenario.sensing, scenario.motion)
+    check_components("actuation", scenario.actuation, scenario.motion)
+    check_faults(scenario.faults, scenario.motion)
     _check_simulator(scenario.simulator)
     check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,
                scenario.mpc.time_step, scenario.mpc.horizon)

@@ -11,14 +11,17 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import joint_limits
-from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.diagram import initialize, make_station, read_logs
+from uvms_drake.station.diagram import make_station, read_logs
+from uvms_drake.station.motions import motion_of
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
 PROGRESS_PERIOD = 0.1
 """Simulated time between two calls of `progress` [s]."""
+RENAMED = ("lost", "limited", "accepted_force")
+"""Signals that have another name in a `Record`."""
 
 
 def simulate(
@@ -45,13 +48,13 @@ def simulate(
         InvalidParameter: A value of the scenario cannot be used.
         RunFailed: The run started, but could not be carried through.
     """
-    station = make_station(scenario, meshcat, certified=certified)
+    model = load_model(scenario)
+    station = make_station(scenario, meshcat, certified=certified, model=model)
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
     if realtime_rate is not None:
         simulator.set_target_realtime_rate(realtime_rate)
     context = simulator.get_mutable_context()
-    initialize(station, context, scenario)
     if progress is not None or stop is not None:
         simulator.set_monitor(_monitor(station, progress, stop, scenario.log_period))
     wall_time = _run(simulator, scenario.duration)
@@ -59,7 +62,7 @@ def simulate(
         scenario = replace(scenario, duration=context.get_time())
     logs = read_logs(station, context)
     require_finite(logs)
-    return make_record(scenario, logs, wall_time, certified)
+    return make_record(scenario, logs, wall_time, certified, model)
 
 
 def require_finite(logs: dict[str, np.ndarray]) -> None:
@@ -109,7 +112,7 @@ def _monitor(station: Diagram, progress: Callable[[float], None] | None,
 
 
 def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float,
-                certified: bool) -> Record:
+                certified: bool, model: UvmsModel | None = None) -> Record:
     """Returns the record of a station's logs, with what follows from them added.
 
     Args:
@@ -117,49 +120,25 @@ def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: floa
         logs: As `read_logs` returns them.
         wall_time: Of the simulation [s].
         certified: As in `simulate`.
+        model: The controller's; loaded if it is left out.
     """
-    surface = make_surface_law(scenario.surface)
-    model = UvmsModel.load(scenario.model, surface)
-    size = model.size
+    model = model or load_model(scenario)
+    size, task = model.size, scenario.task
     joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
-    chi = model.task_pose(logs["state"][:, :size])[:, :6]
-    if scenario.kinematic:  # There are no forces; the surface's law gives one for the pose.
-        still = np.zeros_like(chi)
-        logs = logs | {"force": surface.force(chi, still), "penetration": surface.penetration(chi),
-                 "tau": np.empty((len(chi), 0)), "acceleration": np.empty((len(chi), 0)),
-                 "limited": np.zeros(len(chi)),
-                 "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1))}
-    derived = {
+    logs = motion_of(scenario).completed(scenario, model, logs)
+    arrays = logs | {
         "desired_force": logs["accepted_force"],
-        "effective_disturbance": logs["disturbance"] if scenario.kinematic else
-        effective_disturbance(model, logs["state"], logs["u"], logs["acceleration"]),
-        "chi": chi,
+        "penetration": logs["penetration"].reshape(-1),
+        "state_lost": logs["lost"].reshape(-1),
+        "input_limited": logs["limited"].reshape(-1),
+        "chi": model.task_pose(logs["state"][:, :size])[:, :6],
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
-        "chi_des": surface.pose_for(logs["accepted_force"][-1], scenario.task.pose),
+        "chi_des": model.surface.pose_for(logs["accepted_force"][-1], task.pose),
         "joint_lower": joint_lower,
         "joint_upper": joint_upper,
         "certified": np.array(certified),
     }
-    arrays = {**logs, **derived, "penetration": logs["penetration"].reshape(-1),
-              "state_lost": logs["lost"].reshape(-1),
-              "input_limited": logs["limited"].reshape(-1)}
     known = {f.name for f in fields(Record)}
-    return Record(scenario=scenario, wall_time_s=wall_time,
+    signals = {name: logs[name] for name in logs if name not in {*known, *RENAMED}}
+    return Record(scenario=scenario, wall_time_s=wall_time, signals=signals,
                   **{name: value for name, value in arrays.items() if name in known})
-
-
-def effective_disturbance(model: UvmsModel, state: np.ndarray, u: np.ndarray,
-                          acceleration: np.ndarray) -> np.ndarray:
-    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
-
-    The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
-    the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
-    else. 𝔲 is what is sent: what a limit cuts off the law's command is not in it.
-
-    Args:
-        model: The controller's.
-        state: (𝔮, ζ) (T, 2(6+n)).
-        u: 𝔲, the command (T, 6+n).
-        acceleration: ζ̇ of the robot (T, 6+n).
-    """
-    return acceleration - model.drift(*np.split(state, 2, axis=1)) - u

@@ -30,8 +30,9 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.summary import jsonable
-from uvms_drake.station.diagram import initialize, make_station
-from uvms_drake.station.problem import make_ocp, start_state
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.studies.stopwatch import (
@@ -322,7 +323,6 @@ def run_instants(station: Diagram, scenario: Scenario, effort: Effort) -> list[C
     ApplySimulatorConfig(scenario.simulator, simulator)
     simulator.set_target_realtime_rate(0.0)
     context = simulator.get_mutable_context()
-    initialize(station, context, scenario)
     duration = min(effort.simulated, scenario.duration)
     contexts = []
     for i in range(effort.instants):

@@ -23,6 +23,7 @@ from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.tubes import resolved_tube, transpose_tube
@@ -54,7 +55,7 @@ class LawRow:
 
 def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> list[LawRow]:
     """Returns a row for every law, with the scenario's model, limits and d̃."""
-    require(not scenario.kinematic, "motion", scenario.motion, "dynamic to compare laws")
+    require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     constants = constants_of(scenario, model, declared_set(scenario, model))
@@ -89,7 +90,7 @@ def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> f
         nominal_state=controller.GetOutputPort("nominal_state"))
     adversary = Adversary.AddToBuilder(
         builder, ocp.model, AdversarialDisturbance(bound=d, kind=attack), state=state,
-        monitor=monitor)
+        e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
     builder.Connect(adversary.get_output_port(), uvms.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))
     builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))

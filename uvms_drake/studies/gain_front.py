@@ -18,6 +18,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import Resolved
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
@@ -46,7 +47,7 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
           gains: Iterable[float] = GAINS) -> list[FrontPoint]:
     """Returns the points for all combinations of factors on d̃ and on (k, σ)."""
     law = scenario.ancillary
-    require(not scenario.kinematic, "motion", scenario.motion, "dynamic for a front")
+    require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic for a front")
     require(isinstance(law, Resolved), "ancillary", type(law).__name__, "!Resolved for a front")
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     declared = declared_set(scenario, model)

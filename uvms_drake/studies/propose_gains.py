@@ -21,6 +21,7 @@ from uvms_drake.control.ancillary import Resolved
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.tube_image import input_gain
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
@@ -39,7 +40,7 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
         InvalidParameter: The bandwidth is not positive, or the motion kinematic.
         RunFailed: No candidate leaves something of every limit.
     """
-    require(not scenario.kinematic, "motion", scenario.motion, "dynamic to propose gains")
+    require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     declared = declared_set(scenario, model)

@@ -1,0 +1,168 @@
+"""Parts of one's own and shipped ones in the closed loop: what is logged, proven and refused."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.primitives import Gain
+
+from uvms_drake.actuation.zero_order_hold import ZeroOrderHold
+from uvms_drake.certificate.certify import assumptions
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.model.part import Part
+from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
+from uvms_drake.sensing.sampled_state import SampledState
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.motions import MOTIONS
+from uvms_drake.station.record import load_record, save_record
+from uvms_drake.station.scenario import MOTIONS as NAMES
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.simulation import simulate
+
+CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
+"""The tip starts 4 cm off the wall and touches it within a second."""
+
+
+@dataclass
+class Scaled(Part):
+    """What comes out is a factor times what goes in."""
+
+    factor: float = 1.0
+    signal: str = "scaled"
+
+    def add_to(self, builder, model, port, signals):
+        gain = builder.AddNamedSystem("gain", Gain(self.factor, port.size()))
+        builder.Connect(port, gain.get_input_port())
+        signals[self.signal] = gain.get_output_port()
+        return gain.get_output_port()
+
+
+@dataclass
+class Short(Part):
+    """It loses a component."""
+
+    def add_to(self, builder, model, port, signals):
+        gain = builder.AddNamedSystem("gain", Gain(1.0, port.size() - 1))
+        return gain.get_output_port()
+
+
+def scenario_of(duration: float, **lists):
+    return replace(load_scenario("girona500_contact", [f"duration={duration}", CLOSE]), **lists)
+
+
+def given_up(scenario) -> list[str]:
+    return [condition.name for condition in assumptions(scenario) if not condition.holds]
+
+
+def test_the_force_settles_with_a_sampled_state_and_a_held_command():
+    """Both every 10 ms, half a time constant of the law apart from continuous feedback."""
+    record = simulate(scenario_of(
+        6.0, sensing=[SampledState(0.01)], actuation=[ZeroOrderHold(0.01)]))
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
+    assert np.all(error[record.time > 5.0] < record.scenario.task.force_tolerance)
+    assert np.any(record.force[0] != record.force[-1])
+
+
+@pytest.mark.parametrize("part", [SampledState(0.05), ZeroOrderHold(0.05)])
+def test_a_sample_is_held_for_its_period(part):
+    """A log is made before the events of its instant; at every fourth tick there is a new plan."""
+    where = "sensing" if isinstance(part, SampledState) else "actuation"
+    record = simulate(replace(
+        scenario_of(0.5, **{where: [part]}), log_period=0.01))
+    (name, held), = record.signals.items()
+    true = {"measured_state": record.state, "held_command": record.tau}[name]
+    for i in range(1, len(record.time)):
+        if (i - 1) % 5:
+            np.testing.assert_array_equal(held[i], held[i - 1])
+        elif (i - 1) % 20:
+            np.testing.assert_allclose(held[i], true[i - 1], rtol=1e-6, atol=1e-9)
+
+
+def test_a_part_of_ones_own_is_logged_saved_and_named_in_the_certificate(tmp_path):
+    parts = [Scaled(2.0, "twice"), Scaled(0.5, "once")]
+    plain, record = simulate(scenario_of(0.4)), simulate(scenario_of(0.4, sensing=parts))
+    np.testing.assert_array_equal(record.state, plain.state)
+    np.testing.assert_array_equal(record.signals["twice"], 2.0 * record.state)
+    np.testing.assert_array_equal(record.signals["once"], record.state)
+    assert given_up(record.scenario) == [
+        "sensing[0], Scaled: nothing is proven about it",
+        "sensing[1], Scaled: nothing is proven about it"]
+    save_record(replace(record, scenario=plain.scenario), tmp_path)
+    np.testing.assert_array_equal(
+        load_record(tmp_path).signals["twice"], record.signals["twice"])
+
+
+def test_the_station_exports_a_parts_signal_and_names_its_systems_by_their_place():
+    station = make_station(scenario_of(0.4, actuation=[Scaled()]))
+    assert station.HasSubsystemNamed("actuation[0].gain")
+    assert station.HasSubsystemNamed("log.scaled")
+    simulator = Simulator(station)
+    simulator.Initialize()
+    context = simulator.get_context()
+    np.testing.assert_array_equal(*(station.GetOutputPort(name).Eval(context)
+                                    for name in ("scaled", "tau")))
+
+
+@pytest.mark.parametrize(("name", "void"), [
+    ("sensing", "sensing[0], SampledState: the proofs take the state for measured at all times"),
+    ("actuation", "actuation[0], ZeroOrderHold: the proofs take the feedback for continuous")])
+def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(name, void, tmp_path):
+    tag = {"sensing": "SampledState", "actuation": "ZeroOrderHold"}[name]
+    for entry in (f"!{tag} {{period: 0.02}}", "{period: 0.02}"):
+        scenario = load_scenario("girona500_contact", [f"{name}=[{entry}]"])
+        assert getattr(scenario, name)[0].period == 0.02
+        assert given_up(scenario) == [void]
+    path = tmp_path / "mine.yaml"
+    path.write_text(dump_scenario(scenario))
+    assert getattr(load_scenario(str(path)), name) == getattr(scenario, name)
+    assert not given_up(load_scenario("girona500_contact"))
+
+
+@pytest.mark.parametrize(("override", "expected"), [
+    ("sensing=[{period: 0}]", "sensing[0].period = 0.0: must be positive"),
+    ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be positive"),
+    ("actuation=[!Hold {}]", "actuation[0] = '!Hold': must be written without a tag")])
+def test_a_part_without_a_meaning_is_one_line(override, expected):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("girona500_contact", [override])
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(("parts", "expected"), [
+    ([Scaled(signal="force")], r"^sensing\[0\]\.signal = 'force': must be a name that"),
+    ([Scaled(signal="chi")], r"^sensing\[0\]\.signals = \['chi'\]: must be called otherwise than"),
+    ([Scaled(), Scaled()], r"^sensing\[1\]\.signal = 'scaled': must be a name that"),
+    ([Short()], r"^sensing\[0\]\.size = 19: must be 20, as before it")])
+def test_a_part_takes_no_name_away_and_no_component(parts, expected):
+    with pytest.raises(InvalidParameter, match=expected):
+        make_station(scenario_of(0.4, sensing=parts))
+
+
+@dataclass
+class Swell(Disturbance):
+    """d̃ sin t along x, of dynamic motion only."""
+
+    def add_to(self, builder, model, seed, signals):
+        assert {"state", "e_y", "r"} <= set(signals)
+        return SinusoidalDisturbance(self.bound, np.eye(model.size)[0], 1.0).add_source(
+            builder, model.size).get_output_port()
+
+
+def test_a_disturbance_of_ones_own_is_one_class():
+    record = simulate(scenario_of(0.4, disturbance=Swell(0.1)))
+    np.testing.assert_allclose(record.disturbance[:, 0], 0.1 * np.sin(record.time), atol=1e-12)
+    still = replace(load_scenario("paper_kinematic"), disturbance=Swell(0.1))
+    with pytest.raises(InvalidParameter, match=r"^disturbance\.kind = 'Swell': must be another"):
+        make_station(still)
+
+
+def test_parts_stand_in_the_loop_of_kinematic_motion_too():
+    scenario = load_scenario("paper_kinematic_certified", ["duration=0.4"])
+    record = simulate(replace(scenario, sensing=[Scaled()], actuation=[ZeroOrderHold(0.01)]))
+    assert record.signals["scaled"].shape == record.config.shape
+    assert record.signals["held_command"].shape == record.u.shape
+
+
+def test_every_motion_that_a_file_may_name_is_one():
+    assert tuple(MOTIONS) == NAMES

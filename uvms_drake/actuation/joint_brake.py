@@ -1,0 +1,113 @@
+"""A brake that holds a joint, whatever torque is commanded."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.part import ONLY_ONCE, Fault, Part, Signals, check_times
+from uvms_drake.model.uvms_model import UvmsModel
+
+BRAKE = (400.0, 40.0)
+"""Stiffness [1/s²] and damping [1/s] of a brake, per inertia: critical, settled in 0.3 s."""
+
+@dataclass
+class StuckJoint(Fault, Part):
+    """A brake, a stiff spring with a damper, holds a joint about where it was at `start`."""
+
+    place = "actuation"
+    motions = ("dynamic",)  # Without torques there is nothing to hold a joint.
+
+    joint: int = 0
+    """Index of the joint, from 0."""
+    start: float = 0.0
+    """First instant [s]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(self.joint >= 0, "joint", self.joint, "an index from 0")
+        check_times(self.start, None)
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals) -> OutputPort:
+        """Adds a `JointBrake`; see `Part`."""
+        return JointBrake.AddToBuilder(
+            builder, model, self, commanded=port, state=signals["state"]).get_output_port()
+
+
+def brake_torque(inertia: float, stretch: float, rate: float) -> float:
+    """Returns the torque [N m] that takes a joint back to where it is held.
+
+    Args:
+        inertia: Of the joint alone [kg m²].
+        stretch: How far it is from there [rad].
+        rate: q̇ [rad/s].
+    """
+    stiffness, damping = BRAKE
+    return -inertia * (stiffness * stretch + damping * rate)
+
+
+class JointBrake(LeafSystem):
+    """Puts a brake in place of a joint's torque.
+
+    .. pydrake_system::
+
+        name: JointBrake
+        input_ports:
+        - commanded
+        - state
+        output_ports:
+        - tau
+
+    - `commanded`, `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
+    - `state`: (𝔮, ζ) (2(6+n)), in the paper's order.
+
+    The discrete state is the angle that is held (1), taken at the fault's start.
+
+    Args:
+        model: Supplies the joint's inertia.
+        fault: Which joint, and from when on.
+    """
+
+    def __init__(self, model: UvmsModel, fault: StuckJoint):
+        super().__init__()
+        require(0 <= fault.joint < model.num_joints, "joint", fault.joint,
+                f"an index from 0 to {model.num_joints - 1}")
+        self._model, self._row, self._start = model, 6 + fault.joint, fault.start
+        self._tau_port = self.DeclareVectorInputPort("commanded", model.size)
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self.DeclareDiscreteState(1)
+        self.DeclarePeriodicDiscreteUpdateEvent(ONLY_ONCE, fault.start, self._hold)
+        self.DeclareVectorOutputPort("tau", model.size, self._calc)
+
+    def _hold(self, context: Context, state: DiscreteValues) -> None:
+        state.set_value(self._state_port.Eval(context)[[self._row]])
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        tau = self._tau_port.Eval(context).copy()
+        if context.get_time() > self._start:
+            config, zeta = np.split(self._state_port.Eval(context), 2)
+            row = self._row
+            held = context.get_discrete_state_vector().value()[0]
+            inertia = self._model.mass_matrix(self._model.kinematics(config))[row, row]
+            tau[row] = brake_torque(inertia, config[row] - held, zeta[row])
+        output.SetFromVector(tau)
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, fault: StuckJoint, *,
+                     commanded: OutputPort, state: OutputPort,
+                     name: str = "joint_brake") -> "JointBrake":
+        """Adds the brake and connects it; the arguments are its constructor's and its inputs."""
+        system = JointBrake(model, fault)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(commanded, system.GetInputPort("commanded"))
+        builder.Connect(state, system.GetInputPort("state"))
+        return system

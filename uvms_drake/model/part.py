@@ -1,0 +1,82 @@
+"""What stands between plant and controller: parts of a sensor or an actuator, and faults.
+
+The interface only. A part is one file in `sensing/` or `actuation/`, a fault one beside the system
+that it puts into the loop.
+"""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.uvms_model import UvmsModel
+
+ONLY_ONCE = 1e9
+"""Period [s] of an event that comes once in a run; Drake's systems have none without a period."""
+
+class Signals(dict[str, OutputPort]):
+    """The vectors of a closed loop by name; all of them are logged.
+
+    A name is given once: who adds a signal does not take away another.
+    """
+
+    def __setitem__(self, name: str, port: OutputPort) -> None:
+        require(name not in self, "signal", name, "a name that is not taken")
+        super().__setitem__(name, port)
+
+
+class Component:
+    """What a scenario can put into the closed loop, and what it takes from the theory."""
+
+    motions: ClassVar[tuple[str, ...]] = ("dynamic", "kinematic")
+    """Motions of a scenario with which it has a meaning."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+
+    def assumption(self) -> str | None:
+        """Returns what the proofs take for granted and is given up, or None if they go on to hold.
+
+        Whoever has no proof leaves it as it is: then there is no certificate.
+        """
+        return "nothing is proven about it"
+
+
+class Part(Component, ABC):
+    """A part of a chain from plant to controller (sensing) or from controller to plant (actuation).
+
+    It is a dataclass, whose fields are its settings.
+    """
+
+    @abstractmethod
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals) -> OutputPort:
+        """Adds the part behind `port`, and returns the port of the same size that takes its place.
+
+        Args:
+            builder: Where to add systems, by names that are the part's own.
+            model: The controller's.
+            port: The measured (𝔮, ζ) (2(6+n)) or the command τ (6+n) [N, N m]; if the motion is
+                kinematic, 𝔮 (6+n) or the command ζ (6+n) [m/s, rad/s].
+            signals: What may be read, and what the part adds to be logged. `state` is the true one.
+        """
+
+
+class Fault(Component):
+    """Something that fails in a run."""
+
+    place: ClassVar[Literal["sensing", "actuation", "solver", "disturbance"]]
+    """Where: in one of the chains, as a `Part` of it, or in what its name says."""
+
+
+def check_times(start: float, duration: float | None) -> None:
+    """Raises `InvalidParameter` unless a fault's times [s] have a meaning."""
+    require(0.0 <= start < np.inf, "start", start, "zero or positive")
+    require(duration is None or 0.0 < duration < np.inf, "duration", duration, "positive")
+
+
+def is_active(start: float, duration: float | None, time: float) -> bool:
+    """Returns whether `time` [s] is in [start, start + duration)."""
+    return start <= time and (duration is None or time < start + duration)

@@ -1,0 +1,136 @@
+"""A sensor of the state that for some time measures something else."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.part import (
+    ONLY_ONCE,
+    Fault,
+    Part,
+    Signals,
+    check_times,
+    is_active,
+)
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+@dataclass
+class SensorFault(Fault, Part):
+    """A fault of what measures the state."""
+
+    place = "sensing"
+
+    start: float = 0.0
+    """First instant [s]."""
+    duration: float = 0.5
+    """Length of its time [s]."""
+
+    @abstractmethod
+    def faulty(self, held: np.ndarray) -> np.ndarray:
+        """Returns what is measured during the fault of a vector that was `held` at its start."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        check_times(self.start, self.duration)
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals) -> OutputPort:
+        """Adds a `FaultySensor`; see `Part`."""
+        return FaultySensor.AddToBuilder(builder, self, true=port).get_output_port()
+
+
+@dataclass
+class FrozenState(SensorFault):
+    """The measured state stays what it was at `start`."""
+
+    def faulty(self, held: np.ndarray) -> np.ndarray:
+        """Returns what was measured at the start."""
+        return held
+
+
+@dataclass
+class LostState(SensorFault):
+    """The measured state is not a number."""
+
+    start: float = 1.0
+    """First instant [s]; above 0, for the first plan starts at the measured state."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(self.start > 0.0, "start", self.start,
+                "above 0: the first plan needs a measured state")
+        super().check()
+
+    def faulty(self, held: np.ndarray) -> np.ndarray:
+        """Returns NaN."""
+        return np.full_like(held, np.nan)
+
+
+def sensed(fault: SensorFault, time: float, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Returns what is measured of a vector: the vector itself, or what the fault makes of it.
+
+    Args:
+        fault: What is wrong with the sensor, and when.
+        time: [s].
+        true: What a sensor without a fault measures.
+        held: What it was at the fault's start; not read before.
+    """
+    if not is_active(fault.start, fault.duration, time):
+        return true
+    return fault.faulty(held if time > fault.start else true)
+
+
+class FaultySensor(LeafSystem):
+    """Passes a vector on as a sensor with a fault measures it.
+
+    .. pydrake_system::
+
+        name: FaultySensor
+        input_ports:
+        - true
+        output_ports:
+        - measured
+
+    - `true`, `measured` (size): see `sensed`.
+
+    The discrete state is what is held (size), taken at the fault's start.
+
+    Args:
+        size: Of the vector.
+        fault: What is wrong, and when.
+    """
+
+    def __init__(self, size: int, fault: SensorFault):
+        super().__init__()
+        self._fault = fault
+        self._port = self.DeclareVectorInputPort("true", size)
+        self.DeclareDiscreteState(size)
+        self.DeclarePeriodicDiscreteUpdateEvent(ONLY_ONCE, fault.start, self._hold)
+        self.DeclareVectorOutputPort("measured", size, self._calc)
+
+    def _hold(self, context: Context, state: DiscreteValues) -> None:
+        state.set_value(self._port.Eval(context))
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(sensed(self._fault, context.get_time(), self._port.Eval(context),
+                                    context.get_discrete_state_vector().value()))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, fault: SensorFault, *, true: OutputPort,
+                     name: str = "faulty_sensor") -> "FaultySensor":
+        """Adds the sensor of the vector that `true` gives."""
+        system = FaultySensor(true.size(), fault)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(true, system.GetInputPort("true"))
+        return system

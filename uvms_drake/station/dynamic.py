@@ -1,0 +1,131 @@
+"""Dynamic motion: forces move the robot, d is added to its acceleration."""
+
+from functools import partial
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource
+
+from uvms_drake.common.errors import vector, within
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.nominal_mpc import Targets
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.tube_monitor import TubeMonitor
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.part import Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.adversary import KINDS
+from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
+from uvms_drake.plant.surface_error import displaced
+from uvms_drake.plant.uvms_plant import make_uvms_plant
+from uvms_drake.station.motion import Motion
+from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.visual.controls import ForceSlider
+
+IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
+"""Integration schemes whose steps may be much longer than 1/k, with which the command is not cut.
+Their Newton iteration asks the law far from the solution, and where a limit cuts the command it is
+flat: in `paper_dynamic` it would converge in far shorter steps only."""
+
+
+class Dynamic(Motion):
+    """Forces move the robot under water, in front of a surface."""
+
+    has_forces = True
+    measured, command, effect = "state", "tau", "tau"
+    plant_signals = ("state", "force", "penetration", "disturbance", "acceleration")
+    controller_signals = ("nominal_state", "nominal_input", "u", "tau", "lost", "limited",
+                          "accepted_force")
+    monitor = TubeMonitor
+    disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
+    disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
+    figures = ("force.png", "inputs.png")
+    adversaries = KINDS
+
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+        vector("current", scenario.current, 3)
+
+    def disturbance_size(self, size: int) -> int:
+        """Returns the number of components of d."""
+        return size
+
+    def make_ocp(self, scenario: Scenario, model: UvmsModel) -> DynamicOcp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        return make_dynamic_ocp(scenario, model)
+
+    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+        """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
+        return make_simulated_uvms(scenario, None, start)
+
+    def make_controller(self, scenario: Scenario, ocp: Ocp) -> Diagram:
+        """Returns the tube-based NMPC, its command cut to the limits where the integrator allows.
+
+        The command is cut to `limits.u` and, if declared, to `limits.tau`; see `IMPLICIT`.
+        """
+        assert isinstance(ocp, DynamicOcp)
+        cut = scenario.simulator.integration_scheme not in IMPLICIT
+        targets = Targets(np.asarray(scenario.task.force, dtype=float),
+                          partial(retargeted_ocp, scenario, model=ocp.model))
+        with within("ancillary"):
+            return make_tube_mpc(
+                ocp, scenario.ancillary, targets, scenario.limits if cut else None)
+
+    def connect_rest(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+                     controller: Diagram, meshcat: Meshcat | None) -> None:
+        """Adds the current; the desired force comes from a slider, or from outside."""
+        current = builder.AddNamedSystem("current", ConstantVectorSource(
+            vector("current", scenario.current, 3)))
+        builder.Connect(current.get_output_port(), uvms.GetInputPort("current"))
+        desired = controller.GetInputPort("desired_force")
+        if meshcat is None:
+            builder.ExportInput(desired, "desired_force")
+        else:
+            slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+            builder.Connect(slider.get_output_port(), desired)
+
+    def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
+                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+        """Adds the source of d; see `Motion`."""
+        errors = {name: monitor.GetOutputPort(name) for name in ("e_y", "r")}
+        return disturbance.add_to(builder, model, seed, {**signals, **errors})
+
+    def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with the effective disturbance."""
+        return logs | {"effective_disturbance": effective_disturbance(
+            model, logs["state"], logs["u"], logs["acceleration"])}
+
+
+def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,
+                        start: np.ndarray | None = None) -> Diagram:
+    """Returns the robot and the surface as they are, which the controller may not know.
+
+    Args:
+        scenario: Of dynamic motion; its own disturbance is not looked at.
+        disturbance: As of `make_uvms_plant`.
+        start: Likewise.
+    """
+    return make_uvms_plant(
+        model=scenario.model, surface=displaced(scenario.surface, scenario.surface_error),
+        disturbance=disturbance, seed=scenario.seed, start=start,
+        error=scenario.model_error)
+
+
+def effective_disturbance(model: UvmsModel, state: np.ndarray, u: np.ndarray,
+                          acceleration: np.ndarray) -> np.ndarray:
+    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
+
+    The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
+    the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
+    else. 𝔲 is what is sent: what a limit cuts off the law's command is not in it.
+
+    Args:
+        model: The controller's.
+        state: (𝔮, ζ) (T, 2(6+n)).
+        u: 𝔲, the command (T, 6+n).
+        acceleration: ζ̇ of the robot (T, 6+n).
+    """
+    return acceleration - model.drift(*np.split(state, 2, axis=1)) - u

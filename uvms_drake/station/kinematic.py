@@ -1,0 +1,83 @@
+"""Kinematic motion: the velocity is the input, w is added to the end-effector's velocity."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.tube_monitor import TubeMonitor
+from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
+from uvms_drake.model.part import Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.plant.kinematic_plant import make_kinematic_plant
+from uvms_drake.station.motion import Motion
+from uvms_drake.station.problem import make_kinematic_ocp
+from uvms_drake.station.scenario import Scenario
+
+
+class Kinematic(Motion):
+    """The robot moves at the commanded velocity, without water and forces."""
+
+    has_forces = False
+    measured, command, effect = "configuration", "u", "zeta"
+    plant_signals = ("state", "disturbance")
+    controller_signals = ("nominal_state", "nominal_input", "u", "lost")
+    monitor = KinematicTubeMonitor
+    disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
+    disturbance_blocks = ("position", "orientation")
+    figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
+    adversaries = ("along_task_error", "constant", "sinusoid")
+
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+        require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
+                "zero where there is no water (motion: kinematic)")
+        require(scenario.model_error.size == 0.0, "model_error", scenario.model_error,
+                "left out where the velocity is the input (motion: kinematic)")
+        require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
+                "left out where there is no contact (motion: kinematic)")
+
+    def disturbance_size(self, size: int) -> int:
+        """Returns the number of components of w."""
+        return 6
+
+    def make_ocp(self, scenario: Scenario, model: UvmsModel) -> KinematicOcp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        return make_kinematic_ocp(scenario, model)
+
+    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+        """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
+        return make_kinematic_plant(
+            model=scenario.model, disturbance=None, seed=scenario.seed, start=start)
+
+    def make_controller(self, scenario: Scenario, ocp: Ocp) -> Diagram:
+        """Returns the tube-based NMPC."""
+        assert isinstance(ocp, KinematicOcp)
+        with within("ancillary"):
+            return make_kinematic_tube_mpc(ocp, scenario.ancillary)
+
+    def connect_rest(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+                     controller: Diagram, meshcat: Meshcat | None) -> None:
+        """Adds nothing: there is no current, and the task stays as it is."""
+
+    def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
+                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+        """Adds the source of w; see `Motion`."""
+        return disturbance.add_to_kinematic(
+            builder, seed, {**signals, "e": monitor.GetOutputPort("e")})
+
+    def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with the force that the surface's law gives for the pose at rest."""
+        chi = model.task_pose(logs["state"][:, : model.size])[:, :6]
+        nothing = np.empty((len(chi), 0))
+        return logs | {
+            "force": model.surface.force(chi, np.zeros_like(chi)),
+            "penetration": model.surface.penetration(chi), "tau": nothing,
+            "acceleration": nothing, "limited": np.zeros(len(chi)),
+            "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
+            "effective_disturbance": logs["disturbance"]}

@@ -1,0 +1,85 @@
+"""What a scenario's `motion` decides, as the station and what stands above it ask for it."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.tube_monitor import TubeMonitor
+from uvms_drake.model.part import Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.station.scenario import Scenario
+
+
+class Motion(ABC):
+    """What moves the simulated robot: forces, or its velocity alone.
+
+    A plant has the output ports `plant_signals`; one of them, `measured`, goes to the controller's
+    input port of the same name. The controller's output `command` goes to the plant's input
+    `effect`.
+    """
+
+    has_forces: ClassVar[bool]
+    """Whether forces move the robot: then there are accelerations to command, and there is a
+    surface to touch."""
+    measured: ClassVar[str]
+    """Port of plant and controller: what the controller knows of the robot."""
+    command: ClassVar[str]
+    """Output port of the controller that moves the robot."""
+    effect: ClassVar[str]
+    """Input port of the plant that it goes to."""
+    plant_signals: ClassVar[tuple[str, ...]]
+    """Output ports of the plant that are logged."""
+    controller_signals: ClassVar[tuple[str, ...]]
+    """Output ports of the controller that are logged."""
+    monitor: ClassVar[type[TubeMonitor]]
+    """System that watches the tube."""
+    disturbance_symbol: ClassVar[str]
+    """Letter of what is added to the motion."""
+    disturbance_unit: ClassVar[str]
+    """Its unit."""
+    disturbance_blocks: ClassVar[tuple[str, ...]]
+    """What its components, three at a time, are called; the last block has the joints."""
+    figures: ClassVar[tuple[str, ...]]
+    """Figures that no other motion has."""
+    adversaries: ClassVar[tuple[str, ...]]
+    """Kinds of disturbance that a campaign draws from."""
+
+    @abstractmethod
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+
+    @abstractmethod
+    def disturbance_size(self, size: int) -> int:
+        """Returns the number of components of the disturbance, `size` = 6 + n."""
+
+    @abstractmethod
+    def make_ocp(self, scenario: Scenario, model: UvmsModel) -> Ocp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+
+    @abstractmethod
+    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+        """Returns the simulated robot, its disturbance an input port, from 𝔮 = `start` (6+n,)."""
+
+    @abstractmethod
+    def make_controller(self, scenario: Scenario, ocp: Ocp) -> Diagram:
+        """Returns the tube-based NMPC."""
+
+    @abstractmethod
+    def connect_rest(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+                     controller: Diagram, meshcat: Meshcat | None) -> None:
+        """Adds and connects, or exports, what goes into plant and controller only here."""
+
+    @abstractmethod
+    def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
+                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+        """Adds the source of d or w and returns its port; see `Disturbance`."""
+
+    @abstractmethod
+    def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with what of a `Record` follows from them with this motion alone."""

@@ -1,0 +1,31 @@
+"""The motions that a scenario can name."""
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.dynamic import Dynamic
+from uvms_drake.station.kinematic import Kinematic
+from uvms_drake.station.motion import Motion
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario import Scenario
+
+MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
+
+
+def motion_of(scenario: Scenario) -> Motion:
+    """Returns what the scenario's `motion` decides."""
+    require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
+    return MOTIONS[scenario.motion]
+
+
+def make_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Ocp:
+    """Returns the nominal MPC's problem.
+
+    Args:
+        scenario: Task, limits, tube and settings of the MPC.
+        model: The controller's; loaded if it is left out.
+
+    Raises:
+        InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
+    """
+    return motion_of(scenario).make_ocp(scenario, model or load_model(scenario))
