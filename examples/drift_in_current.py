@@ -8,7 +8,6 @@ import argparse
 
 import numpy as np
 from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, StartMeshcat
-from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -18,6 +17,7 @@ from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.order import ToPaperOrder
+from uvms_drake.visual.stage import NED, turn_down
 
 CURRENT = np.array([0.2, 0.1, 0.0])  # m/s, in World (north, east, down)
 START = np.array([0.0, 0.0, 20.0, 0.0, 0.0, 0.0])  # η: 20 m deep, level, heading north [m, rad]
@@ -47,10 +47,9 @@ def main() -> None:
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     if arguments.meshcat:
         meshcat = StartMeshcat()
-        # Meshcat's z-axis points up, ours down.
-        meshcat.SetTransform("ned", RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), np.zeros(3)))
+        turn_down(meshcat)  # Meshcat's z-axis points up, ours down.
         MeshcatVisualizer.AddToBuilder(
-            builder, scene_graph, meshcat, MeshcatVisualizerParams(prefix="ned/uvms"))
+            builder, scene_graph, meshcat, MeshcatVisualizerParams(prefix=f"{NED}/uvms"))
     diagram = builder.Build()
 
     simulator = Simulator(diagram)

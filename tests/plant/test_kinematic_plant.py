@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain
 from support import dh
-from support.meshcat import packed_transform
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.euler import wrap_angle
@@ -25,7 +23,6 @@ from uvms_drake.plant.kinematic_plant import (
     make_kinematic_plant,
     set_configuration,
 )
-from uvms_drake.plant.uvms_plant import MESHCAT_NED
 
 MODEL = "girona500_arm5e"
 START = np.array([0.4, -1.2, 2.0, 0.1, -0.2, 0.7, 0.2, 0.8, 0.1, -0.4])
@@ -312,25 +309,6 @@ def test_an_input_that_is_not_finite_fails_in_one_line():
                           (ZETA, np.full(6, np.inf), "disturbance")):
         with pytest.raises(RunFailed, match=f"^at t = 0 s the {name} is not finite$"):
             rate(make(None), START, zeta, w)
-
-
-def test_meshcat_shows_the_robot_where_it_is():
-    meshcat = Meshcat(MeshcatParams(host="localhost"))
-    uvms = make(meshcat=meshcat)
-    simulator = simulator_of(uvms)
-    context = simulator.get_mutable_context()
-    uvms.GetInputPort("zeta").FixValue(context, ZETA)
-    set_configuration(uvms, context, START)
-    simulator.AdvanceTo(0.2)
-    uvms.ForcedPublish(context)
-    np.testing.assert_allclose(
-        packed_transform(meshcat, MESHCAT_NED), np.diag([1.0, -1.0, -1.0, 1.0]), atol=1e-15)
-    config = uvms.GetOutputPort("configuration").Eval(context)
-    poses = dh.chain(dh.vehicle(config[:6]), config[6:])
-    for body in ("vehicle", "link4"):
-        np.testing.assert_allclose(
-            packed_transform(meshcat, f"{MESHCAT_NED}/uvms/{MODEL}/{body}"), poses[body],
-            atol=1e-9)
 
 
 @pytest.mark.parametrize(("kwargs", "message"), [

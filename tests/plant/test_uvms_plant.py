@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+)
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -19,7 +24,8 @@ from uvms_drake.plant.disturbance import (
 )
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
-from uvms_drake.plant.uvms_plant import MESHCAT_NED, make_uvms_plant, set_state
+from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.visual.stage import NED, turn_down
 
 MODEL = "girona500_arm5e"
 FAR_AWAY = UnilateralPlane(point=np.array([100.0, 0.0, 0.0]))
@@ -57,7 +63,8 @@ def test_the_ports_have_the_names_and_sizes_of_the_docstring():
         "tau": 10, "current": 3, "applied_spatial_force": 0, "applied_generalized_force": 10}
     assert {port.get_name(): port.size() for port in outputs} == {
         "state": 20, "force": 6, "penetration": 1, "disturbance": 10, "acceleration": 10,
-        "plant_state": 21, "body_poses": 0, "body_spatial_velocities": 0}
+        "plant_state": 21, "body_poses": 0, "body_spatial_velocities": 0,
+        "query_object": 0}
     for name in ("plant", "scene_graph", "hydrodynamics", "surface", "disturbance"):
         assert uvms.HasSubsystemNamed(name)
 
@@ -253,14 +260,18 @@ def test_joint_limits_raise_no_warning_and_can_be_read(caplog):
     assert np.all(plant.GetPositionLowerLimits()[7:] < plant.GetPositionUpperLimits()[7:])
 
 
-def test_meshcat_shows_the_robot_the_right_way_up_also_after_initialization():
+def test_drakes_visualizer_draws_the_robot_the_right_way_up_also_after_initialization():
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    uvms = make(meshcat=meshcat)
-    assert uvms.HasSubsystemNamed("meshcat")
-    Simulator(uvms).Initialize()
-    assert meshcat.HasPath(f"/drake/{MESHCAT_NED}/uvms/{MODEL}")
+    turn_down(meshcat)
+    builder = DiagramBuilder()
+    uvms = builder.AddSystem(make(start=moving_state()[:10]))
+    MeshcatVisualizer.AddToBuilder(builder, uvms.GetOutputPort("query_object"), meshcat,
+                                   MeshcatVisualizerParams(prefix=f"{NED}/uvms"))
+    Simulator(builder.Build()).Initialize()
     np.testing.assert_allclose(
-        packed_transform(meshcat, MESHCAT_NED), np.diag([1.0, -1.0, -1.0, 1.0]), atol=1e-15)
+        packed_transform(meshcat, NED), np.diag([1.0, -1.0, -1.0, 1.0]), atol=1e-15)
+    np.testing.assert_allclose(
+        packed_transform(meshcat, f"{NED}/uvms/{MODEL}/vehicle")[:3, 3], moving_state()[:3])
 
 
 @pytest.mark.parametrize(("kwargs", "message"), [

@@ -11,7 +11,6 @@ end-effector is carried by w, and the joints are not: with J_x = [J; 0 I],
 from typing import cast
 
 import numpy as np
-from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     BasicVector,
@@ -24,7 +23,6 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 from pydrake.systems.primitives import PassThrough
-from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.model.coordinates import Coordinates
@@ -32,7 +30,6 @@ from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.surface import pose_and_jacobian
-from uvms_drake.plant.uvms_plant import add_visualizer
 
 PITCH_MARGIN = 0.01
 """How near to ±π/2 the pitch of vehicle or end-effector may come [rad]; there ‖J‖ is about 100."""
@@ -66,13 +63,11 @@ class VelocityDrivenUvms(LeafSystem):
         output_ports:
         - configuration
         - state
-        - positions
 
     - `zeta`: ζ (6+n) [m/s, rad/s], commanded, in the paper's order; unconnected means zero.
     - `disturbance`: w (6) [m/s, rad/s], added to χ̇; unconnected means zero.
     - `configuration`: 𝔮 (6+n) [m, rad].
     - `state`: (𝔮, ζ) (2(6+n)), ζ as it is commanded.
-    - `positions`: q of the MultibodyPlant (nq), for drawing.
 
     The continuous state is 𝔮, of which the Euler angles are not wrapped. Only `state` has
     feedthrough, from `zeta`. Joint limits are for a controller to keep.
@@ -104,8 +99,6 @@ class VelocityDrivenUvms(LeafSystem):
         zeta = self.input_port_ticket(self._zeta_port.get_index())
         self.DeclareVectorOutputPort(
             "state", 2 * size, self._calc_state, {self.xc_ticket(), zeta})
-        self.DeclareVectorOutputPort(
-            "positions", self.coordinates.num_positions, self._calc_positions, {self.xc_ticket()})
 
     @staticmethod
     def AddToBuilder(
@@ -156,10 +149,6 @@ class VelocityDrivenUvms(LeafSystem):
             context.get_continuous_state_vector().CopyToVector(),
             self._value(context, self._zeta_port)]))
 
-    def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        config = context.get_continuous_state_vector().CopyToVector()
-        output.SetFromVector(self._plant_state(config)[: self.coordinates.num_positions])
-
     def _plant_state(self, config: np.ndarray) -> np.ndarray:
         """Returns the plant state (q, 0) at 𝔮."""
         return self.coordinates.to_drake(np.concatenate([config, np.zeros_like(config)]))
@@ -175,14 +164,13 @@ def make_kinematic_plant(
     disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     start: np.ndarray | None = None,
-    meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Returns a UVMS that is driven by its velocity, as a Diagram named "uvms".
 
     ::
 
-        zeta ──────────▶ kinematics ─┬─▶ configuration, state
-                              ▲      └─▶ geometry_pose ─▶ scene_graph ─▶ meshcat
+        zeta ──────────▶ kinematics ──▶ configuration, state
+                              ▲
         disturbance ──────────┴─▶ disturbance
 
     World is Σ_I (NED); n is the number of the arm's joints.
@@ -204,25 +192,19 @@ def make_kinematic_plant(
     - `state` (2(6+n)): 𝔮 and the commanded ζ.
     - `disturbance` (6) [m/s, rad/s]: w, added to χ̇.
 
-    The subsystems "kinematics", "disturbance" and, with Meshcat, "geometry_pose", "scene_graph" and
-    "meshcat" are found with `GetSubsystemByName`.
+    The subsystems "kinematics" and "disturbance" are found with `GetSubsystemByName`.
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
         disturbance: w, of bound w̃; the paper's w = 0.2 sin(t) 1₆ has w̃ = 0.2 √6. None exports an
             input port `disturbance` for the caller's.
-        seed: Of the disturbance.
+        seed: Seed of the disturbance.
         start: Default 𝔮 (6+n,) [m, rad]; if left out, zero, where the end-effector of an arm may be
             at the Euler angles' singularity.
-        meshcat: Where to draw the robot, if at all.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
-    plant = MultibodyPlant(time_step=0.0)  # Only its geometry is used.
-    scene_graph = None
-    if meshcat is not None:
-        scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
-        plant.RegisterAsSourceForSceneGraph(scene_graph)
+    plant = MultibodyPlant(time_step=0.0)  # Only its kinematics is used.
     uvms = add_uvms(plant, model)
     plant.Finalize()
 
@@ -234,12 +216,6 @@ def make_kinematic_plant(
             w = disturbance.add_source(builder, 6, seed)
     kinematics = VelocityDrivenUvms.AddToBuilder(
         builder, uvms, start=start, disturbance=w.get_output_port())
-    if meshcat is not None and scene_graph is not None:
-        pose = builder.AddNamedSystem("geometry_pose", MultibodyPositionToGeometryPose(plant))
-        builder.Connect(kinematics.GetOutputPort("positions"), pose.get_input_port())
-        builder.Connect(
-            pose.get_output_port(), scene_graph.get_source_pose_port(plant.get_source_id()))
-        add_visualizer(builder, scene_graph, meshcat)
 
     builder.ExportInput(kinematics.GetInputPort("zeta"), "zeta")
     builder.ExportOutput(kinematics.GetOutputPort("configuration"), "configuration")

@@ -3,8 +3,6 @@
 from typing import cast
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, PassThrough
@@ -19,9 +17,6 @@ from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface
 
-MESHCAT_NED = "ned"
-"""Path in Meshcat under which z points down; put there what is drawn in Σ_I."""
-
 
 def make_uvms_plant(
     *,
@@ -31,7 +26,6 @@ def make_uvms_plant(
     seed: int = 0,
     error: ModelError | None = None,
     start: np.ndarray | None = None,
-    meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Returns a UVMS under water in front of a compliant surface, as a Diagram named "uvms".
 
@@ -68,6 +62,7 @@ def make_uvms_plant(
         - plant_state
         - body_poses
         - body_spatial_velocities
+        - query_object
 
     - `tau` (6 + n) [N, N m]: generalised force of thrusters and joints, in the paper's order, the
       vehicle's part in body axes; unconnected means zero.
@@ -84,19 +79,20 @@ def make_uvms_plant(
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
     - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, which the systems
       at `applied_spatial_force` want to know.
+    - `query_object`: of the SceneGraph, for a `MeshcatVisualizer` or a camera.
 
-    The subsystems "plant", "scene_graph", "hydrodynamics", "surface", "disturbance" and, with
-    Meshcat, "meshcat" are found with `GetSubsystemByName`. Joint limits can be read from the plant
-    and are for a controller to keep: a continuous MultibodyPlant has no end stops.
+    The subsystems "plant", "scene_graph", "hydrodynamics", "surface" and "disturbance" are found
+    with `GetSubsystemByName`. Joint limits can be read from the plant and are for a controller to
+    keep: a continuous MultibodyPlant has no end stops. Systems are for double only; for derivatives
+    there is `UvmsModel`.
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
         surface: What the tip presses on.
         disturbance: What is added to ζ̇; None exports an input port `disturbance` for the caller's.
-        seed: Of the disturbance.
-        error: By what the robot's parameters are multiplied, if at all.
+        seed: Seed of the disturbance.
+        error: Factors of the robot's parameters, if any.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
-        meshcat: Where to draw the robot, if at all.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
@@ -137,8 +133,6 @@ def make_uvms_plant(
 
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
-    if meshcat is not None:
-        add_visualizer(builder, scene_graph, meshcat)
 
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
     builder.ExportInput(water.GetInputPort("current"), "current")
@@ -152,6 +146,7 @@ def make_uvms_plant(
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_body_poses_output_port(), "body_poses")
     builder.ExportOutput(plant.get_body_spatial_velocities_output_port(), "body_spatial_velocities")
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")
     diagram = builder.Build()
     diagram.set_name("uvms")
     return diagram
@@ -170,15 +165,3 @@ def set_state(uvms: Diagram, context: Context, state: np.ndarray) -> None:
     plant.SetPositionsAndVelocities(
         uvms.GetMutableSubsystemContext(plant, context),
         coordinates.to_drake(vector("state", state, 2 * coordinates.size)))
-
-
-def add_visualizer(builder: DiagramBuilder, scene_graph: SceneGraph, meshcat: Meshcat) -> None:
-    """Adds a visualizer under `MESHCAT_NED`; Meshcat's own z-axis points up.
-
-    The turn is set on the parent of the visualizer's path, since the visualizer deletes its own
-    path, with any transform on it, when a simulation starts.
-    """
-    meshcat.SetTransform(MESHCAT_NED, RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), np.zeros(3)))
-    visualizer = MeshcatVisualizer.AddToBuilder(
-        builder, scene_graph, meshcat, MeshcatVisualizerParams(prefix=f"{MESHCAT_NED}/uvms"))
-    visualizer.set_name("meshcat")

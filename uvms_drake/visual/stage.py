@@ -8,12 +8,21 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba, Shape
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 NED = "ned"
 """Path below which z points down; what is drawn in Σ_I goes there."""
 VANISHED = 1e-5
 """Scale of what is not to be seen; zero has no inverse, which shading needs."""
+
+
+def turn_down(meshcat: Meshcat) -> None:
+    """Lets z point down below `NED`; in Meshcat itself it points up.
+
+    A MeshcatVisualizer wants a path of its own below `NED`: it deletes its path, with any transform
+    on it, when a simulation starts.
+    """
+    meshcat.SetTransform(NED, RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), np.zeros(3)))
 
 
 class Stage:
@@ -28,7 +37,7 @@ class Stage:
         self.meshcat = meshcat
         self._before = self._now = -np.inf
         self._given: dict[str, tuple[float, np.ndarray]] = {}
-        meshcat.SetTransform(NED, RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), np.zeros(3)))
+        turn_down(meshcat)
 
     def make(self, path: str, shape: Shape, color: Rgba | None = None,
              pose: RigidTransform | None = None) -> None:
@@ -79,18 +88,6 @@ class Stage:
 
 def frame_at(origin: Sequence[float] | np.ndarray, axis: np.ndarray | None = None
              ) -> RigidTransform:
-    """Returns a frame at `origin` with its z-axis along `axis`, turned by the shortest way."""
-    if axis is None:
-        return RigidTransform(np.asarray(origin, dtype=float))
-    z = axis / np.linalg.norm(axis)
-    if z[2] < -1.0 + 1e-9:
-        R = np.diag([1.0, -1.0, -1.0])
-    else:
-        x, y = z[0], z[1]
-        k = 1.0 / (1.0 + z[2])
-        R = np.array([[1.0 - k * x * x, -k * x * y, x],
-                      [-k * x * y, 1.0 - k * y * y, y],
-                      [-x, -y, z[2]]])
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = R, origin
-    return RigidTransform(X)
+    """Returns a frame at `origin`, its z-axis along `axis` (3,) if there is one."""
+    R = RotationMatrix() if axis is None else RotationMatrix.MakeFromOneVector(axis, 2)
+    return RigidTransform(R, origin)
