@@ -7,15 +7,18 @@ It needs a Chromium on the path. The pictures go to the run's folder; `--output`
 """
 
 import argparse
+import shutil
+import subprocess
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 
+from uvms_drake.common.errors import RunFailed
 from uvms_drake.report.replay import write_still
 from uvms_drake.station.record import load_record
-from uvms_drake.visual.browser import take_screenshot
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NAMES = ("approach", "contact", "hold")
 SIZE = (1200, 720)  # pixels
 CONTROLS = 20  # pixels, height of Meshcat's bar at the top, which is cut off
@@ -40,6 +43,41 @@ def main() -> None:
             with Image.open(png) as image:
                 image.convert("RGB").crop((0, CONTROLS, *SIZE)).save(png, optimize=True)
             print(f"{png}: t = {time:g} s, {png.stat().st_size / 1000:.0f} kB")
+
+
+def find_browser() -> str | None:
+    """Returns the path of a Chromium, if there is one."""
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
+
+
+def take_screenshot(html: Path, png: Path, size: tuple[int, int] = (1280, 720),
+                    seconds: float = 3.0) -> list[str]:
+    """Writes the picture of a page and returns what the page said on the browser's console.
+
+    Args:
+        html: The page.
+        png: The picture.
+        size: Width and height [pixels].
+        seconds: For how long the page runs before [s of its own time].
+
+    Raises:
+        RunFailed: There is no browser, or it did not write the picture.
+    """
+    browser = find_browser()
+    if browser is None:
+        raise RunFailed(f"no browser found: one of {', '.join(BROWSERS)} is needed")
+    png.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory() as profile:
+        done = subprocess.run(
+            [browser, "--headless", "--no-sandbox", "--use-angle=swiftshader",
+             "--enable-unsafe-swiftshader", "--hide-scrollbars", "--enable-logging=stderr", "--v=0",
+             f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}",
+             f"--virtual-time-budget={round(1e3 * seconds)}", f"--screenshot={png.resolve()}",
+             html.resolve().as_uri()],
+            capture_output=True, text=True, check=False, timeout=120.0)
+    if not png.is_file():
+        raise RunFailed(f"{browser} wrote no picture of {html}")
+    return [line.split("CONSOLE", 1)[1] for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import screenshots
 from PIL import Image
 from pydrake.geometry import Meshcat
 from support.synthetic import synthetic_record
@@ -10,7 +11,6 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.report.replay import write_replay
-from uvms_drake.visual import browser
 from uvms_drake.visual.scene import UP, ZOOM, Scene
 
 SIZE = (960, 600)
@@ -18,7 +18,7 @@ FIELD = np.deg2rad(75.0)
 """Meshcat's field of view, from top to bottom, at zoom 1."""
 
 needs_browser = pytest.mark.skipif(
-    browser.find_browser() is None, reason=f"none of {', '.join(browser.BROWSERS)} is installed")
+    screenshots.find_browser() is None, reason=f"none of {', '.join(screenshots.BROWSERS)} is installed")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def replay(record, tmp_path_factory):
     asks = "setTimeout(() => console.log('duration ' + viewer.animator.duration), 1000)"
     text = html.read_text(encoding="utf-8")
     html.write_text(text.replace("</body>", f"<script>{asks}</script></body>"), encoding="utf-8")
-    console = browser.take_screenshot(html, png, SIZE, seconds=7.0)
+    console = screenshots.take_screenshot(html, png, SIZE, seconds=7.0)
     with Image.open(png) as image:
         return np.asarray(image.convert("RGB"), dtype=int), console
 
@@ -100,7 +100,7 @@ def test_the_wall_and_the_force_can_be_seen(record, replay):
 def test_the_report_can_be_read(record, tmp_path):
     html, png = tmp_path / "report.html", tmp_path / "report.png"
     html.write_text(format_report(record, make_figures(record, tmp_path), None), encoding="utf-8")
-    assert browser.take_screenshot(html, png, (1000, 2400), seconds=1.0) == []
+    assert screenshots.take_screenshot(html, png, (1000, 2400), seconds=1.0) == []
     with Image.open(png) as image:
         picture = np.asarray(image.convert("L"))
     written = np.mean(picture < 128, axis=1)  # of each row
@@ -110,6 +110,6 @@ def test_the_report_can_be_read(record, tmp_path):
 
 
 def test_without_a_browser_there_is_no_picture(tmp_path, monkeypatch):
-    monkeypatch.setattr(browser, "find_browser", lambda: None)
+    monkeypatch.setattr(screenshots, "find_browser", lambda: None)
     with pytest.raises(RunFailed, match="no browser found: one of chromium, "):
-        browser.take_screenshot(tmp_path / "page.html", tmp_path / "page.png")
+        screenshots.take_screenshot(tmp_path / "page.html", tmp_path / "page.png")

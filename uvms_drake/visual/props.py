@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from PIL import Image, ImageDraw
 from pydrake.geometry import Box, Cylinder, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
@@ -158,18 +157,14 @@ class Wall:
         stage.meshcat.SetTransform(path, frame_at(point, normal))
 
     @staticmethod
-    def _grid() -> Image.Image:
+    def _grid() -> np.ndarray:
         """Returns the picture of the wall: lines every 10 cm, circles every 3 cm in the middle."""
-        pixels, lines = 1000, 10
-        image = Image.new("RGBA", (pixels, pixels), (186, 196, 204, 95))
-        draw = ImageDraw.Draw(image)
-        for i in range(lines + 1):
-            at, width = i * pixels / lines, 14 if i in (0, lines) else 6
-            draw.line([(at, 0), (at, pixels)], fill=(40, 54, 66, 230), width=width)
-            draw.line([(0, at), (pixels, at)], fill=(40, 54, 66, 230), width=width)
-        for radius in range(30, 121, 30):  # Pixels are millimetres.
-            draw.circle((0.5 * pixels, 0.5 * pixels), radius, outline=(40, 54, 66, 255), width=8)
-        return image
+        at = np.arange(1000.0)  # Pixels are millimetres.
+        line = (np.abs((at + 50.0) % 100.0 - 50.0) < 3.0) | (np.abs(at - 499.5) > 492.0)
+        radius = np.hypot(at - 499.5, at[:, None] - 499.5)
+        circle = (np.abs((radius + 15.0) % 30.0 - 15.0) < 4.0) & (np.abs(radius - 75.0) < 60.0)
+        dark = line | line[:, None] | circle
+        return np.where(dark[..., None], [40, 54, 66, 230], [186, 196, 204, 95]).astype(np.uint8)
 
     def show(self, penetration: float) -> None:
         """Makes the dent `penetration` [m] deep."""

@@ -3,20 +3,18 @@
 import base64
 import io
 import json
-from pathlib import Path
 
-import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imsave
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh
 
-Color = tuple[int, int, int, int]
-WHITE: Color = (255, 255, 255, 255)
 FONT_PIXELS = 40
 
 
-def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image: Image.Image, *,
+def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image: np.ndarray, *,
                   normals: np.ndarray | None = None) -> Mesh:
     """Returns a triangle mesh with a picture on it, seen from both sides.
 
@@ -24,7 +22,7 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
         vertices: (V, 3) [m].
         uv: Where in the picture each vertex is (V, 2), from the upper left, 0 to 1.
         faces: Indices of the vertices (F, 3).
-        image: May be transparent.
+        image: RGBA (rows, columns, 4), 0 to 255.
         normals: (V, 3), for shading; without them the picture keeps its colours in any light.
     """
     arrays = {"POSITION": _y_up(vertices), "TEXCOORD_0": uv.astype(np.float32)}
@@ -39,7 +37,7 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
     accessors.append({"bufferView": len(arrays), "componentType": 5125, "count": parts[-1].size,
                       "type": "SCALAR"})
     png = io.BytesIO()
-    image.save(png, format="png", optimize=True)
+    imsave(png, image, format="png")
     material: dict = {
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0,
                                  "roughnessFactor": 0.9},
@@ -63,29 +61,28 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
         contents=json.dumps(gltf), extension=".gltf", filename_hint="textured")))
 
 
-def label(text: str, height: float, *, color: Color = WHITE, bold: bool = False) -> Mesh:
-    """Returns lines of text as a mesh in the xz-plane, upright, read along x and from −y.
+def label(text: str, height: float, *, bold: bool = False) -> Mesh:
+    """Returns white text as a mesh in the xz-plane, upright, read along x and from −y.
 
     Args:
-        text: Its middle is the origin.
-        height: Of a line [m].
-        color: Of the letters.
-        bold: As it says.
+        text: One or more lines, with their middle at the origin.
+        height: Height of a line [m].
+        bold: Whether the letters are bold.
     """
-    face = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / face,
-                              FONT_PIXELS)
-    measure = ImageDraw.Draw(Image.new("RGBA", (1, 1)))
-    left, top, right, bottom = measure.multiline_textbbox((0, 0), text, font=font, align="center")
-    size = (int(right - left) + 8, int(bottom - top) + 8)
-    # Transparent pixels have the letters' colour, or their edges would be dark.
-    image = Image.new("RGBA", size, (*color[:3], 0))
-    ImageDraw.Draw(image).multiline_text((4 - left, 4 - top), text, font=font, fill=color,
-                                         align="center")
-    x, z = 0.5 * height / (1.2 * FONT_PIXELS) * np.array(size)
+    # Transparent pixels are white too, or the letters' edges would be dark.
+    figure = Figure(dpi=72.0, facecolor=(1.0, 1.0, 1.0, 0.0))  # A point is a pixel.
+    canvas = FigureCanvasAgg(figure)
+    drawn = figure.text(0.5, 0.5, text, size=FONT_PIXELS, family="DejaVu Sans", color="white",
+                        weight="bold" if bold else "normal", ha="center", va="center",
+                        multialignment="center")
+    size = np.ceil(drawn.get_window_extent(canvas.get_renderer()).size) + 8.0
+    figure.set_size_inches(*size / 72.0)
+    canvas.draw()
+    x, z = 0.5 * height / (1.2 * FONT_PIXELS) * size
     corners = np.array([[-x, 0.0, -z], [x, 0.0, -z], [x, 0.0, z], [-x, 0.0, z]])
     uv = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-    return textured_mesh(corners, uv, np.array([[0, 1, 2], [0, 2, 3]]), image)
+    return textured_mesh(corners, uv, np.array([[0, 1, 2], [0, 2, 3]]),
+                         np.asarray(canvas.buffer_rgba()))
 
 
 def _y_up(vectors: np.ndarray) -> np.ndarray:
