@@ -18,7 +18,8 @@ FIELD = np.deg2rad(75.0)
 """Meshcat's field of view, from top to bottom, at zoom 1."""
 
 needs_browser = pytest.mark.skipif(
-    screenshots.find_browser() is None, reason=f"none of {', '.join(screenshots.BROWSERS)} is installed")
+    screenshots.find_browser() is None,
+    reason=f"none of {', '.join(screenshots.BROWSERS)} is installed")
 
 
 @pytest.fixture(scope="module")
