@@ -11,6 +11,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.report.replay import write_replay
+from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.scene import UP, ZOOM, Scene
 
 SIZE = (960, 600)
@@ -43,7 +44,7 @@ def replay(record, tmp_path_factory):
 
 def pixel(record, point):
     """Returns column and row of a point (3,) in Σ_I."""
-    scene = Scene(Meshcat(), record.scenario, False)
+    scene = Scene(Meshcat(), setting_of(record.scenario))
     ahead = scene.target - scene.camera
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, [0.0, 0.0, 1.0])

@@ -13,6 +13,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.report.replay import moment_of
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.config import VisualConfig, check_visual
 from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, ForceSlider
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
@@ -89,7 +90,7 @@ def test_the_magnification_is_a_round_number(radius, expected):
 
 
 def test_the_tube_is_where_the_nominal_tip_is(meshcat, record, model):
-    Scene(meshcat, record.scenario, False).show(moment_of(record, 100), 0.0)
+    Scene(meshcat, setting_of(record.scenario)).show(moment_of(record, 100), 0.0)
     nominal = model.task_pose(record.nominal_config[100])[:3]
     np.testing.assert_allclose(packed_transform(meshcat, "ned/tube")[:3, 3], nominal, atol=1e-9)
 

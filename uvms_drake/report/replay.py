@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from uvms_drake.station.record import Record
+from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.scene import Moment, Scene
 
 
@@ -13,7 +14,7 @@ def write_replay(record: Record, path: Path) -> None:
     """Writes the run as an animation that plays at true speed."""
     rate = record.scenario.visual.rate
     meshcat = Meshcat()
-    scene = Scene(meshcat, record.scenario, bool(record.certified))
+    scene = Scene(meshcat, setting_of(record.scenario, certified=bool(record.certified)))
     meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)
     for i in frame_indices(record.time, rate):
         scene.show(moment_of(record, i), record.time[i] + 1e-6)
@@ -25,7 +26,7 @@ def write_replay(record: Record, path: Path) -> None:
 def write_still(record: Record, time: float, path: Path) -> None:
     """Writes the picture at `time` [s], with the trail up to there."""
     meshcat = Meshcat()
-    scene = Scene(meshcat, record.scenario, bool(record.certified))
+    scene = Scene(meshcat, setting_of(record.scenario, certified=bool(record.certified)))
     so_far = record.time[record.time <= time + 1e-9]
     for i in frame_indices(so_far, record.scenario.visual.rate):
         scene.show(moment_of(record, i), record.time[i])

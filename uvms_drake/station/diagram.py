@@ -23,6 +23,7 @@ from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
 
@@ -139,7 +140,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder.ExportOutput(monitor.GetOutputPort(name), f"tube_{name}")
     if meshcat is not None:
         Illustration.AddToBuilder(
-            builder, meshcat, scenario, certified=certified, plan=controller.GetOutputPort("plan"),
+            builder, meshcat, setting_of(scenario, ocp.model, certified=certified),
+            plan=controller.GetOutputPort("plan"),
             **{port: signals[name] for port, name in ILLUSTRATED.items() if name in signals})
     station = builder.Build()
     station.set_name("station")

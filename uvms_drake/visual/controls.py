@@ -4,7 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+)
 
 from uvms_drake.common.errors import vector
 
@@ -54,7 +60,7 @@ class ForceSlider(LeafSystem):
         # A slider moves when it likes: its value must not be cached.
         self.DeclareVectorOutputPort("force", 6, self._calc_force, {self.time_ticket()})
 
-    def _calc_force(self, context, output):
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
         newton = self._first
         if self._meshcat is not None:
             newton = self._meshcat.GetSliderValue(FORCE)
@@ -97,7 +103,7 @@ class DisturbanceSlider(LeafSystem):
         self._port = self.DeclareVectorInputPort("disturbance", size)
         self.DeclareVectorOutputPort("scaled", size, self._calc_scaled)
 
-    def _calc_scaled(self, context, output):
+    def _calc_scaled(self, context: Context, output: BasicVector) -> None:
         part = self._meshcat.GetSliderValue(DISTURBANCE) / 100.0
         output.SetFromVector(part * self._port.Eval(context))
 

@@ -5,12 +5,15 @@ from typing import cast
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    Context,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
 
-from uvms_drake.model.surface.law import make_surface_law
-from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.scenario import Scenario
-from uvms_drake.visual.scene import Moment, Scene
+from uvms_drake.visual.scene import Moment, Scene, Setting
 
 
 class Illustration(LeafSystem):
@@ -33,22 +36,22 @@ class Illustration(LeafSystem):
     - `force` (6) [N, N m]: 𝔉; unconnected means what the surface's law gives for the pose at rest.
     - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
 
-    It has no state. A picture is drawn at the end of the first step of the simulation in each
-    period of the rate: an event of its own period would end an integration step, and so change the
-    run that is watched.
+    A picture is drawn at the end of the first step of the simulation in each period of the rate: an
+    event of its own period would end an integration step, and so change the run that is watched.
+
+    The Context has no state. The system itself remembers the time of the last picture, and its
+    `Scene` what is drawn, trail and all, as Meshcat does: there is one picture, on which all
+    Contexts draw, and nothing that is simulated depends on it.
 
     Args:
         meshcat: Where to draw.
-        scenario: Of the run; its `visual` says how to draw.
-        certified: Whether its tube is that of a certificate that holds.
+        setting: What stays the same.
     """
 
-    def __init__(self, meshcat: Meshcat, scenario: Scenario, certified: bool = False):
+    def __init__(self, meshcat: Meshcat, setting: Setting):
         super().__init__()
-        self._scene = Scene(meshcat, scenario, certified)
-        self._model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
-        self._task_force = np.asarray(scenario.task.force, dtype=float)
-        self._rate = scenario.visual.rate
+        self._scene, self._model = Scene(meshcat, setting), setting.model
+        self._task_force, self._rate = setting.force, setting.visual.rate
         self._last_time = np.inf
         size = self._model.size
         for name, width in (("state", 2 * size), ("nominal_state", 2 * size), ("u", size),
@@ -58,13 +61,13 @@ class Illustration(LeafSystem):
         self.DeclarePerStepPublishEvent(self._draw_if_due)
         self.DeclareForcedPublishEvent(self._draw)
 
-    def _draw_if_due(self, context):
+    def _draw_if_due(self, context: Context) -> EventStatus:
         now, last = context.get_time(), self._last_time
         if now < last or _frame(now, self._rate) > _frame(last, self._rate):
             return self._draw(context)
         return EventStatus.DidNothing()
 
-    def _draw(self, context):
+    def _draw(self, context: Context) -> EventStatus:
         def value(name: str) -> np.ndarray:
             return cast(np.ndarray, self.GetInputPort(name).Eval(context))
 
@@ -82,11 +85,10 @@ class Illustration(LeafSystem):
         return EventStatus.Succeeded()
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, scenario: Scenario, *,
-                     certified: bool = False, name: str = "illustration",
-                     **ports: OutputPort) -> "Illustration":
+    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, setting: Setting, *,
+                     name: str = "illustration", **ports: OutputPort) -> "Illustration":
         """Adds the system; `ports` are connected to the input ports of their names."""
-        system = Illustration(meshcat, scenario, certified)
+        system = Illustration(meshcat, setting)
         builder.AddNamedSystem(name, system)
         for port, source in ports.items():
             builder.Connect(source, system.GetInputPort(port))

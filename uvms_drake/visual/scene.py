@@ -8,10 +8,9 @@ from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.control.ancillary import task_error
-from uvms_drake.control.limits import resolved_radii
-from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, make_surface_law
+from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, SurfaceLaw
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.drawn_robot import DrawnRobot
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
 from uvms_drake.visual.props import (
@@ -64,8 +63,36 @@ class Moment:
     """𝔉 (6,) [N, N m]; None: what the surface's law gives for the pose at rest."""
 
 
+@dataclass(frozen=True)
+class Setting:
+    """What stays the same in a scene."""
+
+    robot: str
+    """A shipped robot or a robot's folder."""
+    model: UvmsModel
+    """The controller's model of it."""
+    surface: SurfaceLaw
+    """What the robot presses on, as the controller knows it."""
+    start: np.ndarray
+    """𝔮 at t = 0 (6+n,)."""
+    force: np.ndarray
+    """𝔉_des of the task (6,) [N, N m]."""
+    goal: np.ndarray
+    """χ_des of the task (6,)."""
+    radius: float
+    """Radius of the tube of the end-effector's position [m]."""
+    limit_use: LimitUse
+    """What the bars show."""
+    horizon: int
+    """Number N of intervals of a plan."""
+    visual: VisualConfig
+    """How to draw."""
+    certified: bool
+    """Whether the tube is that of a certificate that holds."""
+
+
 class Scene:
-    """Draws moments of a scenario's run in Meshcat.
+    """Draws moments of a run in Meshcat, and remembers what it has drawn.
 
     The robot; the nominal one as a ghost, its deviation enlarged; the force, real in colour and
     desired in white; the end-effector's trail and planned path; the tube at the tip, to scale and
@@ -73,8 +100,7 @@ class Scene:
 
     Args:
         meshcat: Where to draw.
-        scenario: Of the run; its `visual` says how to draw.
-        certified: Whether its tube is that of a certificate that holds.
+        setting: What stays the same.
     """
 
     camera: np.ndarray
@@ -82,34 +108,31 @@ class Scene:
     target: np.ndarray
     """What it looks at (3,) [m], in Meshcat's axes."""
 
-    def __init__(self, meshcat: Meshcat, scenario: Scenario, certified: bool):
-        self._law = make_surface_law(scenario.surface)
-        self._model = UvmsModel.load(scenario.model, self._law)
+    def __init__(self, meshcat: Meshcat, setting: Setting):
+        self._law, self._model = setting.surface, setting.model
         self._stage = stage = Stage(meshcat)
-        desired = np.asarray(scenario.task.force, dtype=float)
-        self._goal = self._law.pose_for(desired, scenario.task.pose)[:3]
-        start = np.concatenate([scenario.start.eta, scenario.start.q])
+        self._goal, start = setting.goal[:3], setting.start
         chi = self._model.task_pose(start)[:6]
         self._middle = 0.5 * (start[:3] + self._goal) * UP
         self._unit = max(float(np.linalg.norm(self._goal - start[:3])) / 1.4,
                          float(np.linalg.norm(chi[:3] - start[:3])))
         largest = max(float(np.linalg.norm(force[:3]))
-                      for force in (desired, self._law.force(chi, np.zeros(6))))
+                      for force in (setting.force, self._law.force(chi, np.zeros(6))))
         self._newton = ARROW * self._unit / (largest or 1.0)
-        radius = float(resolved_radii(scenario.tube).position or 0.0)
-        self._enlarged = (scenario.visual.magnification
+        radius = setting.radius
+        self._enlarged = (setting.visual.magnification
                           or round_magnification(radius, INSET_RADIUS))
 
-        self._robot = DrawnRobot(stage, "uvms", scenario.model)
-        self._ghost = DrawnRobot(stage, "nominal", scenario.model, GHOST)
+        self._robot = DrawnRobot(stage, "uvms", setting.robot)
+        self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
         self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * self._unit)
-        self._path = Polyline(stage, f"{NED}/path", scenario.mpc.horizon + 1, PLAN,
+        self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN,
                               0.003 * self._unit, radius)
         self._force = Arrow(stage, f"{NED}/force", 0.016 * self._unit, REAL)
         self._desired = Arrow(stage, f"{NED}/desired_force", 0.024 * self._unit, GLASS)
         self._surface, self._rest = self._draw_surface()
-        self._use = LimitUse(scenario, self._model)
-        self._draw_hud(certified, radius, largest)
+        self._use = setting.limit_use
+        self._draw_hud(setting.certified, radius, largest)
         self._time = np.inf
 
     def _draw_surface(self) -> tuple[Wall | Polyline, np.ndarray]:

@@ -1,0 +1,30 @@
+"""What the picture of a scenario's run is of."""
+
+import numpy as np
+
+from uvms_drake.control.limits import resolved_radii
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.visual.limit_use import LimitUse
+from uvms_drake.visual.scene import Setting
+
+
+def setting_of(scenario: Scenario, model: UvmsModel | None = None, *, certified: bool = False
+               ) -> Setting:
+    """Returns what stays the same in a `Scene` of a run.
+
+    Args:
+        scenario: Of the run; its `visual` says how to draw.
+        model: The controller's; loaded if it is left out.
+        certified: Whether its tube is that of a certificate that holds.
+    """
+    model = model or load_model(scenario)
+    force = np.asarray(scenario.task.force, dtype=float)
+    return Setting(
+        robot=scenario.model, model=model, surface=model.surface,
+        start=np.concatenate([scenario.start.eta, scenario.start.q]), force=force,
+        goal=model.surface.pose_for(force, scenario.task.pose),
+        radius=float(resolved_radii(scenario.tube).position or 0.0),
+        limit_use=LimitUse(scenario, model), horizon=scenario.mpc.horizon,
+        visual=scenario.visual, certified=certified)
