@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.control.ancillary import Resolved
 from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.limits import tighten
+from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
@@ -38,8 +38,8 @@ def main() -> None:
     # The controller's model, task and tightened limits.
     model = UvmsModel.load(ROBOT, make_surface_law(WALL))
     y_des = np.concatenate([model.surface.pose_for(FORCE, POSE), POSTURE])
-    limits = tighten(
-        settings.limits, settings.tube, model.q_lower, model.q_upper, model.surface)
+    limits = tighten(make_limits(
+        settings.limits, model.q_lower, model.q_upper, model.surface), settings.tube)
     ocp = DynamicOcp(model, settings.mpc, y_des, limits)
 
     # Plant and controller are Diagrams with named ports.

@@ -7,6 +7,8 @@ the difference is seen in the closed loop, whose plant is the RK4 step: in its c
 violation of the speed limits, since a limit that the plan touches is missed by the rule's error.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from problems import (
     CHI_DES,
@@ -24,10 +26,13 @@ from pydrake.solvers import SnoptSolver
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp, Linearisation
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.limits import NominalLimits
+from uvms_drake.control.limits.attitude import VehicleAngle
+from uvms_drake.control.limits.inputs import Accelerations
+from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.ocp import MpcConfig, Ocp
+from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp
 from uvms_drake.control.plan import DynamicPlan, Plan
 from uvms_drake.control.scp import SequentialConvexSolver
 
@@ -40,10 +45,13 @@ class HeldInput(DynamicOcp):
         begin, end = super().inputs(plan)
         return 0.5 * (begin + end), 0.5 * (begin + end)
 
-    def _limited_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray, B: np.ndarray
-                        ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        (begin, begin_z, limit), (end, end_z, _) = super()._limited_inputs(plan, model, A, B)
-        return [(0.5 * (begin + end), 0.5 * (begin_z + end_z), limit)]
+    def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
+                          B: np.ndarray) -> list[Inputs]:
+        """Returns the held ū and how it changes, once."""
+        begin, end = super().linearised_inputs(plan, model, A, B)
+        return [begin._replace(
+            points=replace(begin.points, u=0.5 * (begin.points.u + end.points.u)),
+            u_z=0.5 * (begin.u_z + end.u_z))]
 
 
 def make_ocp(problem: Problem) -> Ocp:
@@ -56,12 +64,12 @@ def make_ocp(problem: Problem) -> Ocp:
         horizon=HORIZON, time_step=STEP, weight_y=task,
         weight_zeta=np.full(10, problem.velocity_weight),
         weight_u=np.full(10, problem.input_weight), terminal_weight=terminal, terminal_set=False)
-    limits = NominalLimits(
-        nu1=SPEED_LIMIT, nu2=SPEED_LIMIT, qdot=SPEED_LIMIT, roll=np.inf, pitch=PITCH_LIMIT,
-        tip_pitch=np.inf, q_lower=JOINT_LOWER, q_upper=JOINT_UPPER,
-        u=np.full(10, problem.input_limit))
+    limits = {limit.name: limit for limit in [
+        *(Speed(name, SPEED_LIMIT) for name in ("nu1", "nu2", "qdot")),
+        VehicleAngle("pitch", PITCH_LIMIT), Joints(JOINT_LOWER, JOINT_UPPER)]}
     if not problem.dynamic:
         return KinematicOcp(load_model(), config, y_des, limits)
+    limits["u"] = Accelerations(np.full(10, problem.input_limit))
     ocp = HeldInput(load_model(), config, y_des, limits)
     ocp.u_ref = U_EQ
     return ocp

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 from support import dh
+from support.limits import bounded
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.kinematic_ocp import KinematicOcp
@@ -55,7 +56,7 @@ def test_the_cost_is_the_sum_that_the_paper_writes(ocp, plan):
 @pytest.mark.parametrize("block", [slice(0, 3), slice(3, 6), slice(6, 10)])
 def test_a_speed_beyond_its_limit_is_a_violation(ocp, block):
     zeta = np.zeros((7, 10))
-    zeta[2, block] = (ocp.limits.nu1 + 0.5) / np.sqrt(block.stop - block.start)
+    zeta[2, block] = (ocp.limits["nu1"].upper[0] + 0.5) / np.sqrt(block.stop - block.start)
     plan = KinematicPlan.from_velocities(0.0, H, START, zeta)
     assert ocp.evaluate(plan).violation == pytest.approx(0.5, abs=1e-12)
 
@@ -95,7 +96,7 @@ def test_the_converged_plan_is_that_of_the_nonlinear_program(ocp):
 
 
 def test_limits_on_speed_and_joints_are_kept_at_the_cost_of_the_nonlinear_program(ocp):
-    limits = replace(ocp.limits, nu1=0.6, nu2=0.3, qdot=0.2, q_upper=ocp.limits.q_upper - 0.02)
+    limits = bounded(ocp, nu1=0.6, nu2=0.3, qdot=0.2, q_upper=ocp.limits["q"].upper - 0.02)
     tight = KinematicOcp(ocp.model, SCENARIO.mpc, ocp.y_des, limits)
     guess = tight.resting_plan(0.0, START)
     one = SequentialConvexSolver(tight).solve(guess, 50, 1e-10)
@@ -165,7 +166,7 @@ def test_a_limit_on_the_force_is_kept_too(ocp):
         return float(np.max(static_force(problem.model.surface, chi))), one.evaluation.cost
 
     free, cost = solved(ocp)
-    limits = replace(ocp.limits, static_force=free - 0.02)
+    limits = bounded(ocp, static_force=free - 0.02)
     pressed, dearer = solved(KinematicOcp(ocp.model, SCENARIO.mpc, ocp.y_des, limits))
     assert pressed == pytest.approx(free - 0.02, rel=1e-6)
     assert dearer > cost

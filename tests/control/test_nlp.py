@@ -1,12 +1,11 @@
 """Tests of `uvms_drake.control.nlp`; `test_scp` holds the fast solver against it."""
 
-import copy
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.solvers import SnoptSolver
+from support.limits import with_limits
 
 from uvms_drake.control.nlp import NonlinearSolver, _differentiable
 from uvms_drake.control.plan import Plan
@@ -53,8 +52,7 @@ FORCES = np.array([60.0, 50.0, 60.0, 15.0, 40.0, 25.0, 5.0, 5.0, 2.0, 0.2])  # N
 @pytest.mark.parametrize("tau", [None, FORCES, 10.0 * FORCES])
 def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, start_plans, tau):
     """The program says of a plan what `Ocp.evaluate` says, which computes it in another way."""
-    free, short_ocp = short_ocp, copy.copy(short_ocp)
-    short_ocp.limits = replace(short_ocp.limits, tau=tau)
+    free, short_ocp = short_ocp, with_limits(short_ocp, tau=tau)
     nlp = NonlinearSolver(short_ocp, SnoptSolver())
     forced = 0
     for guess in [*start_plans["off"], *start_plans["on"]]:
@@ -92,17 +90,15 @@ def test_the_attitude_is_bounded_at_every_knot_but_the_first(short_ocp, start_pl
     """The start is given: a limit below it leaves no plan only if it cannot be returned to."""
     guess = start_plans["off"][0]
     start = abs(guess.config[0, coordinate])
-    bounded = copy.copy(short_ocp)
-    bounded.limits = replace(short_ocp.limits, **{kind: 0.95 * start})
-    solution = NonlinearSolver(bounded, SnoptSolver()).solve(guess)
+    tight = with_limits(short_ocp, **{kind: 0.95 * start})
+    solution = NonlinearSolver(tight, SnoptSolver()).solve(guess)
     assert solution.converged
     assert np.max(np.abs(solution.plan.config[1:, coordinate])) <= 0.95 * start + 1e-6
-    bounded.limits = replace(short_ocp.limits, **{kind: 1e-3 * start})
-    assert NonlinearSolver(bounded, SnoptSolver()).solve(guess).plan is None
+    tight = with_limits(short_ocp, **{kind: 1e-3 * start})
+    assert NonlinearSolver(tight, SnoptSolver()).solve(guess).plan is None
 
 
 def test_a_problem_without_a_solution_leaves_no_plan(short_ocp, start_plans):
-    weak = copy.copy(short_ocp)
-    weak.limits = replace(short_ocp.limits, u=1e-3 * short_ocp.limits.u)
+    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
     solution = NonlinearSolver(weak, SnoptSolver()).solve(start_plans["on"][0])
     assert (solution.plan, solution.evaluation, solution.converged) == (None, None, False)

@@ -8,6 +8,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from support.limits import with_limits
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.nominal_mpc import (
@@ -357,8 +358,7 @@ def test_a_first_plan_may_violate_the_limits_by_rounding(short_ocp, start, viola
 
 def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, start):
     """The solver returns a plan, for it softens limits; it is not followed."""
-    weak = copy.copy(short_ocp)
-    weak.limits = replace(short_ocp.limits, u=1e-3 * short_ocp.limits.u)
+    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
     solver = FailingSolver(weak)
     with pytest.raises(RunFailed, match=r"the limits cannot be kept from there"):
         Setup(solver, start).simulator.Initialize()

@@ -1,12 +1,11 @@
 """Tests of `uvms_drake.control.ocp`: the problem of the main scenario."""
 
-import copy
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from support import dh
+from support.limits import with_limits
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.dynamic_ocp import DynamicOcp
@@ -46,12 +45,6 @@ def limited_forces(ocp) -> Ocp:
     return with_limits(ocp, tau=np.full(10, 50.0))
 
 
-def with_limits(ocp: Ocp, **limits: object) -> Ocp:
-    other = copy.copy(ocp)
-    other.limits = replace(ocp.limits, **limits)
-    return other
-
-
 def forces(ocp, plan) -> np.ndarray:
     """Returns M(𝔮̄)ū (2, N, 10) at the beginning and at the end of every interval."""
     model, N = ocp.model, len(plan.zeta_dot)
@@ -66,15 +59,16 @@ def forces(ocp, plan) -> np.ndarray:
 
 def test_the_knots_are_linearised_about_their_own_values(ocp, plan):
     linear = ocp.linearise(plan)
-    np.testing.assert_allclose(linear.y[:, :6], [dh.chi(c) for c in plan.config], atol=1e-12)
-    np.testing.assert_array_equal(linear.y[:, 6:], plan.config[:, 6:])
-    np.testing.assert_array_equal(linear.attitude, plan.config[:, [3, 4]])
+    y = linear.knots.y
+    np.testing.assert_allclose(y[:, :6], [dh.chi(c) for c in plan.config], atol=1e-12)
+    np.testing.assert_array_equal(y[:, 6:], plan.config[:, 6:])
+    np.testing.assert_array_equal(linear.knots.config, plan.config)
     np.testing.assert_allclose(linear.f, ocp.model.drift(plan.config, plan.zeta), rtol=1e-12)
 
 
 def test_every_derivative_by_y_is_that_of_differences(ocp, plan, derivative):
     model, linear = ocp.model, ocp.linearise(plan)
-    y = linear.y
+    y = linear.knots.y
     for j, direction in enumerate(np.eye(10)):
         def config(s, d=direction):
             return model.configuration(y + s * d)
@@ -85,7 +79,7 @@ def test_every_derivative_by_y_is_that_of_differences(ocp, plan, derivative):
 
         np.testing.assert_allclose(linear.dy_dy[..., j], derivative(next_y), atol=1e-8)
         np.testing.assert_allclose(
-            linear.attitude_y[..., j], derivative(config)[:, [3, 4]], atol=1e-8)
+            linear.knots.config_y[..., j], derivative(config), atol=1e-8)
         np.testing.assert_allclose(
             linear.f_y[..., j],
             derivative(lambda s, config=config: model.drift(config(s), plan.zeta), 1e-4),
@@ -111,31 +105,6 @@ def test_every_derivative_by_velocity_and_acceleration_is_that_of_differences(
         np.testing.assert_allclose(linear.dy_da[..., j], derivative(by_acceleration), atol=1e-9)
         np.testing.assert_allclose(
             linear.f_zeta[..., j], derivative(drift, 1e-6), rtol=1e-6, atol=2e-6)
-
-
-def test_forces_are_linearised_about_the_plan(limited_forces, plan, derivative):
-    """With dū from elsewhere, d(Mū) = M dū + (∂(Mū)/∂y) dy at the knot."""
-    model, linear = limited_forces.model, limited_forces.linearise(plan)
-    y, inputs = linear.y, limited_forces.inputs(plan)
-
-    def mass(config: np.ndarray) -> np.ndarray:
-        return np.array([model.mass_matrix(model.kinematics(c)) for c in config])
-
-    np.testing.assert_allclose(linear.M, mass(plan.config), rtol=1e-12, atol=1e-12)
-    assert linear.tau_y.shape == (2, 4, 10, 10)
-    for j, direction in enumerate(np.eye(10)):
-        M_y = derivative(lambda s, d=direction: mass(model.configuration(y + s * d)))
-        for end, M_y_there, u in ((0, M_y[:-1], inputs[0]), (1, M_y[1:], inputs[1])):
-            np.testing.assert_allclose(
-                linear.tau_y[end, :, :, j], (M_y_there @ u[..., None])[..., 0],
-                rtol=1e-6, atol=1e-8 * np.max(np.abs(linear.tau_y)))
-    assert np.max(np.abs(linear.tau_y)) > 0.1
-
-
-def test_without_force_limits_no_forces_are_linearised(ocp, plan):
-    linear = ocp.linearise(plan)
-    assert ocp.limits.tau is None
-    assert (linear.M.size, linear.tau_y.size) == (0, 0)
 
 
 # Objective and limits ----------------------------------------------------------------------------
@@ -249,8 +218,8 @@ def test_violations_add_up(ocp, plan):
     tight = with_limits(ocp, **{
         **touched, "nu1": touched["nu1"] - 1e-3, "tip_pitch": touched["tip_pitch"] - 2e-3})
     zeta, config = plan.zeta[1:], plan.config[1:]
-    speed = np.linalg.norm(zeta[:, :3], axis=1) - tight.limits.nu1
-    tip = np.abs([dh.chi(c)[4] for c in config]) - tight.limits.tip_pitch
+    speed = np.linalg.norm(zeta[:, :3], axis=1) - tight.limits["nu1"].upper[0]
+    tip = np.abs([dh.chi(c)[4] for c in config]) - tight.limits["tip_pitch"].upper[0]
     expected = np.sum(np.maximum(speed, 0.0)) + np.sum(np.maximum(tip, 0.0))
     evaluation = tight.evaluate(plan)
     assert evaluation.total_violation == pytest.approx(expected, rel=1e-9)
@@ -264,11 +233,11 @@ def test_the_first_knot_is_given_and_violates_nothing(ocp):
     """A limit on the initial velocity could not be kept by any plan."""
     config, zeta = ocp.model.configuration(ocp.y_des), np.zeros(10)
     config[0] -= 0.5
-    zeta[0] = ocp.limits.nu1 + 0.02
+    zeta[0] = ocp.limits["nu1"].upper[0] + 0.02
     zeta_dot = np.zeros((4, 10))
     zeta_dot[0, 0] = -0.12
     plan = DynamicPlan.from_accelerations(0.0, H, config, zeta, zeta_dot)
-    assert plan.zeta[1, 0] < ocp.limits.nu1
+    assert plan.zeta[1, 0] < ocp.limits["nu1"].upper[0]
     assert ocp.evaluate(plan).violation == 0.0
 
 
@@ -334,10 +303,3 @@ def test_a_setting_without_meaning_is_named(ocp, key, value):
     with pytest.raises(InvalidParameter) as caught:
         DynamicOcp(ocp.model, config, ocp.y_des, ocp.limits)
     assert caught.value.key == key
-
-
-def test_the_force_on_a_surface_of_another_kind_cannot_be_limited(ocp):
-    model = copy.copy(ocp.model)
-    model.surface = SimpleNamespace()
-    with pytest.raises(TypeError, match="no limit on the force of a SimpleNamespace"):
-        DynamicOcp(model, MPC, ocp.y_des, ocp.limits)

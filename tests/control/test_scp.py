@@ -1,11 +1,11 @@
 """Tests of `uvms_drake.control.scp`, against SNOPT on the whole nonlinear program."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver, SolverOptions
+from support.limits import with_limits
 
 from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.nominal_mpc import FEASIBLE
@@ -109,9 +109,9 @@ def test_some_limits_and_the_terminal_set_are_active(short_ocp, fast):
     limits = short_ocp.limits
     plans = [solution.plan for each in fast.values() for solution in each]
     u = np.abs(np.vstack([np.vstack(short_ocp.inputs(plan)) for plan in plans]))
-    assert np.sum(np.max(u, axis=0) > limits.u - 1e-6) >= 3
+    assert np.sum(np.max(u, axis=0) > limits["u"].upper - 1e-6) >= 3
     zeta = np.vstack([plan.zeta for plan in plans])
-    assert np.max(np.linalg.norm(zeta[:, :3], axis=1)) > limits.nu1 - 1e-6
+    assert np.max(np.linalg.norm(zeta[:, :3], axis=1)) > limits["nu1"].upper[0] - 1e-6
     slacks = [solution.evaluation.terminal_slack for each in fast.values() for solution in each]
     assert np.min(slacks) == 0.0
     assert np.max(slacks) > 0.1
@@ -152,12 +152,6 @@ def test_the_solver_remembers_nothing(short_ocp, solver, start_plans):
 
 
 # Limits that the scenario leaves aside -----------------------------------------------------------
-
-
-def with_limits(ocp: Ocp, **limits: object) -> Ocp:
-    other = copy.copy(ocp)
-    other.limits = replace(ocp.limits, **limits)
-    return other
 
 
 def solve_both_ways(ocp: Ocp, guess: Plan) -> Solution:
@@ -273,7 +267,7 @@ def test_where_the_linearised_limits_cannot_be_kept_a_plan_is_found_all_the_same
 @pytest.mark.parametrize("where", ["off", "on"])
 def test_inputs_that_cannot_hold_the_robot_are_reported_as_a_violation(
         short_ocp, start_plans, where):
-    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits.u)
+    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
     guess = start_plans[where][0]
     assert NonlinearSolver(weak, SnoptSolver(), TIGHT).solve(guess).plan is None
     solution = SequentialConvexSolver(weak).solve(guess, 50)
@@ -288,14 +282,14 @@ def test_a_start_too_fast_to_brake_is_reported_as_a_violation(short_ocp, solver,
     zeta[0] = 1.0  # m/s, with 0.2 s to come down to the limit
     solution = solver.solve(short_ocp.resting_plan(
         0.0, np.concatenate([guess.config[0], zeta])), 10)
-    needed = (1.0 - short_ocp.limits.nu1) / 0.2  # m/s²
+    needed = (1.0 - short_ocp.limits["nu1"].upper[0]) / 0.2  # m/s²
     assert solution.evaluation.violation > 0.5 * needed
 
 
 def test_limits_that_are_linear_are_not_softened_and_then_there_is_no_plan(
         short_ocp, solver, start_plans):
     config = start_plans["off"][0].config[0].copy()
-    config[8] = short_ocp.limits.q_upper[2] + 0.1  # rad, with 0.2 s to return at 0.3 rad/s
+    config[8] = short_ocp.limits["q"].upper[2] + 0.1  # rad, with 0.2 s to return at 0.3 rad/s
     solution = solver.solve(short_ocp.resting_plan(
         0.0, np.concatenate([config, np.zeros(10)])), 10)
     assert (solution.plan, solution.evaluation, solution.converged) == (None, None, False)

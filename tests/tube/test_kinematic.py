@@ -20,7 +20,7 @@ from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.kinematic_feedback import resolved_velocity, transpose_velocity
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.limits import resolved_radii, tighten
+from uvms_drake.control.limits import make_limits, resolved_radii, tighten
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
@@ -138,9 +138,10 @@ def test_it_is_the_same_after_json(certificate, scenario, tmp_path):
     assert stale_reason(again, scenario) is None
     assert stale_reason(again, load_scenario(NAME, ["ancillary.sigma=11"])) == "the scenario"
     applied = again.applied_to(scenario)
-    limits = tighten(applied.limits, applied.tube, *applied_joints(applied),
-                     make_surface_law(applied.surface), accelerations=False)
-    assert limits.nu1 == pytest.approx(2.0 - certificate.tube.nu1)
+    limits = tighten(make_limits(applied.limits, *applied_joints(applied),
+                                 make_surface_law(applied.surface), accelerations=False),
+                     applied.tube)
+    assert limits["nu1"].upper[0] == pytest.approx(2.0 - certificate.tube.nu1)
 
 
 def applied_joints(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
@@ -364,7 +365,7 @@ def test_a_wider_set_is_refused_for_a_limit_that_the_problem_finds_broken_too(wi
     wider = check_terminal(wide, 1.3 * radius)
     assert not wider.holds
     config = wide.model.configuration(wide.y_des + wider.worst["pitch"])
-    assert abs(config[4]) > wide.limits.pitch
+    assert abs(config[4]) > wide.limits["pitch"].upper[0]
 
 
 def test_the_margins_are_those_of_a_plan_of_one_interval(wide):
@@ -374,7 +375,8 @@ def test_the_margins_are_those_of_a_plan_of_one_interval(wide):
         after = wide.unwrapped(wide.model.task_pose(plan.config[1])) - wide.y_des
         stage = wide.time_step * (xi @ wide.Q @ xi + plan.zeta[0] @ wide.R @ plan.zeta[0])
         expected = [(xi @ P @ xi - after @ P @ after) / stage - 1.0,
-                    *(1.0 - np.abs(plan.config[0, 3:5]) / [wide.limits.roll, wide.limits.pitch])]
+                    *(1.0 - np.abs(plan.config[0, 3:5]) / [
+                        wide.limits[name].upper[0] for name in ("roll", "pitch")])]
         np.testing.assert_allclose(loop.margins(xi), expected, rtol=1e-9, atol=1e-9)
 
 
@@ -386,7 +388,7 @@ def test_the_speeds_in_the_set_have_a_closed_form(wide, name, block):
     rows = np.random.default_rng(7).normal(size=(5000, len(gain))) @ gain
     reached = np.max(np.linalg.norm(
         boundary_samples(P, 1, np.random.default_rng(8), rows) @ gain.T, axis=1))
-    assert terminal_loop(wide).speed_reaches()[name] == pytest.approx(reached, rel=2e-3)
+    assert terminal_loop(wide).closed_form_limits()[name][1] == pytest.approx(reached, rel=2e-3)
 
 
 def test_the_penalty_of_the_paper_fails_whatever_the_controller(wide):

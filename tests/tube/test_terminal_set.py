@@ -5,9 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.limits import bounded
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.limits import NominalLimits
+from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
+from uvms_drake.control.limits.inputs import Accelerations
+from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.terminal import INFLATION, terminal_ingredients
@@ -53,7 +57,8 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
     one.__dict__.update(vars(ocp), horizon=1,
                         terminal=dataclasses.replace(ocp.terminal, radius=radius))
     out: dict[str, list[bool]] = {"decrease": [], "limits": [], "invariance": []}
-    limits, P = ocp.limits, ocp.terminal.P
+    limits = {name: limit.upper[0] for name, limit in ocp.limits.items()}
+    P = ocp.terminal.P
     for state in xi:
         config, zeta = ocp.model.configuration(ocp.y_des + state[:10]), state[10:]
         plan = DynamicPlan.from_accelerations(
@@ -63,10 +68,11 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
         out["decrease"].append(cost > state @ P @ state)
         out["invariance"].append(evaluation.terminal_slack > 0.0)
         out["limits"].append(max(
-            evaluation.violation, np.linalg.norm(zeta[:3]) - limits.nu1,
-            np.linalg.norm(zeta[3:6]) - limits.nu2, np.linalg.norm(zeta[6:]) - limits.qdot,
-            abs(config[3]) - limits.roll, abs(config[4]) - limits.pitch,
-            static_force(ocp.model.surface, ocp.y_des[:6] + state[:6]) - limits.static_force) > 0.0)
+            evaluation.violation, np.linalg.norm(zeta[:3]) - limits["nu1"],
+            np.linalg.norm(zeta[3:6]) - limits["nu2"], np.linalg.norm(zeta[6:]) - limits["qdot"],
+            abs(config[3]) - limits["roll"], abs(config[4]) - limits["pitch"],
+            static_force(ocp.model.surface, ocp.y_des[:6] + state[:6])
+            - limits["static_force"]) > 0.0)
     return {name: np.array(where) for name, where in out.items()}
 
 
@@ -122,9 +128,9 @@ def test_a_wider_set_is_refused(robot, found):
 
 def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
     """(V − V⁺)/ℓ − 1, and what the two inputs and the vehicle's pitch leave of their limits."""
-    u, tau = robot.limits.u, np.linspace(80.0, 90.0, 10)
-    robot = changed(robot, inputs=robot.inputs, limits=dataclasses.replace(
-        robot.limits, tau=tau, roll=0.25, pitch=0.28))
+    u, tau = robot.limits["u"].upper, np.linspace(80.0, 90.0, 10)
+    robot = changed(
+        robot, inputs=robot.inputs, limits=bounded(robot, tau=tau, roll=0.25, pitch=0.28))
     limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, terminal_loop(robot)
     for state in 0.5 * boundary_samples(P, 5, np.random.default_rng(82)):
         config = robot.model.configuration(robot.y_des + state[:10])
@@ -200,18 +206,18 @@ def test_the_own_penalty_passes_as_one_from_elsewhere(robot, found):
 
 
 def test_an_input_that_is_used_up_at_the_equilibrium_leaves_no_set(robot):
-    u = robot.limits.u.copy()
+    u = robot.limits["u"].upper.copy()
     u[4] = abs(robot.u_eq[4])
-    tight = changed(robot, limits=dataclasses.replace(robot.limits, u=u))
+    tight = changed(robot, limits=bounded(robot, u=u))
     radius, check = largest_radius(tight)
     assert radius == 0.0
     assert set(check.failures) == {"u[4] begin", "u[4] end"}
 
 
 def test_an_equilibrium_beyond_a_joint_limit_leaves_no_set(robot):
-    upper = robot.limits.q_upper.copy()
+    upper = robot.limits["q"].upper.copy()
     upper[1] = robot.y_des[7] - 0.01
-    tight = changed(robot, limits=dataclasses.replace(robot.limits, q_upper=upper))
+    tight = changed(robot, limits=bounded(robot, q_upper=upper))
     assert linear_radius(tight) < 0.0
     radius, check = largest_radius(tight)
     assert radius == 0.0 and check.failures == ("q[1]",)
@@ -239,8 +245,10 @@ def toy(monkeypatch) -> SimpleNamespace:
                         lambda config, zeta, a, h: config + h * zeta + 0.5 * h**2 * a)
     model, eye, h = Linear(), np.eye(7), 0.2
     Q, R = np.diag(np.linspace(1.0, 3.0, 14)), np.diag(np.linspace(0.5, 2.0, 7))
-    limits = NominalLimits(nu1=0.4, nu2=0.5, qdot=0.6, roll=1.4, pitch=1.4, tip_pitch=0.7,
-                           q_lower=np.array([-0.8]), q_upper=np.array([0.5]), u=np.full(7, 1e3))
+    limits = {limit.name: limit for limit in (
+        Speed("nu1", 0.4), Speed("nu2", 0.5), Speed("qdot", 0.6), VehicleAngle("roll", 1.4),
+        VehicleAngle("pitch", 1.4), TipPitch(0.7), Joints(np.array([-0.8]), np.array([0.5])),
+        Accelerations(np.full(7, 1e3)))}
     return SimpleNamespace(
         model=model, y_des=np.zeros(7), u_eq=np.zeros(7), time_step=h, Q=Q, R=R, limits=limits,
         terminal=terminal_ingredients(eye, model.couple - 2.0 * eye, -3.0 * eye, Q, R, h, 1.0))
@@ -263,7 +271,7 @@ def test_the_linear_radius_is_where_the_set_touches_a_limit(toy, name, bound, co
     """By brute force: the largest of the limited quantity at the support points of many rows."""
     wide = {"q_lower": np.array([-1e3]), "q_upper": np.array([1e3])} | dict.fromkeys(
         ("nu1", "nu2", "qdot", "tip_pitch"), 1e3)
-    toy.limits = dataclasses.replace(toy.limits, **{**wide, name: bound})
+    toy.limits = bounded(toy, **{**wide, name: bound})
     rows = np.zeros((5000, 14))
     rows[:, columns] = np.random.default_rng(4).normal(size=(5000, len(columns)))
     xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
@@ -279,8 +287,8 @@ def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
     """By brute force, as above; of a spring, whose force is not along one line, it may be less."""
     law = toy.model.surface = make_surface_law(surface)
     wide = dict.fromkeys(("nu1", "nu2", "qdot", "tip_pitch"), 1e3)
-    toy.limits = dataclasses.replace(
-        toy.limits, **wide, q_lower=np.array([-1e3]), q_upper=np.array([1e3]), static_force=30.0)
+    toy.limits = bounded(
+        toy, **wide, q_lower=np.array([-1e3]), q_upper=np.array([1e3]), static_force=30.0)
     G = law.force_jacobian()
     rows = np.zeros((5000, 14))
     rows[:, :6] = np.random.default_rng(4).normal(size=(5000, len(G))) @ G
@@ -298,7 +306,7 @@ def test_a_linear_input_limit_is_found_to_the_tolerance(toy):
     loop = terminal_loop(toy)
     reach = np.sqrt(np.sum((loop.rows @ np.linalg.inv(toy.terminal.P)) * loop.rows, axis=1))
     expected = 0.5 * linear_radius(toy)
-    toy.limits = dataclasses.replace(toy.limits, u=expected * np.maximum(reach[:7], reach[7:14]))
+    toy.limits = bounded(toy, u=expected * np.maximum(reach[:7], reach[7:14]))
     radius, check = largest_radius(toy, tolerance=1e-3)
     assert radius == pytest.approx(expected, rel=1e-3) and radius <= expected
     assert check.limiting.startswith("u[")

@@ -10,6 +10,7 @@ from support.meshcat import packed_transform
 from support.synthetic import synthetic_record
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
@@ -97,7 +98,8 @@ def test_the_tube_is_where_the_nominal_tip_is(meshcat, record, model):
 
 def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
     scenario = load_scenario("girona500_contact")
-    use = LimitUse(scenario, model)
+    limits = make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface)
+    use = LimitUse(model, limits, tighten(limits, scenario.tube))
     rest, u = np.concatenate([scenario.start.eta, scenario.start.q, np.zeros(10)]), np.zeros(10)
     used = dict(zip(use.names, use(rest, u, rest, u), strict=True))
     assert used["ν₁"] == 0.0

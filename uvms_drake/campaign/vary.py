@@ -102,7 +102,7 @@ def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
     """
     eta = np.asarray(scenario.start.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
     q = np.asarray(scenario.start.q, dtype=float)
-    posture = rng.uniform(ocp.limits.q_lower, ocp.limits.q_upper)
+    posture = rng.uniform(ocp.limits["q"].lower, ocp.limits["q"].upper)
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
 
 

@@ -20,16 +20,17 @@ from uvms_drake.control.limits import (
     TubeRadii,
     check_limits,
     joint_limits,
-    tightened_parts,
+    resolved_radii,
 )
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
+from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.faults import uncovered
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.motions import limits_of, make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
@@ -264,11 +265,14 @@ def _paper(scenario: Scenario, constants: dict[str, Constant]) -> dict[str, floa
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condition]:
-    """Returns a condition for every limit: the tube must leave something of it."""
-    q_lower, q_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
-    return [Condition(f"tube in limits.{name}", radius, "<", room)
-            for name, radius, room in tightened_parts(
-                scenario.limits, tube, q_lower, q_upper, model.surface)]
+    """Returns a condition for every limit: the tube must leave something of it.
+
+    Limits of one number come first, as they do among the settings.
+    """
+    ordered = sorted(limits_of(scenario, model).values(),
+                     key=lambda limit: limit.labels != [limit.name])
+    return [Condition(f"tube in limits.{label}", radius, "<", room)
+            for limit in ordered for label, radius, room in limit.rooms(resolved_radii(tube))]
 
 
 def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) -> Certificate:
@@ -324,9 +328,13 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
     """Returns by how much a plan exceeds a limit on the configuration between its knots [rad, m].
 
     Roll, pitch, tip pitch, joints and the static force (over the stiffness), which can bulge out
-    there by h²/8 times their second derivative, against what the tube leaves of their limits.
+    there by h²/8 times their second derivative, against what the tube leaves of their limits. Not
+    the inputs.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
     times = plan.start_time + np.add.outer(np.arange(len(plan.decision)) * plan.time_step, inside)
-    config = np.array([plan.at(float(time))[0] for time in times.ravel()])
-    return float(np.max(ocp.configuration_excess(config, ocp.model.task_pose(config)), initial=0.0))
+    config, zeta = (np.array(each) for each in zip(
+        *(plan.at(float(time))[:2] for time in times.ravel()), strict=True))
+    at = Points(ocp.model, config, ocp.model.task_pose(config), zeta)
+    return max(0.0, *(float(np.max(limit.excess(at))) for limit in ocp.limits.values()
+                      if limit.bulges and limit.about != "input"))

@@ -16,17 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.limits import NominalLimits
-from uvms_drake.control.ocp import Motion, MpcConfig, Ocp, input_limits, weight
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp, Transitions, weight
 from uvms_drake.control.plan import DynamicPlan
-from uvms_drake.control.staged_program import StagedProgram, stacked
+from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.terminal import declared_terminal, terminal_ingredients
-from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate_matrix
+from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 
 @dataclass(frozen=True)
-class Linearisation(Motion):
-    """First-order model of motion, drift and forces about a plan."""
+class Linearisation(Transitions):
+    """First-order model of motion and drift about a plan."""
 
     f: np.ndarray
     """(N+1, 6+n) drift at the knots."""
@@ -34,18 +34,15 @@ class Linearisation(Motion):
     """(N+1, 6+n, 6+n) ∂f/∂ȳ."""
     f_zeta: np.ndarray
     """(N+1, 6+n, 6+n) ∂f/∂ζ̄."""
-    M: np.ndarray
-    """(N+1, 6+n, 6+n) mass matrix; with limits on τ only, else (0, ...)."""
-    tau_y: np.ndarray
-    """(2, N, 6+n, 6+n) ∂(M ū)/∂ȳ at ū of the plan, at the beginning and at the end of the
-    intervals; with limits on τ only, else (2, 0, ...)."""
 
 
 class DynamicOcp(Ocp[DynamicPlan]):
     """The FHOCP of one task for the dynamics of one model; arguments as those of `Ocp`."""
 
+    given_speed = 0
+
     def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
-                 limits: NominalLimits):
+                 limits: dict[str, Limit]):
         super().__init__(model, config, y_des, limits)
         size = model.size
         declared = config.terminal_weight is not None
@@ -92,41 +89,15 @@ class DynamicOcp(Ocp[DynamicPlan]):
         config, zeta, zeta_dot = at
         return zeta_dot - self.model.drift(config, zeta)
 
-    def _excess(self, plan: DynamicPlan, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-        limits, zeta = self.limits, plan.zeta[1:]
-        amounts = [
-            np.linalg.norm(zeta[:, :3], axis=1) - limits.nu1,
-            np.linalg.norm(zeta[:, 3:6], axis=1) - limits.nu2,
-            np.linalg.norm(zeta[:, 6:], axis=1) - limits.qdot,
-            np.abs(begin) - limits.u,
-            np.abs(end) - limits.u,
-        ]
-        if limits.tau is not None:
-            M = self.model.mass_matrix(self.model.kinematics(plan.config))
-            amounts += [np.abs((m @ u[..., None])[..., 0]) - limits.tau
-                        for m, u in ((M[:-1], begin), (M[1:], end))]
-        return amounts
+    def _velocities(self, plan: DynamicPlan) -> np.ndarray:
+        return plan.zeta
 
     def linearise(self, plan: DynamicPlan) -> Linearisation:
         """Returns the first-order model about a plan."""
-        motion = self._motion(plan.config, plan.zeta[:-1], plan.zeta_dot)
+        motion = self._transitions(plan, plan.zeta[:-1], plan.zeta_dot)
         f, f_config, f_zeta = self.model.drift_derivatives(plan.config, plan.zeta)
-        M, tau_y = self._force_model(plan, f, motion.config_y)
         return Linearisation(
-            **vars(motion), f=f, f_y=f_config @ motion.config_y, f_zeta=f_zeta, M=M, tau_y=tau_y)
-
-    def _force_model(self, plan: DynamicPlan, f: np.ndarray, config_y: np.ndarray
-                     ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns M and ∂(M ū)/∂ȳ, by a complex step of M."""
-        size = self.model.size
-        if self.limits.tau is None:
-            return np.empty((0, size, size)), np.empty((2, 0, size, size))
-        moved = plan.config[:, None, :] + 1j * COMPLEX_STEP * np.eye(size)
-        M = self.model.mass_matrix(self.model.kinematics(moved))
-        rates = np.moveaxis(M.imag / COMPLEX_STEP, 1, -1)  # (N+1, row, column, coordinate)
-        begin = np.einsum("krcj,kc->krj", rates[:-1], plan.zeta_dot - f[:-1])
-        end = np.einsum("krcj,kc->krj", rates[1:], plan.zeta_dot - f[1:])
-        return M[:, 0].real, np.stack([begin @ config_y[:-1], end @ config_y[1:]])
+            **vars(motion), f=f, f_y=f_config @ motion.knots.config_y, f_zeta=f_zeta)
 
     def staged_program(self, plan: DynamicPlan) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of ζ̄̇."""
@@ -137,31 +108,23 @@ class DynamicOcp(Ocp[DynamicPlan]):
         A[:, :size] = np.concatenate([model.dy_dy, model.dy_dzeta], axis=2)
         A[:, size:, size:] = eye
         B[:, :size], B[:, size:] = model.dy_da, h * eye
-        inputs = self._limited_inputs(plan, model, A, B)
-        u, u_z, _ = inputs[0]
-        linear = stacked([*(input_limits(*rows) for rows in inputs),
-                          self._configuration_limits(model, 3 * size),
-                          *self._depth_limits(model.y, 3 * size)])
-        return self._program(A, B, u, u_z, self.errors(plan, model.y), linear,
-                             self._norm_limits(model.y, plan.zeta, 3 * size, free_knot=0))
+        return self._program(A, B, self.errors(plan, model.knots.y), model.knots,
+                             self.linearised_inputs(plan, model, A, B))
 
-    def _limited_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray, B: np.ndarray
-                        ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Returns what is limited on every interval: value (N, 6+n), its derivative, its limit.
+    def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
+                          B: np.ndarray) -> list[Inputs]:
+        """Returns ū at the beginning and at the end of the intervals, and how they change.
 
-        The derivative (N, 6+n, 3(6+n)) is by (ξ, ζ̄̇) at the beginning of the interval; A and B give
-        it for what is limited at the end. The first is the ū of the cost.
+        Both change with (ξ, ζ̄̇) at the beginning of the interval; A and B say how ξ at its end does.
         """
         N, size, eye = self.horizon, self.model.size, np.eye(self.model.size)
         f_xi = np.concatenate([model.f_y, model.f_zeta], axis=2)
         begin_z = np.concatenate([-f_xi[:-1], np.tile(eye, (N, 1, 1))], axis=2)
         end_z = np.concatenate([-f_xi[1:] @ A, eye - f_xi[1:] @ B], axis=2)
-        begin, end = plan.zeta_dot - model.f[:-1], plan.zeta_dot - model.f[1:]
-        inputs = [(begin, begin_z, self.limits.u), (end, end_z, self.limits.u)]
-        if self.limits.tau is not None:  # d(M ū) = M dū + ∂(M ū)/∂ȳ dȳ
-            at_begin = np.concatenate([model.tau_y[0], np.zeros((N, size, 2 * size))], axis=2)
-            at_end = model.tau_y[1] @ np.concatenate([A, B], axis=2)[:, :size]
-            inputs += [((M @ u[..., None])[..., 0], M @ u_z + tau_z, self.limits.tau)
-                       for M, u, u_z, tau_z in ((model.M[:-1], begin, begin_z, at_begin),
-                                                (model.M[1:], end, end_z, at_end))]
-        return inputs
+        xi_z = np.concatenate([A, B], axis=2)
+        y_z, zeta_z = self._state_z(3 * size)
+        return [
+            Inputs(model.knots.subset(slice(-1), plan.zeta_dot - model.f[:-1]),
+                   y_z, zeta_z, begin_z),
+            Inputs(model.knots.subset(slice(1, None), plan.zeta_dot - model.f[1:]),
+                   xi_z[:, :size], xi_z[:, size:], end_z)]

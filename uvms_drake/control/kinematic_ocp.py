@@ -8,10 +8,10 @@ Joints of weight zero are left to themselves, as the paper leaves them: it weigh
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.limits import NominalLimits
-from uvms_drake.control.ocp import MpcConfig, Ocp, weight
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp, weight
 from uvms_drake.control.plan import KinematicPlan
-from uvms_drake.control.staged_program import StagedProgram, stacked
+from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.terminal import declared_terminal, kinematic_terminal_ingredients
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -19,8 +19,10 @@ from uvms_drake.model.uvms_model import UvmsModel
 class KinematicOcp(Ocp[KinematicPlan]):
     """The FHOCP of one task for the kinematics of one model; arguments as those of `Ocp`."""
 
+    given_speed = -1
+
     def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
-                 limits: NominalLimits):
+                 limits: dict[str, Limit]):
         super().__init__(model, config, y_des, limits)
         weight_y = weight(config, "weight_y", model.size, zeros=True)
         weighted = bool(np.all(weight_y[:6] > 0.0) and (
@@ -60,22 +62,14 @@ class KinematicOcp(Ocp[KinematicPlan]):
         """Returns ζ̄ (6+n,)."""
         return at[1]
 
-    def _excess(self, plan: KinematicPlan, begin: np.ndarray, end: np.ndarray
-                ) -> list[np.ndarray]:
-        limits, zeta = self.limits, begin
-        return [np.linalg.norm(zeta[:, :3], axis=1) - limits.nu1,
-                np.linalg.norm(zeta[:, 3:6], axis=1) - limits.nu2,
-                np.linalg.norm(zeta[:, 6:], axis=1) - limits.qdot]
+    def _velocities(self, plan: KinematicPlan) -> np.ndarray:
+        return np.concatenate([plan.zeta, np.zeros((1, self.model.size))])
 
     def staged_program(self, plan: KinematicPlan) -> StagedProgram:
         """Returns the convex program about a plan; its w is the change of ζ̄."""
-        size = self.model.size
-        motion = self._motion(plan.config, plan.zeta, np.zeros_like(plan.zeta))
-        eye, zero = np.eye(size), np.zeros((size, size))
-        u_z = np.tile(np.hstack([zero, eye]), (self.horizon, 1, 1))
-        zeta = np.concatenate([plan.zeta, np.zeros((1, size))])
+        model = self._transitions(plan, plan.zeta, np.zeros_like(plan.zeta))
+        y_z, zeta_z = self._state_z(2 * self.model.size)
+        inputs = Inputs(model.knots.subset(slice(-1), plan.zeta), y_z, zeta_z,
+                        np.tile(zeta_z, (self.horizon, 1, 1)))
         return self._program(
-            motion.dy_dy, motion.dy_dzeta, plan.zeta, u_z, self.errors(plan, motion.y),
-            stacked([self._configuration_limits(motion, 2 * size),
-                     *self._depth_limits(motion.y, 2 * size)]),
-            self._norm_limits(motion.y, zeta, 2 * size, free_knot=-1))
+            model.dy_dy, model.dy_dzeta, self.errors(plan, model.knots.y), model.knots, [inputs])

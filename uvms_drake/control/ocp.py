@@ -19,22 +19,23 @@ A problem values a plan (`evaluate`) and makes the convex program about a plan (
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import ClassVar, Generic, NamedTuple
 
 import numpy as np
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.control.limits import NominalLimits
+from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan import P, advance_derivatives
+from uvms_drake.control.points import Points, Slopes
 from uvms_drake.control.staged_program import (
     LinearLimits,
     NormLimit,
     StagedProgram,
     TerminalLimit,
+    stacked,
 )
 from uvms_drake.control.terminal import Terminal
 from uvms_drake.model.euler import wrap_angle
-from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, static_force
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 INITIAL_STATES = ("nominal", "measured")
@@ -74,26 +75,30 @@ class MpcConfig:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Transitions:
     """First-order model of the motion of a plan; index k is the knot or interval."""
 
-    y: np.ndarray
-    """(N+1, 6+n) ȳ at the knots, Euler angles within π of the desired ones."""
+    knots: Points
+    """The N+1 knots; Euler angles of y within π of the desired ones."""
     dy_dy: np.ndarray
     """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ȳ_k."""
     dy_dzeta: np.ndarray
     """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ζ̄_k."""
     dy_da: np.ndarray
     """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ζ̄̇_k."""
-    config_y: np.ndarray
-    """(N+1, 6+n, 6+n) ∂𝔮̄/∂ȳ."""
-    attitude: np.ndarray
-    """(N+1, 2) (φ̄, θ̄) of the vehicle."""
 
-    @property
-    def attitude_y(self) -> np.ndarray:
-        """(N+1, 2, 6+n) ∂(φ̄, θ̄)/∂ȳ."""
-        return self.config_y[:, 3:5]
+
+class Inputs(NamedTuple):
+    """One end of every interval."""
+
+    points: Points
+    """The N ends, with their inputs ū."""
+    y_z: np.ndarray
+    """(N, 6+n, size of z) ∂y/∂z, or one for all intervals; z is that of the interval."""
+    zeta_z: np.ndarray
+    """Likewise ∂ζ/∂z."""
+    u_z: np.ndarray
+    """Likewise ∂u/∂z."""
 
 
 @dataclass(frozen=True)
@@ -138,9 +143,11 @@ class Ocp(ABC, Generic[P]):
         model: Kinematics and dynamics.
         config: Horizon and weights.
         y_des: The extended task (χ_des, q_des) (6+n,).
-        limits: Those that are left to the nominal trajectory.
+        limits: Those that are left to the nominal trajectory, by name.
     """
 
+    given_speed: ClassVar[int]
+    """Knot at which a plan has no ζ̄ to decide."""
     Q: np.ndarray
     """Weight of ξ."""
     R: np.ndarray
@@ -150,7 +157,7 @@ class Ocp(ABC, Generic[P]):
     terminal: Terminal
 
     def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
-                 limits: NominalLimits):
+                 limits: dict[str, Limit]):
         require(config.horizon >= 1, "horizon", config.horizon, "a positive integer")
         require(0.0 < config.time_step < np.inf, "time_step", config.time_step, "positive")
         require(config.iterations >= 1, "iterations", config.iterations, "a positive integer")
@@ -172,9 +179,6 @@ class Ocp(ABC, Generic[P]):
         self.y_des = y_des
         self.limits = limits
         self._radius = config.terminal_radius if config.terminal_set else np.inf
-        if limits.static_force is not None and not isinstance(model.surface, PlaneLaw | SpringLaw):
-            raise TypeError(f"no limit on the force of a {type(model.surface).__name__}")
-        self._stiffness = float(np.linalg.norm(model.surface.force_jacobian()[:, :3], 2))
 
     @property
     @abstractmethod
@@ -202,8 +206,8 @@ class Ocp(ABC, Generic[P]):
         """Returns the convex program about a plan, for the change of its decision."""
 
     @abstractmethod
-    def _excess(self, plan: P, begin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-        """Returns by how much speeds and inputs are beyond their limits; negative within."""
+    def _velocities(self, plan: P) -> np.ndarray:
+        """Returns ζ̄ at the knots (N+1, 6+n); of no meaning at the `given_speed` of the last."""
 
     def unwrapped(self, y: np.ndarray) -> np.ndarray:
         """Returns y (..., 6+n) with the Euler angles within π of the desired ones."""
@@ -219,15 +223,15 @@ class Ocp(ABC, Generic[P]):
     def evaluate(self, plan: P) -> Evaluation:
         """Returns the objective and the violations of a plan, nothing linearised."""
         y = self.unwrapped(self.model.task_pose(plan.config))
+        knots = Points(self.model, plan.config, y, self._velocities(plan))
         xi = self.errors(plan, y)
         begin, end = self.inputs(plan)
         du = begin - self.u_ref
         stages = np.sum((xi[:-1] @ self.Q) * xi[:-1]) + np.sum((du @ self.R) * du)
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
         slack = max(0.0, np.sqrt(terminal) - self.terminal.radius)
-        amounts = [self.configuration_excess(plan.config[1:], y[1:]),
-                   *self._excess(plan, begin, end)]
-        excess = np.maximum(np.concatenate([amount.ravel() for amount in amounts]), 0.0)
+        ends = [knots.subset(slice(-1), begin), knots.subset(slice(1, None), end)]
+        excess = np.maximum(self._excess(knots, ends), 0.0)
         return Evaluation(
             cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
             terminal_slack=float(slack),
@@ -235,36 +239,44 @@ class Ocp(ABC, Generic[P]):
             total_violation=float(np.sum(excess)),
         )
 
-    def configuration_excess(self, config: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Returns by how much 𝔮 and y (m, 6+n) are beyond their limits (m, ...); negative within.
+    def _excess(self, knots: Points, ends: list[Points]) -> np.ndarray:
+        """Returns by how much each value is beyond its limit (m,); negative within.
 
-        Angles [rad], and the static force over the stiffness of the surface [m].
+        Args:
+            knots: The N+1 knots; where a value is given, its limit does not count.
+            ends: Beginning and end of the intervals.
         """
-        limits = self.limits
-        excess = [np.abs(config[:, 3:4]) - limits.roll, np.abs(config[:, 4:5]) - limits.pitch,
-                  np.abs(y[:, 4:5]) - limits.tip_pitch,
-                  y[:, 6:] - limits.q_upper, limits.q_lower - y[:, 6:]]
-        if limits.static_force is not None:
-            beyond = static_force(self.model.surface, y[:, :6]) - limits.static_force
-            excess.append(beyond[:, None] / self._stiffness)
-        return np.concatenate(excess, axis=1)
+        decided = {"pose": [knots.subset(slice(1, None))], "speed": [knots.subset(
+            slice(1, None) if self.given_speed == 0 else slice(-1))], "input": ends}
+        return np.concatenate([limit.excess(points).ravel() for limit in self.limits.values()
+                               for points in decided[limit.about]])
 
-    def _motion(self, config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray) -> Motion:
-        """Returns the first-order model of 𝔮̄ (N+1, 6+n) with ζ̄ and ζ̄̇ (N, 6+n) of the intervals."""
+    def _transitions(self, plan: P, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
+        """Returns the first-order model of a plan with ζ̄ and ζ̄̇ (N, 6+n) of its intervals."""
+        config = plan.config
         y, J_x, _ = self.model.task_motion(config, np.zeros_like(config))
         Gamma = configuration_rate_matrix(config)
         config_y = Gamma @ np.linalg.inv(J_x)
         y_config = J_x[1:] @ np.linalg.inv(Gamma[1:])
         by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
             config[:-1], zeta, zeta_dot, self.time_step))
-        return Motion(y=self.unwrapped(y), dy_dy=by_config @ config_y[:-1], dy_dzeta=by_zeta,
-                      dy_da=by_zeta_dot, config_y=config_y, attitude=config[:, 3:5])
+        knots = Points(self.model, config, self.unwrapped(y), self._velocities(plan),
+                       config_y=config_y)
+        return Transitions(knots, by_config @ config_y[:-1], by_zeta, by_zeta_dot)
 
-    def _program(self, A: np.ndarray, B: np.ndarray, u: np.ndarray, u_z: np.ndarray,
-                 xi: np.ndarray, linear: LinearLimits, norms: tuple[NormLimit, ...]
-                 ) -> StagedProgram:
-        """Returns the program of a model ξ⁺ = Aξ + Bw whose input is `u` + `u_z` (ξ, w)."""
+    def _program(self, A: np.ndarray, B: np.ndarray, xi: np.ndarray, knots: Points,
+                 ends: list[Inputs]) -> StagedProgram:
+        """Returns the program of a model ξ⁺ = Aξ + Bw.
+
+        Args:
+            A: (N, nx, nx).
+            B: (N, nx, nw).
+            xi: ξ at the knots (N+1, nx).
+            knots: The N+1 knots.
+            ends: Beginning of the intervals, and the end where the input is another one there.
+        """
         h, nx = self.time_step, xi.shape[1]
+        u, u_z = ends[0].points.u, ends[0].u_z
         weighted = 2.0 * h * self.R @ u_z
         H = np.swapaxes(u_z, 1, 2) @ weighted
         H[:, :nx, :nx] += 2.0 * h * self.Q
@@ -273,79 +285,64 @@ class Ocp(ABC, Generic[P]):
         penalty, root = self.terminal.P, self.terminal.root
         return StagedProgram(
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
-            linear=linear, norms=norms,
+            linear=self._linear_limits(knots, ends, u_z.shape[-1]),
+            norms=self._norm_limits(knots, u_z.shape[-1]),
             terminal=TerminalLimit(root, root @ xi[-1], self.terminal.radius),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
 
-    def _configuration_limits(self, motion: Motion, width: int) -> LinearLimits:
-        """Returns the limits on attitude and joints, as rows of z (`width`,) that starts with y."""
-        limits, (knots, size) = self.limits, motion.y.shape
-        C = np.zeros((knots, size - 3, width))
-        C[:, :2, :size] = motion.attitude_y
-        C[:, range(2, size - 3), [4, *range(6, size)]] = 1.0
-        value = np.concatenate([motion.attitude, motion.y[:, 4:5], motion.y[:, 6:]], axis=1)
-        angles = [limits.roll, limits.pitch, limits.tip_pitch]
-        upper = np.tile(np.concatenate([angles, limits.q_upper]), (knots, 1))
-        lower = np.tile(np.concatenate([np.negative(angles), limits.q_lower]), (knots, 1))
-        upper[0], lower[0] = np.inf, -np.inf  # The first knot is given.
-        soft = np.arange(size - 3) < 2
-        return LinearLimits(C, value, lower, upper, soft)
+    def _linear_limits(self, knots: Points, ends: list[Inputs], width: int) -> LinearLimits:
+        """Returns the limits that are rows of z (`width`,): of the inputs, then at the knots."""
+        stages = self.horizon + 1
+        none = np.empty((stages, 0))
+        parts = [LinearLimits(np.empty((stages, 0, width)), none, none, none, np.empty(0, bool))]
+        for limit in self.limits.values():
+            if limit.about == "input":
+                parts += [self._linear_limit(limit, end.points, Slopes(*end[1:])) for end in ends]
+        for limit in self.limits.values():
+            if limit.about != "input" and limit.cone(knots) is None:
+                part = self._linear_limit(limit, knots, Slopes(*self._state_z(width)))
+                given = self._given(limit)
+                part.upper[given], part.lower[given] = np.inf, -np.inf
+                parts.append(part)
+        return stacked(parts)
 
-    def _depth_limits(self, y: np.ndarray, width: int) -> list[LinearLimits]:
-        """Returns the limit on the static force of a plane, or none; a spring has a `NormLimit`.
-
-        Args:
-            y: ȳ (N+1, 6+n), with which z starts.
-            width: Length of z.
-        """
-        force, surface, knots = self.limits.static_force, self.model.surface, len(y)
-        if force is None or not isinstance(surface, PlaneLaw):
-            return []
-        C = np.zeros((knots, 1, width))
-        C[:, 0, :3] = -surface.normal
-        upper = np.full((knots, 1), surface.depth_for(force))
-        upper[0] = np.inf
-        return [LinearLimits(C, surface.depth(y[:, :3])[:, None], np.full((knots, 1), -np.inf),
-                             upper, np.zeros(1, dtype=bool))]
-
-    def _norm_limits(self, y: np.ndarray, zeta: np.ndarray, width: int, free_knot: int
-                     ) -> tuple[NormLimit, ...]:
-        """Returns the limits on ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖, and on the static force of a spring.
+    def _linear_limit(self, limit: Limit, points: Points, chain: Slopes) -> LinearLimits:
+        """Returns a limit as rows of every stage that is among the points; the last may not be.
 
         Args:
-            y: ȳ (N+1, 6+n), with which z starts.
-            zeta: ζ̄ (N+1, 6+n), which follows in z.
-            width: Length of z.
-            free_knot: The one at which ζ̄ is given, or of no meaning.
+            limit: What is limited.
+            points: N + 1 knots, or one end of the N intervals.
+            chain: How y, ζ and u change there with z.
         """
-        limits, size, surface = self.limits, self.model.size, self.model.surface
-        out, eye = [], np.eye(width)
-        for first, last, bound in ((0, 3, limits.nu1), (3, 6, limits.nu2), (6, size, limits.qdot)):
-            bounds = np.full(len(zeta), bound)
-            bounds[free_knot] = np.inf
-            out.append(NormLimit(eye[size + first: size + last], zeta[:, first:last], bounds))
-        if limits.static_force is not None and isinstance(surface, SpringLaw):
-            # In metres, for scale: everything else here is of about that size.
-            stretch = surface.force(y[:, :6], np.zeros_like(y[:, :6]))[:, :3] / self._stiffness
-            bounds = np.full(len(y), limits.static_force / self._stiffness)
-            bounds[0] = np.inf
-            out.append(NormLimit(
-                surface.force_jacobian() @ eye[:6] / self._stiffness, stretch, bounds))
+        rows = limit.rows(points)
+        by_z = rows.slopes.through(chain)
+        count, size = rows.value.shape
+        C = np.zeros((self.horizon + 1, size, by_z.shape[-1]))
+        value, upper = np.zeros((self.horizon + 1, size)), np.full((self.horizon + 1, size), np.inf)
+        lower = -upper
+        C[:count], value[:count], lower[:count], upper[:count] = (
+            by_z, rows.value, rows.lower, rows.upper)
+        return LinearLimits(C, value, lower, upper, np.full(size, limit.soft))
+
+    def _norm_limits(self, knots: Points, width: int) -> tuple[NormLimit, ...]:
+        """Returns the limits that are cones of z (`width`,)."""
+        out = []
+        for limit in self.limits.values():
+            cone = None if limit.about == "input" else limit.cone(knots)
+            if cone is not None:
+                bounds = np.full(len(cone.value), cone.bound)
+                bounds[self._given(limit)] = np.inf
+                by_z = cone.slopes.through(Slopes(*self._state_z(width)))
+                out.append(NormLimit(by_z, cone.value, bounds))
         return tuple(out)
 
+    def _state_z(self, width: int) -> np.ndarray:
+        """Returns ∂y/∂z and ∂ζ/∂z (2, 6+n, `width`) at a knot: z starts with them."""
+        return np.eye(width)[: 2 * self.model.size].reshape(2, -1, width)
 
-def input_limits(value: np.ndarray, by_z: np.ndarray, bound: np.ndarray) -> LinearLimits:
-    """Returns the soft limits |value + by_z z| ≤ bound of the N intervals; the last knot has none.
-
-    Args:
-        value: (N, m).
-        by_z: (N, m, size of z).
-        bound: (m,).
-    """
-    C = np.concatenate([by_z, np.zeros((1, *by_z.shape[1:]))])
-    upper = np.concatenate([np.tile(bound, (len(value), 1)), np.full((1, len(bound)), np.inf)])
-    return LinearLimits(C, np.concatenate([value, np.zeros((1, len(bound)))]), -upper, upper,
-                        np.ones(len(bound), dtype=bool))
+    def _given(self, limit: Limit) -> int:
+        """Returns the knot at which no decision changes what is limited."""
+        return self.given_speed if limit.about == "speed" else 0
 
 
 def weight(config: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:

@@ -7,7 +7,10 @@ import numpy as np
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.limits import NominalLimits, tighten
+from uvms_drake.control.limits import Limit, make_limits, tighten
+from uvms_drake.control.limits.attitude import VehicleAngle
+from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.control.scp import SequentialConvexSolver
@@ -72,7 +75,8 @@ def spring_ocp() -> DynamicOcp:
     model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
     y_des = np.concatenate([model.surface.pose_for(np.asarray(scenario.task.force), None),
                             scenario.task.posture])
-    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper, model.surface)
+    limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface),
+                     scenario.tube)
     return DynamicOcp(model, scenario.mpc, y_des, limits)
 
 
@@ -235,10 +239,11 @@ def kinematic_ocp(stage_weight: float) -> KinematicOcp:
         horizon=HORIZON, time_step=TIME_STEP, weight_y=stage_weight * task,
         weight_zeta=np.full(model.size, stage_weight), terminal_weight=WEIGHT * task,
         terminal_set=False)
-    limits = NominalLimits(
-        nu1=SPEED, nu2=SPEED, qdot=SPEED, roll=np.inf, pitch=PITCH_LIMIT, tip_pitch=np.inf,
-        q_lower=model.q_lower, q_upper=model.q_upper, u=np.full(model.size, np.inf))
-    return KinematicOcp(model, config, np.concatenate([CHI_DES, Q_DES]), limits)
+    limits: list[Limit] = [
+        *(Speed(name, SPEED) for name in ("nu1", "nu2", "qdot")),
+        VehicleAngle("pitch", PITCH_LIMIT), Joints(model.q_lower, model.q_upper)]
+    return KinematicOcp(model, config, np.concatenate([CHI_DES, Q_DES]),
+                        {limit.name: limit for limit in limits})
 
 
 class Holding(NamedTuple):

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_drake.control.ancillary import Transpose, task_error
-from uvms_drake.control.limits import NominalLimits, resolved_radii, tighten
+from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighten
+from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
 from uvms_drake.report.figure_style import (
     BLACK,
@@ -33,7 +34,7 @@ from uvms_drake.report.kinematic_figures import (
     draw_orientation_errors,
     draw_position_errors,
 )
-from uvms_drake.report.signals import input_names, settling_index, wrench_unit
+from uvms_drake.report.signals import settling_index, wrench_unit
 from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
@@ -129,11 +130,11 @@ def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
 def _draw_deepest(axis: Axes, record: Record) -> None:
     """Draws how deep the limit on the static force lets it go into a plane that is known."""
     scenario, surface = record.scenario, make_surface_law(record.scenario.surface)
-    full, nominal = scenario.limits.static_force, nominal_limits(record).static_force
-    if (isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0
-            and full is not None and nominal is not None):
-        axis.axhline(1e3 * surface.depth_for(full), **LIMIT)
-        axis.axhline(1e3 * surface.depth_for(nominal), **TIGHTENED)
+    limit = real_limits(record).get("static_force")
+    if isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0 and limit is not None:
+        nominal = nominal_limits(record)["static_force"]
+        axis.axhline(1e3 * surface.depth_for(limit.upper[0]), **LIMIT)
+        axis.axhline(1e3 * surface.depth_for(nominal.upper[0]), **TIGHTENED)
         axis.legend(loc="best")
 
 
@@ -149,15 +150,15 @@ def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
 def draw_velocities(record: Record) -> Figure:
     """Draws the block norms of ζ with their limits, full and tightened."""
     figure, axes = panels(3, 3.8)
-    limits, nominal = record.scenario.limits, nominal_limits(record)
+    limits, nominal = real_limits(record), nominal_limits(record)
     blocks = ((slice(0, 3), r"$\|\nu_1\|$ [m/s]", "nu1"),
               (slice(3, 6), r"$\|\nu_2\|$ [rad/s]", "nu2"),
               (slice(6, None), r"$\|\dot{q}\|$ [rad/s]", "qdot"))
     for axis, (block, label, key) in zip(axes, blocks, strict=True):
         real_and_nominal(axis, record.time, np.linalg.norm(record.zeta[:, block], axis=1),
                          np.linalg.norm(record.nominal_zeta[:, block], axis=1))
-        axis.axhline(getattr(limits, key), **LIMIT)
-        axis.axhline(getattr(nominal, key), **TIGHTENED)
+        axis.axhline(limits[key].upper[0], **LIMIT)
+        axis.axhline(nominal[key].upper[0], **TIGHTENED)
         axis.set_ylabel(label)
         room_above_zero(axis)
     _name_tube(axes[0], record)
@@ -167,13 +168,13 @@ def draw_velocities(record: Record) -> Figure:
 
 def draw_joints(record: Record) -> Figure:
     """Draws the joint angles with their limits, full and tightened."""
-    n, nominal = record.num_joints, nominal_limits(record)
+    n, nominal = record.num_joints, nominal_limits(record)["q"]
     figure, axes = panels(n, 0.8 + 0.95 * n)
     for i, axis in enumerate(axes):
         real_and_nominal(axis, record.time, record.config[:, 6 + i],
                          record.nominal_config[:, 6 + i])
-        for limit, tightened in ((record.joint_lower[i], nominal.q_lower[i]),
-                                 (record.joint_upper[i], nominal.q_upper[i])):
+        for limit, tightened in ((record.joint_lower[i], nominal.lower[i]),
+                                 (record.joint_upper[i], nominal.upper[i])):
             if np.isfinite(limit):
                 axis.axhline(limit, **LIMIT)
                 axis.axhline(tightened, **TIGHTENED)
@@ -189,7 +190,7 @@ def draw_inputs(record: Record) -> Figure:
     rows = -(-len(names) // 2)
     figure, grid = panels(rows, 0.5 + 1.0 * rows, columns=2)
     axes = grid.T.ravel()
-    limits, tightened = record.scenario.limits.u, nominal_limits(record).u
+    limits, tightened = record.scenario.limits.u, nominal_limits(record)["u"].upper
     for i, (axis, name) in enumerate(zip(axes, names, strict=False)):
         real_and_nominal(axis, record.time, record.u[:, i], record.nominal_input[:, i])
         for sign in (-1.0, 1.0):
@@ -275,11 +276,17 @@ def draw_deviation(record: Record) -> Figure:
     return figure
 
 
-def nominal_limits(record: Record) -> NominalLimits:
-    """Returns what the tube left of the limits to the nominal MPC."""
+def real_limits(record: Record) -> dict[str, Limit]:
+    """Returns the limits of the robot by name."""
     scenario = record.scenario
-    return tighten(scenario.limits, scenario.tube, record.joint_lower, record.joint_upper,
-                   make_surface_law(scenario.surface), accelerations=motion_of(scenario).has_forces)
+    return make_limits(scenario.limits, record.joint_lower, record.joint_upper,
+                       make_surface_law(scenario.surface),
+                       accelerations=motion_of(scenario).has_forces)
+
+
+def nominal_limits(record: Record) -> dict[str, Limit]:
+    """Returns what the tube left of the limits to the nominal MPC."""
+    return tighten(real_limits(record), record.scenario.tube)
 
 
 def _name_tube(axis: Axes, record: Record) -> None:

@@ -1,6 +1,7 @@
 """The motions that a scenario can name."""
 
 from uvms_drake.common.errors import require
+from uvms_drake.control.limits import Limit, make_limits
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.dynamic import Dynamic
@@ -29,3 +30,9 @@ def make_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Ocp:
         InvalidParameter: A value cannot be used, or the task cannot be held within the limits.
     """
     return motion_of(scenario).make_ocp(scenario, model or load_model(scenario))
+
+
+def limits_of(scenario: Scenario, model: UvmsModel) -> dict[str, Limit]:
+    """Returns the limits of the real robot by name; the model is the controller's."""
+    return make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface,
+                       accelerations=motion_of(scenario).has_forces)

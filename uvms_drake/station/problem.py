@@ -7,9 +7,10 @@ import numpy as np
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.limits import NominalLimits, tighten
+from uvms_drake.control.limits import Limit, make_limits, tighten
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.model.surface.law import make_surface_law, static_force
+from uvms_drake.control.points import Points
+from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
@@ -36,7 +37,7 @@ def make_dynamic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Dyna
     y_des, limits = _task(scenario, model, accelerations=True)
     with within("mpc"):
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
-    require(bool(np.all(np.abs(ocp.u_eq) <= limits.u)), "limits.u", scenario.limits.u,
+    require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
             f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
     return ocp
 
@@ -58,11 +59,11 @@ def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: UvmsModel | Non
 
 
 def _task(scenario: Scenario, model: UvmsModel, *, accelerations: bool
-          ) -> tuple[np.ndarray, NominalLimits]:
+          ) -> tuple[np.ndarray, dict[str, Limit]]:
     """Returns y_des (6+n,) and the limits that the tube leaves."""
     surface = model.surface
-    limits = tighten(scenario.limits, scenario.tube, model.q_lower, model.q_upper, surface,
-                     accelerations=accelerations)
+    limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,
+                                 accelerations=accelerations), scenario.tube)
     task = scenario.task
     with within("task"):
         force = vector("force", task.force, 6)
@@ -70,8 +71,9 @@ def _task(scenario: Scenario, model: UvmsModel, *, accelerations: bool
         posture = vector("posture", task.posture, model.num_joints)
         y_des = np.concatenate([surface.pose_for(force, pose), posture])
         config = model.configuration(y_des)
-        _check_force("force", force, model, y_des, limits)
-        _check_configuration("pose", "posture", config, y_des, limits)
+        _check_pose(limits, Points(model, config, y_des), {
+            "force": ("force", force), "joints": ("posture", posture),
+            "pose": ("pose", config[:6])})
     return y_des, limits
 
 
@@ -85,30 +87,21 @@ def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
         eta = vector("eta", scenario.start.eta, 6)
         q = vector("q", scenario.start.q, ocp.model.num_joints)
         config = np.concatenate([eta, q])
-        y = ocp.model.task_pose(config)
-        _check_configuration("eta", "q", config, y, ocp.limits)
-        _check_force("eta", eta, ocp.model, y, ocp.limits)
+        _check_pose(ocp.limits, Points(ocp.model, config, ocp.model.task_pose(config)), {
+            "force": ("eta", eta), "joints": ("q", q), "pose": ("eta", eta)})
     return np.concatenate([config, np.zeros_like(config)])
 
 
-def _check_force(key: str, value: np.ndarray, model: UvmsModel, y: np.ndarray,
-                 limits: NominalLimits) -> None:
-    """Raises unless the surface is pressed no harder at rest at y than the limits allow."""
-    if limits.static_force is not None:
-        pressed = float(static_force(model.surface, y[:6]))
-        require(pressed <= limits.static_force, key, value,
-                f"such that the static force, {pressed:.4g} N, is at most "
-                f"{limits.static_force:.4g} N, what the tube leaves of limits.static_force")
+def _check_pose(limits: dict[str, Limit], at: Points,
+                owners: dict[str, tuple[str, np.ndarray]]) -> None:
+    """Raises unless a pose is within the nominal limits.
 
-
-def _check_configuration(pose_key: str, joint_key: str, config: np.ndarray, y: np.ndarray,
-                         limits: NominalLimits) -> None:
-    """Raises unless a configuration 𝔮 and its y = (χ, q) are within the nominal limits."""
-    q, eta = config[6:], config[:6]
-    require(bool(np.all((limits.q_lower <= q) & (q <= limits.q_upper))), joint_key, q,
-            f"within the joint limits less the tube, {limits.q_lower} to {limits.q_upper}")
-    for name, angle, limit in (("roll", eta[3], limits.roll), ("pitch", eta[4], limits.pitch)):
-        require(abs(angle) <= limit, pose_key, eta,
-                f"such that the vehicle's {name}, {angle:.3g}, is within ±{limit:.3g}")
-    require(abs(y[4]) <= limits.tip_pitch, pose_key, eta,
-            f"such that the tip's pitch, {y[4]:.3g}, is within ±{limits.tip_pitch:.3g}")
+    Args:
+        limits: Those that the tube leaves.
+        at: The pose.
+        owners: Key and value that are to blame, by the `owner` of a limit.
+    """
+    for limit in limits.values():
+        if limit.about == "pose":
+            require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner],
+                    limit.complaint(at))

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from uvms_drake.control.limits import resolved_radii
+from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.motions import limits_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.visual.limit_use import LimitUse
@@ -20,11 +21,11 @@ def setting_of(scenario: Scenario, model: UvmsModel | None = None, *, certified:
         certified: Whether its tube is that of a certificate that holds.
     """
     model = model or load_model(scenario)
-    force = np.asarray(scenario.task.force, dtype=float)
+    force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
     return Setting(
         robot=scenario.model, model=model, surface=model.surface,
         start=np.concatenate([scenario.start.eta, scenario.start.q]), force=force,
         goal=model.surface.pose_for(force, scenario.task.pose),
         radius=float(resolved_radii(scenario.tube).position or 0.0),
-        limit_use=LimitUse(scenario, model), horizon=scenario.mpc.horizon,
-        visual=scenario.visual, certified=certified)
+        limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
+        horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified)

@@ -28,7 +28,7 @@ from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import advance
-from uvms_drake.model.surface.law import static_force
+from uvms_drake.control.points import Points, Slopes
 from uvms_drake.model.uvms_model import COMPLEX_STEP
 
 DECREASE, AT_REST = "decrease", "decrease at rest"
@@ -86,21 +86,29 @@ class TerminalLoop(ABC):
     input_rows: np.ndarray
     """Linearised ū − ū_eq = input_rows · ξ."""
     rows: np.ndarray
-    """Linearised limited values, see `move`: rows · ξ."""
+    """Linearised limited values: rows · ξ."""
     names: tuple[str, ...]
     """Conditions on the nonlinear map, in the order of `margins`."""
 
-    def __init__(self, ocp: Any, size: int, bounds: list[tuple[str, float]],
-                 P: np.ndarray | None, gain: np.ndarray | None):
+    def __init__(self, ocp: Any, size: int, P: np.ndarray | None, gain: np.ndarray | None):
         self.ocp = ocp
         self.P = ocp.terminal.P if P is None else P
         least = float(np.linalg.eigvalsh(self.P)[0])
         require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
         self.inverse = np.linalg.inv(self.P)
-        self.names = (DECREASE, *(name for name, _ in bounds))
-        self.bounds = np.array([bound for _, bound in bounds])
+        limits = ocp.limits.values()
+        self.closed_forms = {limit.name: form for limit in limits
+                             if (form := limit.closed_form(ocp.model.size)) is not None}
+        self.inputs = [limit for limit in limits if limit.about == "input"]
+        self.sampled = [limit for limit in limits
+                        if limit.about != "input" and limit.name not in self.closed_forms]
+        self.names = (DECREASE, *(f"{part} {end}" for limit in self.inputs
+                                  for end in ("begin", "end") for part in limit.parts),
+                      *(part for limit in self.sampled for part in limit.parts))
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
-        moved = (item.imag.T / COMPLEX_STEP for item in self.move(step[:, :size], step[:, size:]))
+        after, w, begin, end = self.move(step[:, :size], step[:, size:])
+        moved = (item.imag.T / COMPLEX_STEP for item in (
+            after, w, self._limited("values", begin, end)))
         (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
         if gain is None:
             gain = ocp.terminal.gain if P is None else _greedy(A, B, C, D, ocp, P)
@@ -109,8 +117,8 @@ class TerminalLoop(ABC):
 
     @abstractmethod
     def move(self, xi: np.ndarray, decision: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns ξ⁺ after one interval from ξ with a decision, ū − ū_eq, and limited values.
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ after one interval from ξ with a decision, ū − ū_eq, and both ends of it.
 
         Args:
             xi: ξ (..., its size).
@@ -118,16 +126,23 @@ class TerminalLoop(ABC):
         """
 
     @abstractmethod
-    def speed_reaches(self) -> dict[str, float]:
-        """Returns the largest ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ where ‖ξ‖_P ≤ 1, by the name of their limit."""
+    def state_rows(self) -> Slopes:
+        """Returns y − y_des and ζ̄ as rows of ξ (6+n, its size)."""
+
+    def _limited(self, what: str, begin: Points, end: Points) -> np.ndarray:
+        """Returns `values` or `used` of the limits that have no closed form (..., their number)."""
+        return np.concatenate([
+            np.empty((*begin.config.shape[:-1], 0)),
+            *(getattr(limit, what)(at) for limit in self.inputs for at in (begin, end)),
+            *(getattr(limit, what)(begin) for limit in self.sampled)], axis=-1)
 
     def margins(self, xi: np.ndarray) -> np.ndarray:
         """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0."""
         ocp = self.ocp
-        after, w, values = self.move(xi, xi @ self.gain.T)
+        after, w, begin, end = self.move(xi, xi @ self.gain.T)
         stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
         decrease = (_square(xi, self.P) - _square(after, self.P)) / stage - 1.0
-        left = 1.0 - np.where(values.real < 0.0, -values, values) / self.bounds
+        left = 1.0 - self._limited("used", begin, end)
         return np.concatenate([decrease[..., None], left], axis=-1)
 
     def margin_at_rest(self) -> float:
@@ -143,22 +158,15 @@ class TerminalLoop(ABC):
         The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). Of
         the static force it takes the largest change; a spring's force may rise by less.
         """
-        limits, y = self.ocp.limits, self.ocp.y_des
-        reach = np.sqrt(np.diag(self.inverse))
-        out = {"tip_pitch": (limits.tip_pitch - abs(y[4]), reach[4], limits.tip_pitch)}
-        room = np.minimum(limits.q_upper - y[6:], y[6:] - limits.q_lower)
-        for i in range(len(y) - 6):
-            out[f"q[{i}]"] = (room[i], reach[6 + i], 0.5 * (limits.q_upper[i] - limits.q_lower[i]))
-        for name, reached in self.speed_reaches().items():
-            out[name] = (getattr(limits, name), reached, getattr(limits, name))
-        if limits.static_force is not None:
-            surface = self.ocp.model.surface
-            G = surface.force_jacobian()
-            rows = np.zeros((len(G), len(self.P)))
-            rows[:, :6] = G
-            pressed = float(static_force(surface, y[:6]))
-            out["static_force"] = (
-                limits.static_force - pressed, self._reach(rows), limits.static_force)
+        model, y = self.ocp.model, self.ocp.y_des
+        rest = Points(model, model.configuration(y), y, np.zeros(model.size))
+        out = {}
+        for name, forms in self.closed_forms.items():
+            limit = self.ocp.limits[name]
+            values = limit.values(rest)
+            rooms = np.minimum(limit.upper - values, values - limit.lower)
+            for part, form, room, half in zip(limit.parts, forms, rooms, limit.half, strict=True):
+                out[part] = (room, self._reach(form.through(self.state_rows())), half)
         return out
 
     def _reach(self, A: np.ndarray) -> float:
@@ -178,36 +186,25 @@ class DynamicLoop(TerminalLoop):
 
     def __init__(self, ocp: DynamicOcp, P: np.ndarray | None = None,
                  gain: np.ndarray | None = None):
-        limits, self.size = ocp.limits, ocp.model.size
-        inputs = [("u", limits.u)] + ([] if limits.tau is None else [("tau", limits.tau)])
-        bounds = [(f"{key}[{i}] {end}", bound) for key, values in inputs
-                  for end in ("begin", "end") for i, bound in enumerate(values)]
-        bounds += [("roll", limits.roll), ("pitch", limits.pitch)]
-        super().__init__(ocp, 2 * self.size, bounds, P, gain)
+        self.size = ocp.model.size
+        super().__init__(ocp, 2 * self.size, P, gain)
 
     def move(self, xi: np.ndarray, decision: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns ξ⁺ (..., 2(6+n)), ū − ū_eq, and limited values; the decision is ζ̄̇.
-
-        Limited are ū at both ends of the interval, M(𝔮̄)ū if τ is limited, roll and pitch.
-        """
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ (..., 2(6+n)), ū − ū_eq, and both ends; the decision is ζ̄̇."""
         ocp, model, h = self.ocp, self.ocp.model, self.ocp.time_step
-        zeta = xi[..., self.size:]
-        config = model.configuration(ocp.y_des + xi[..., : self.size])
+        y, zeta = ocp.y_des + xi[..., : self.size], xi[..., self.size:]
+        config = model.configuration(y)
         end, zeta_end = advance(config, zeta, decision, h), zeta + h * decision
-        values = [decision - model.drift(config, zeta), decision - model.drift(end, zeta_end)]
-        w = values[0] - ocp.u_eq
-        if ocp.limits.tau is not None:
-            values += [(model.mass_matrix(model.kinematics(at)) @ u[..., None])[..., 0]
-                       for at, u in zip((config, end), values, strict=True)]
-        return (np.concatenate([self._error(end), zeta_end], axis=-1), w,
-                np.concatenate([*values, config[..., 3:5]], axis=-1))
+        u, u_end = decision - model.drift(config, zeta), decision - model.drift(end, zeta_end)
+        error = self._error(end)
+        return (np.concatenate([error, zeta_end], axis=-1), u - ocp.u_eq,
+                Points(model, config, y, zeta, u),
+                Points(model, end, ocp.y_des + error, zeta_end, u_end))
 
-    def speed_reaches(self) -> dict[str, float]:
-        """Returns those of the blocks of ξ."""
-        rows = np.eye(2 * self.size)[self.size:]
-        return {"nu1": self._reach(rows[:3]), "nu2": self._reach(rows[3:6]),
-                "qdot": self._reach(rows[6:])}
+    def state_rows(self) -> Slopes:
+        """Returns the blocks of ξ."""
+        return Slopes(*np.split(np.eye(2 * self.size), 2))
 
 
 class KinematicLoop(TerminalLoop):
@@ -215,20 +212,21 @@ class KinematicLoop(TerminalLoop):
 
     def __init__(self, ocp: KinematicOcp, P: np.ndarray | None = None,
                  gain: np.ndarray | None = None):
-        bounds = [("roll", ocp.limits.roll), ("pitch", ocp.limits.pitch)]
-        super().__init__(ocp, ocp.model.size, bounds, P, gain)
+        super().__init__(ocp, ocp.model.size, P, gain)
 
     def move(self, xi: np.ndarray, decision: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns ξ⁺ (..., 6+n), the decision ζ̄, and roll and pitch."""
-        config = self.ocp.model.configuration(self.ocp.y_des + xi)
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ (..., 6+n), the decision ζ̄, and both ends."""
+        model, y = self.ocp.model, self.ocp.y_des + xi
+        config = model.configuration(y)
         end = advance(config, decision, np.zeros_like(decision), self.ocp.time_step)
-        return self._error(end), decision, config[..., 3:5]
+        error = self._error(end)
+        return (error, decision, Points(model, config, y, decision, decision),
+                Points(model, end, self.ocp.y_des + error, decision, decision))
 
-    def speed_reaches(self) -> dict[str, float]:
-        """Returns those of ζ̄ = gain · ξ."""
-        return {"nu1": self._reach(self.gain[:3]), "nu2": self._reach(self.gain[3:6]),
-                "qdot": self._reach(self.gain[6:])}
+    def state_rows(self) -> Slopes:
+        """Returns ξ itself, and ζ̄ = gain · ξ."""
+        return Slopes(np.eye(self.ocp.model.size), self.gain)
 
 
 def terminal_loop(ocp: Ocp, P: np.ndarray | None = None, gain: np.ndarray | None = None

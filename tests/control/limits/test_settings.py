@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.limits`."""
+"""Tests of `uvms_drake.control.limits.settings` and `radii`."""
 
 from dataclasses import replace
 
@@ -7,20 +7,16 @@ import pytest
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import (
+    Limit,
     Limits,
     TubeRadii,
     check_limits,
     joint_limits,
+    make_limits,
     resolved_radii,
     tighten,
-    tightened_parts,
 )
-from uvms_drake.model.surface.law import (
-    BilateralSpring,
-    UnilateralPlane,
-    make_surface_law,
-    static_force,
-)
+from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
 
 LIMITS = Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.8,
                 u=np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.4, 6.0, 8.0]),
@@ -31,56 +27,63 @@ TUBE = TubeRadii(e=0.19, position=0.18, orientation=0.01, joints=0.012, z=0.17, 
                  tau=np.array([9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 0.5, 0.4]))
 """All different: each limit has one radius of its own."""
 Q_LOWER, Q_UPPER = np.array([-0.5, -1.3]), np.array([1.4, 0.7])
-SPRING = make_surface_law(BilateralSpring(
-    stiffness=np.diag([900.0, 400.0, 300.0, 9.0, 8.0, 7.0]) + np.array(
-        [[0, 50, 0, 20, 0, 5], [50, 0, 0, 0, 10, 0], [0, 0, 0, 0, 0, 0],
-         [20, 0, 0, 0, 0, 0], [0, 10, 0, 0, 0, 0], [5, 0, 0, 0, 0, 0]]),
-    equilibrium=np.array([0.3, -0.2, 1.1, 0.1, -0.2, 0.4])))
 PLANE = make_surface_law(UnilateralPlane(
     point=np.array([0.3, -0.2, 1.1]), normal=np.array([-0.6, 0.0, 0.8]), stiffness=830.0))
 
 
+def less(limits, tube, q_lower=Q_LOWER, q_upper=Q_UPPER) -> dict[str, Limit]:
+    """Returns what the tube leaves of the limits."""
+    return tighten(make_limits(limits, q_lower, q_upper, PLANE), tube)
+
+
+def rooms(limits, tube) -> list[tuple[str, float, float]]:
+    """Returns label, radius and room of every limit."""
+    tube = resolved_radii(tube)
+    return [room for limit in make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
+            for room in limit.rooms(tube)]
+
+
 def test_every_limit_loses_the_radius_of_its_own_block():
-    rest = tighten(LIMITS, TUBE, Q_LOWER, Q_UPPER, PLANE)
-    assert rest.nu1 == pytest.approx(0.21)
-    assert rest.nu2 == pytest.approx(0.17)
-    assert rest.qdot == pytest.approx(0.25)
-    assert rest.roll == pytest.approx(0.27)
-    assert rest.pitch == pytest.approx(0.29)
-    assert rest.tip_pitch == pytest.approx(0.79)
-    np.testing.assert_allclose(rest.u, [0.3, 0.2, 0.2, 0.2, 0.2, 0.2, 5.5, 7.3])
-    np.testing.assert_allclose(rest.tau, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
-    np.testing.assert_allclose(rest.q_lower, [-0.488, -1.288])
-    np.testing.assert_allclose(rest.q_upper, [1.388, 0.688])
+    rest = less(LIMITS, TUBE)
+    assert rest["nu1"].upper[0] == pytest.approx(0.21)
+    assert rest["nu2"].upper[0] == pytest.approx(0.17)
+    assert rest["qdot"].upper[0] == pytest.approx(0.25)
+    assert rest["roll"].upper[0] == pytest.approx(0.27)
+    assert rest["pitch"].upper[0] == pytest.approx(0.29)
+    assert rest["tip_pitch"].upper[0] == pytest.approx(0.79)
+    np.testing.assert_allclose(rest["u"].upper, [0.3, 0.2, 0.2, 0.2, 0.2, 0.2, 5.5, 7.3])
+    np.testing.assert_allclose(rest["tau"].upper, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
+    np.testing.assert_allclose(rest["q"].lower, [-0.488, -1.288])
+    np.testing.assert_allclose(rest["q"].upper, [1.388, 0.688])
 
 
 @pytest.mark.parametrize("key", ["nu1", "nu2", "qdot"])
 def test_the_worst_deviation_in_the_tube_reaches_the_limit_and_does_not_exceed_it(key):
     """For a velocity on the tightened ball and 100 deviations: the radius is not too small."""
-    rest = tighten(LIMITS, TUBE, Q_LOWER, Q_UPPER, PLANE)
+    rest = less(LIMITS, TUBE)
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    nominal = getattr(rest, key) * directions[0]
+    nominal = rest[key].upper[0] * directions[0]
     real = np.linalg.norm(nominal + getattr(TUBE, key) * directions, axis=1)
     assert np.max(real) == pytest.approx(getattr(LIMITS, key))  # directions[0] is the worst
     assert np.all(real <= getattr(LIMITS, key) + 1e-12)
 
 
 def test_without_a_tube_the_limits_stay():
-    rest = tighten(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)), Q_LOWER, Q_UPPER, PLANE)
+    rest = less(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)))
     for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
-        assert getattr(rest, key) == getattr(LIMITS, key)
-    np.testing.assert_array_equal(rest.u, LIMITS.u)
-    np.testing.assert_array_equal(rest.tau, LIMITS.tau)
-    np.testing.assert_array_equal(rest.q_lower, Q_LOWER)
-    np.testing.assert_array_equal(rest.q_upper, Q_UPPER)
+        assert rest[key].upper[0] == getattr(LIMITS, key)
+    np.testing.assert_array_equal(rest["u"].upper, LIMITS.u)
+    np.testing.assert_array_equal(rest["tau"].upper, LIMITS.tau)
+    np.testing.assert_array_equal(rest["q"].lower, Q_LOWER)
+    np.testing.assert_array_equal(rest["q"].upper, Q_UPPER)
 
 
 @pytest.mark.parametrize("tau", [None, TUBE.tau, np.full(3, -1.0)])
 def test_without_limits_on_forces_none_are_left_whatever_the_tube_says(tau):
-    rest = tighten(replace(LIMITS, tau=None), replace(TUBE, tau=tau), Q_LOWER, Q_UPPER, PLANE)
-    assert rest.tau is None
+    rest = less(replace(LIMITS, tau=None), replace(TUBE, tau=tau))
+    assert "tau" not in rest
 
 
 BLOCKS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
@@ -91,16 +94,15 @@ def test_a_block_without_a_radius_of_its_own_takes_the_total():
     resolved = resolved_radii(tube)
     assert {block: getattr(resolved, block) for block in BLOCKS} == {
         block: getattr(TUBE, total) for block, total in BLOCKS.items()}
-    rest = tighten(LIMITS, tube, Q_LOWER, Q_UPPER, PLANE)
-    assert rest.nu1 == pytest.approx(0.25 - 0.17)
-    assert rest.nu2 == pytest.approx(0.2 - 0.17)
-    assert rest.qdot == pytest.approx(0.3 - 0.17)
-    assert rest.tip_pitch == pytest.approx(0.8 - 0.19)
-    np.testing.assert_allclose(rest.q_lower, [-0.31, -1.11])
-    np.testing.assert_allclose(rest.q_upper, [1.21, 0.51])
-    assert tightened_parts(LIMITS, tube, Q_LOWER, Q_UPPER, PLANE) == tightened_parts(
-        LIMITS, resolved, Q_LOWER, Q_UPPER, PLANE)
-    assert rest.roll == pytest.approx(0.27)
+    rest = less(LIMITS, tube)
+    assert rest["nu1"].upper[0] == pytest.approx(0.25 - 0.17)
+    assert rest["nu2"].upper[0] == pytest.approx(0.2 - 0.17)
+    assert rest["qdot"].upper[0] == pytest.approx(0.3 - 0.17)
+    assert rest["tip_pitch"].upper[0] == pytest.approx(0.8 - 0.19)
+    np.testing.assert_allclose(rest["q"].lower, [-0.31, -1.11])
+    np.testing.assert_allclose(rest["q"].upper, [1.21, 0.51])
+    assert rooms(LIMITS, tube) == rooms(LIMITS, resolved)
+    assert rest["roll"].upper[0] == pytest.approx(0.27)
 
 
 @pytest.mark.parametrize("block", BLOCKS)
@@ -127,76 +129,35 @@ def test_joint_limits_are_the_robots_or_the_narrower_ones_asked_for():
 
 def test_narrower_joint_limits_are_tightened():
     asked = replace(LIMITS, q_lower=np.array([-0.4, -1.0]), q_upper=np.array([0.1, 0.2]))
-    rest = tighten(asked, TUBE, Q_LOWER, Q_UPPER, PLANE)
-    np.testing.assert_allclose(rest.q_lower, [-0.388, -0.988])
-    np.testing.assert_allclose(rest.q_upper, [0.088, 0.188])
+    rest = less(asked, TUBE)
+    np.testing.assert_allclose(rest["q"].lower, [-0.388, -0.988])
+    np.testing.assert_allclose(rest["q"].upper, [0.088, 0.188])
 
 
 def test_joints_without_limits_stay_so():
-    rest = tighten(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]), PLANE)
-    np.testing.assert_allclose(rest.q_lower, [-np.inf, -1.288])
-    np.testing.assert_allclose(rest.q_upper, [np.inf, 0.688])
-
-
-# The force on the surface ------------------------------------------------------------------------
-
-
-SMALL = replace(TUBE, position=0.002, orientation=0.01)
-
-
-@pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
-def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(surface):
-    """At 4000 poses of just the nominal force, each off by a deviation of the tube."""
-    limit = 40.0
-    bound = tighten(
-        replace(LIMITS, static_force=limit), SMALL, Q_LOWER, Q_UPPER, surface).static_force
-    rng = np.random.default_rng(0)
-    nominal = np.concatenate([rng.normal(size=(4000, 3)), 0.02 * rng.normal(size=(4000, 3))], 1)
-    if surface is SPRING:
-        rest = np.zeros((4000, 6))
-        rest[:, 3:] = nominal[:, 3:]
-        direction = nominal[:, :3] / np.linalg.norm(nominal[:, :3], axis=1)[:, None]
-        missing = bound * direction - (rest @ surface.K)[:, :3]
-        nominal[:, :3] = np.linalg.solve(surface.K[:3, :3], missing.T).T
-        nominal += surface.chi_eq
-    else:
-        along = nominal[:, :3] @ surface.normal + surface.depth_for(bound)
-        nominal[:, :3] += surface.point - along[:, None] * surface.normal
-    np.testing.assert_allclose(static_force(surface, nominal), bound)
-    off = [radius * step / np.linalg.norm(step, axis=1)[:, None] for radius, step in (
-        (SMALL.position, rng.normal(size=(4000, 3))),
-        (SMALL.orientation, rng.normal(size=(4000, 3))))]
-    worst = np.max(static_force(surface, nominal + np.concatenate(off, axis=1)))
-    assert bound + 0.8 * (limit - bound) < worst <= limit + 1e-9
-
-
-def test_a_tube_as_wide_as_the_force_is_refused():
-    pressed = replace(LIMITS, static_force=2.0)
-    assert ("static_force", pytest.approx(830.0 * 0.002), 2.0) in tightened_parts(
-        pressed, SMALL, Q_LOWER, Q_UPPER, PLANE)
-    with pytest.raises(InvalidParameter, match=r"limits\.static_force = 2\.0"):
-        tighten(pressed, replace(SMALL, position=0.003), Q_LOWER, Q_UPPER, PLANE)
-    assert tighten(LIMITS, SMALL, Q_LOWER, Q_UPPER, PLANE).static_force is None
+    rest = less(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]))
+    np.testing.assert_allclose(rest["q"].lower, [-np.inf, -1.288])
+    np.testing.assert_allclose(rest["q"].upper, [np.inf, 0.688])
 
 
 # What is left ------------------------------------------------------------------------------------
 
 
 def test_the_parts_are_every_limit_with_its_radius():
-    parts = tightened_parts(LIMITS, TUBE, Q_LOWER, Q_UPPER, PLANE)
+    parts = rooms(LIMITS, TUBE)
     assert parts == [
         ("nu1", 0.04, 0.25), ("nu2", 0.03, 0.2), ("qdot", 0.05, 0.3), ("roll", 0.06, 0.33),
         ("pitch", 0.02, 0.31), ("tip_pitch", 0.01, 0.8),
         ("q1", 0.012, pytest.approx(0.95)), ("q2", 0.012, pytest.approx(1.0)),
         *((f"u[{i}]", TUBE.u[i], LIMITS.u[i]) for i in range(8)),
         *((f"tau[{i}]", TUBE.tau[i], LIMITS.tau[i]) for i in range(8))]
-    unforced = tightened_parts(replace(LIMITS, tau=None), TUBE, Q_LOWER, Q_UPPER, PLANE)
+    unforced = rooms(replace(LIMITS, tau=None), TUBE)
     assert unforced == parts[:16]
 
 
 def test_the_parts_may_be_empty_and_are_not_refused():
     wide = replace(TUBE, nu1=0.3, joints=2.0)
-    empty = [name for name, radius, room in tightened_parts(LIMITS, wide, Q_LOWER, Q_UPPER, PLANE)
+    empty = [name for name, radius, room in rooms(LIMITS, wide)
              if radius >= room]
     assert empty == ["nu1", "q1", "q2"]
 
@@ -206,10 +167,10 @@ def test_the_parts_may_be_empty_and_are_not_refused():
     ("orientation", "tip_pitch")])
 def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, limit):
     room = getattr(LIMITS, limit)
-    rest = tighten(LIMITS, replace(TUBE, **{radius: 0.999 * room}), Q_LOWER, Q_UPPER, PLANE)
-    assert getattr(rest, limit) == pytest.approx(0.001 * room)
+    rest = less(LIMITS, replace(TUBE, **{radius: 0.999 * room}))
+    assert rest[limit].upper[0] == pytest.approx(0.001 * room)
     with pytest.raises(InvalidParameter) as caught:
-        tighten(LIMITS, replace(TUBE, **{radius: room}), Q_LOWER, Q_UPPER, PLANE)
+        less(LIMITS, replace(TUBE, **{radius: room}))
     assert caught.value.key == f"limits.{limit}"
     assert caught.value.value == room
     assert f"larger than the tube's {room:.4g}" in str(caught.value)
@@ -217,10 +178,11 @@ def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, l
 
 @pytest.mark.parametrize("radius", ["e", "position", "z"])
 def test_radii_that_no_limit_is_about_tighten_nothing(radius):
-    one, other = (tighten(LIMITS, replace(TUBE, **{radius: size}), Q_LOWER, Q_UPPER, PLANE)
+    one, other = (less(LIMITS, replace(TUBE, **{radius: size}))
                   for size in (0.0, 100.0))
-    for key, value in vars(one).items():
-        np.testing.assert_array_equal(getattr(other, key), value)
+    for key, limit in one.items():
+        np.testing.assert_array_equal(other[key].lower, limit.lower)
+        np.testing.assert_array_equal(other[key].upper, limit.upper)
 
 
 @pytest.mark.parametrize(("limits", "tube", "key"), [
@@ -271,7 +233,7 @@ def test_radii_that_no_limit_is_about_tighten_nothing(radius):
 ])
 def test_what_leaves_nothing_or_means_nothing_is_named(limits, tube, key):
     with pytest.raises(InvalidParameter) as caught:
-        tighten(replace(LIMITS, **limits), replace(TUBE, **tube), Q_LOWER, Q_UPPER, PLANE)
+        less(replace(LIMITS, **limits), replace(TUBE, **tube))
     assert caught.value.key == key
     assert "\n" not in str(caught.value)
 

@@ -1,0 +1,15 @@
+"""Limits, one kind a file, and the tube that is taken off them."""
+
+from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
+from uvms_drake.control.limits.settings import (
+    Limits,
+    check_limits,
+    joint_limits,
+    make_limits,
+    tighten,
+)
+from uvms_drake.control.limits.static_force import force_radius
+
+__all__ = ["Limit", "Limits", "TubeRadii", "check_limits", "force_radius", "joint_limits",
+           "make_limits", "resolved_radii", "tighten"]

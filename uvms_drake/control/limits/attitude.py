@@ -1,0 +1,81 @@
+"""Limits on roll and pitch of the vehicle and on the pitch of the end-effector."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.control.limits.limit import AbsoluteLimit
+from uvms_drake.control.limits.radii import TubeRadii
+from uvms_drake.control.points import Points, Slopes
+
+ANGLES = {"roll": 3, "pitch": 4}
+"""Index in 𝔮."""
+TIP_PITCH = 4
+"""Index in y."""
+
+
+@dataclass
+class VehicleAngle(AbsoluteLimit):
+    """|φ| or |θ| of the vehicle ≤ bound."""
+
+    name: str
+    """`roll` or `pitch`."""
+    bound: float
+    """[rad]."""
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns the angle."""
+        index = ANGLES[self.name]
+        return at.config[..., index: index + 1]
+
+    def slopes(self, at: Points) -> Slopes:
+        """Returns a row of ∂𝔮/∂y."""
+        index = ANGLES[self.name]
+        return Slopes(at.config_y[..., index: index + 1, :])
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray:
+        """Returns the radius of the angle."""
+        return np.array([getattr(tube, self.name)])
+
+    def complaint(self, at: Points) -> str:
+        """Returns which angle would have to be within what."""
+        return (f"such that the vehicle's {self.name}, {self.values(at)[0]:.3g}, is within "
+                f"±{self.upper[0]:.3g}")
+
+
+@dataclass
+class TipPitch(AbsoluteLimit):
+    """|𝔬_θ| of the end-effector ≤ bound."""
+
+    name = "tip_pitch"
+    soft: ClassVar[bool] = False
+
+    bound: float
+    """[rad]."""
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns 𝔬_θ."""
+        return at.y[..., TIP_PITCH: TIP_PITCH + 1]
+
+    def slopes(self, at: Points) -> Slopes:
+        """Returns a row of the identity."""
+        return self.closed_form(at.model.size)[0]
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray:
+        """Returns the radius of the Euler angles."""
+        return np.array([tube.orientation])
+
+    def closed_form(self, size: int) -> list[Slopes]:
+        """Returns a row of the identity."""
+        return [Slopes(np.eye(size)[TIP_PITCH: TIP_PITCH + 1])]
+
+    @property
+    def bars(self) -> list[str]:
+        """The tool's name."""
+        return ["tool"]
+
+    def complaint(self, at: Points) -> str:
+        """Returns which angle would have to be within what."""
+        return (f"such that the tip's pitch, {self.values(at)[0]:.3g}, is within "
+                f"±{self.upper[0]:.3g}")

@@ -1,0 +1,93 @@
+"""Limits on the acceleration command 𝔲 and on the forces τ = M(𝔮)𝔲, channel by channel."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.radii import TubeRadii
+from uvms_drake.control.points import About, Points, Slopes
+
+
+def input_names(num_joints: int) -> list[str]:
+    """Returns the names of the 6 + n accelerations."""
+    return ["surge", "sway", "heave", "roll", "pitch", "yaw",
+            *(f"q{i + 1}" for i in range(num_joints))]
+
+
+@dataclass
+class InputLimit(Limit):
+    """|value of each channel| ≤ bound."""
+
+    about: ClassVar[About] = "input"
+
+    bound: np.ndarray
+    """(6+n,)."""
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns ∓bound."""
+        return -self.bound, self.bound
+
+    def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
+        """Returns the absolute values, by the names of the channels."""
+        values, upper = np.abs(self.values(at)), self.upper
+        return {f"{self.name}_{channel}": (values[..., i], float(upper[i]))
+                for i, channel in enumerate(input_names(len(upper) - 6))}
+
+
+@dataclass
+class Accelerations(InputLimit):
+    """|𝔲ᵢ| ≤ bound [m/s² (3), rad/s² (3 + n)]."""
+
+    name = "u"
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns 𝔲."""
+        return at.u
+
+    def slopes(self, at: Points) -> Slopes:
+        """Returns the identity."""
+        return Slopes(u=np.eye(at.model.size))
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray:
+        """Returns the radii of 𝔲."""
+        return np.asarray(tube.u, dtype=float)
+
+    @property
+    def bars(self) -> list[str]:
+        """One for all channels."""
+        return ["u"]
+
+    def bar_lengths(self, at: Points) -> np.ndarray:
+        """Returns that of the channel of which most is used."""
+        return np.max(self.used(at), axis=-1, keepdims=True)
+
+
+@dataclass
+class Forces(InputLimit):
+    """|τᵢ| = |(M(𝔮)𝔲)ᵢ| ≤ bound [N (3), N m (3 + n)]."""
+
+    name = "tau"
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns τ."""
+        return at.tau
+
+    def slopes(self, at: Points) -> Slopes:
+        """Returns M by 𝔲, and by y the derivative of M(𝔮)𝔲."""
+        by_config = np.einsum("...rcj,...c->...rj", at.mass_matrix_rates, at.u)
+        return Slopes(y=by_config @ at.config_y, u=at.mass_matrix)
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
+        """Returns the radii of τ, if there are any."""
+        return None if tube.tau is None else np.asarray(tube.tau, dtype=float)
+
+    @property
+    def bars(self) -> list[str]:
+        """None: what is drawn does not have τ."""
+        return []
+
+    def bar_lengths(self, at: Points) -> np.ndarray:
+        """Returns nothing."""
+        return np.empty((*at.config.shape[:-1], 0))

@@ -1,0 +1,65 @@
+"""Limits on the joint angles."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.radii import TubeRadii
+from uvms_drake.control.points import Points, Slopes
+
+SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+@dataclass
+class Joints(Limit):
+    """q_lower ≤ q ≤ q_upper."""
+
+    name = "q"
+    soft: ClassVar[bool] = False
+    owner: ClassVar[str] = "joints"
+
+    q_lower: np.ndarray
+    """(n,) [rad]."""
+    q_upper: np.ndarray
+    """(n,) [rad]."""
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns q."""
+        return at.y[..., 6:]
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns q_lower and q_upper."""
+        return self.q_lower, self.q_upper
+
+    def slopes(self, at: Points) -> Slopes:
+        """Returns rows of the identity."""
+        return Slopes(np.eye(at.model.size)[6:])
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray:
+        """Returns the radius of all joints, which bounds that of each."""
+        return np.full(len(self.q_lower), tube.joints)
+
+    def closed_form(self, size: int) -> list[Slopes]:
+        """Returns rows of the identity."""
+        return [Slopes(row[None]) for row in np.eye(size)[6:]]
+
+    @property
+    def parts(self) -> list[str]:
+        """q[0], q[1], ..."""
+        return [f"q[{i}]" for i in range(len(self.q_lower))]
+
+    @property
+    def labels(self) -> list[str]:
+        """q1, q2, ..."""
+        return [f"q{i + 1}" for i in range(len(self.q_lower))]
+
+    @property
+    def bars(self) -> list[str]:
+        """q₁, q₂, ..."""
+        return [label.translate(SUBSCRIPTS) for label in self.labels]
+
+    def complaint(self, at: Points) -> str:
+        """Returns within what the joints would have to be."""
+        return f"within the joint limits less the tube, {self.lower} to {self.upper}"

@@ -1,0 +1,69 @@
+"""The radii of a tube: how far the real motion may be from the nominal one."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_drake.common.errors import require, vector, within
+
+
+@dataclass
+class TubeRadii:
+    """Bounds on the deviation of the real from the nominal motion.
+
+    Where a block's own radius is left out, the total `e` or `z`, which bounds it too, is taken.
+    """
+
+    e: float = 0.0
+    """‖y − ȳ‖₂ of the extended task y = (χ, q) [m, rad]."""
+    position: float | None = None
+    """‖𝔭 − 𝔭̄‖₂ of the end-effector [m]."""
+    orientation: float | None = None
+    """‖𝔬 − 𝔬̄‖₂ of the end-effector's Euler angles [rad]."""
+    joints: float | None = None
+    """‖q − q̄‖₂ [rad]."""
+    z: float = 0.0
+    """‖ζ − ζ̄‖₂ [m/s, rad/s]."""
+    nu1: float | None = None
+    """‖ν₁ − ν̄₁‖₂ [m/s]."""
+    nu2: float | None = None
+    """‖ν₂ − ν̄₂‖₂ [rad/s]."""
+    qdot: float | None = None
+    """‖q̇ − q̄̇‖₂ [rad/s]."""
+    roll: float = 0.0
+    """|φ − φ̄| of the vehicle [rad]."""
+    pitch: float = 0.0
+    """|θ − θ̄| of the vehicle [rad]."""
+    u: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """|𝔲ᵢ − ūᵢ| [m/s² (3), rad/s² (3 + n)]."""
+    tau: np.ndarray | None = None
+    """|τᵢ − τ̄ᵢ| [N (3), N m (3 + n)]; needed if τ is limited."""
+
+
+_TOTALS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
+
+
+def resolved_radii(tube: TubeRadii) -> TubeRadii:
+    """Returns the radii with every block's own filled in from the total."""
+    return replace(tube, **{block: getattr(tube, total) for block, total in _TOTALS.items()
+                            if getattr(tube, block) is None})
+
+
+def check_tube(tube: TubeRadii, num_inputs: int, *, tau: bool) -> None:
+    """Raises `InvalidParameter` for the first radius that has no meaning.
+
+    Args:
+        tube: The radii.
+        num_inputs: Number of accelerations that are limited, 6 + n or none.
+        tau: Whether forces are limited too, so that their radii are needed.
+    """
+    with within("tube"):
+        for key, value in vars(tube).items():
+            if key == "tau" and not tau:
+                continue
+            if key in ("u", "tau"):
+                value = vector(key, value, num_inputs)
+                require(bool(np.all(value >= 0.0)), key, value,
+                        f"{num_inputs} numbers, none negative")
+            else:
+                require(0.0 <= value < np.inf, key, value, "zero or positive")

@@ -1,0 +1,131 @@
+"""The settings of the limits, the limits made of them, and what a tube leaves of those."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
+from uvms_drake.control.limits.inputs import Accelerations, Forces
+from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.radii import TubeRadii, check_tube, resolved_radii
+from uvms_drake.control.limits.speeds import Speed
+from uvms_drake.control.limits.static_force import StaticForce
+from uvms_drake.model.surface.law import SurfaceLaw
+
+
+@dataclass
+class Limits:
+    """State and input limits of the real robot."""
+
+    nu1: float = 0.25
+    """‖ν₁‖₂ [m/s]."""
+    nu2: float = 0.25
+    """‖ν₂‖₂ [rad/s]."""
+    qdot: float = 0.4
+    """‖q̇‖₂ [rad/s]."""
+    roll: float = 0.3
+    """|φ| of the vehicle [rad]."""
+    pitch: float = 0.3
+    """|θ| of the vehicle [rad]."""
+    tip_pitch: float = 1.2
+    """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
+    static_force: float | None = None
+    """‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N]: how far it may go into the
+    surface as the controller knows it. What the surface's damping adds is not limited. A
+    certificate needs it, unless the motion is kinematic."""
+    q_lower: np.ndarray | None = None
+    """Joint limits (n,) [rad], if narrower ones than the model file's are wanted."""
+    q_upper: np.ndarray | None = None
+    """As `q_lower`."""
+    u: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
+    tau: np.ndarray | None = None
+    """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
+
+
+def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the joint limits (n,): those of the robot, or narrower ones asked for.
+
+    Args:
+        limits: May have joint limits of its own.
+        q_lower: The robot's (n,) [rad].
+        q_upper: The robot's (n,) [rad].
+    """
+    out = []
+    for key, own in (("q_lower", q_lower), ("q_upper", q_upper)):
+        asked = getattr(limits, key)
+        with within("limits"):
+            value = own if asked is None else vector(key, asked, len(own))
+            inside = bool(np.all((q_lower <= value) & (value <= q_upper)))
+            require(inside, key, value, f"within the robot's own limits, {q_lower} to {q_upper}")
+        out.append(value)
+    with within("limits"):
+        require(bool(np.all(out[0] < out[1])), "q_lower", out[0], f"below q_upper = {out[1]}")
+    return out[0], out[1]
+
+
+def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: SurfaceLaw,
+                *, accelerations: bool = True) -> dict[str, Limit]:
+    """Returns the limits of the real robot by name.
+
+    Args:
+        settings: Their bounds.
+        q_lower: Joint limits of the robot (n,) [rad].
+        q_upper: Joint limits of the robot (n,) [rad].
+        surface: What is pressed.
+        accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
+
+    Raises:
+        InvalidParameter: A parameter has no meaning.
+    """
+    check_limits(settings, len(q_lower), accelerations=accelerations)
+    limits: list[Limit] = [
+        *(Speed(name, getattr(settings, name)) for name in ("nu1", "nu2", "qdot")),
+        *(VehicleAngle(name, getattr(settings, name)) for name in ("roll", "pitch")),
+        TipPitch(settings.tip_pitch), Joints(*joint_limits(settings, q_lower, q_upper))]
+    if settings.static_force is not None:
+        limits.append(StaticForce(settings.static_force, surface))
+    if accelerations:
+        limits.append(Accelerations(np.asarray(settings.u, dtype=float)))
+        if settings.tau is not None:
+            limits.append(Forces(np.asarray(settings.tau, dtype=float)))
+    return {limit.name: limit for limit in limits}
+
+
+def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
+    """Returns the Pontryagin difference of the limits and the tube (Section IV-C of the paper).
+
+    A ball of radius ρ takes ρ from ‖x‖ ≤ c, from |x| ≤ c and from either side of an interval, and
+    Lρ from a function that changes by at most L per unit, which the static force is.
+
+    Raises:
+        InvalidParameter: A radius has no meaning, or the tube leaves nothing of a limit.
+    """
+    tube = resolved_radii(tube)
+    check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau="tau" in limits)
+    for limit in limits.values():
+        for label, radius, room in limit.rooms(tube):
+            if room <= radius < np.inf:
+                raise InvalidParameter(
+                    f"limits.{label}", room, f"larger than the tube's {radius:.4g}")
+    return {name: limit.tightened(tube) for name, limit in limits.items()}
+
+
+def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True) -> None:
+    """Raises `InvalidParameter` for the first limit that has no meaning."""
+    size = 6 + num_joints if accelerations else 0
+    with within("limits"):
+        for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
+            require(0.0 < getattr(limits, key) < np.inf, key, getattr(limits, key), "positive")
+        for key in ("roll", "pitch", "tip_pitch"):
+            require(getattr(limits, key) < 0.5 * np.pi, key, getattr(limits, key), "below π/2")
+        if limits.static_force is not None:
+            require(0.0 < limits.static_force < np.inf, "static_force", limits.static_force,
+                    "positive, or left out for no limit")
+        for key in ("u", "tau"):
+            if key == "u" or limits.tau is not None:
+                value = vector(key, getattr(limits, key), size)
+                require(bool(np.all(value > 0.0)), key, value, f"{size} positive numbers")

@@ -1,0 +1,48 @@
+"""Limits on the speeds of the vehicle and of the joints: norms of blocks of ζ."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.control.limits.limit import AbsoluteLimit, Cone
+from uvms_drake.control.limits.radii import TubeRadii
+from uvms_drake.control.points import About, Points, Slopes
+
+BLOCKS = {"nu1": (slice(0, 3), "ν₁"), "nu2": (slice(3, 6), "ν₂"), "qdot": (slice(6, None), "q̇")}
+"""Block of ζ of each speed, and what its bar says."""
+
+
+@dataclass
+class Speed(AbsoluteLimit):
+    """‖block of ζ‖₂ ≤ bound. As a convex function of ζ it keeps its bound between knots too."""
+
+    about: ClassVar[About] = "speed"
+    bulges: ClassVar[bool] = False
+
+    name: str
+    """`nu1`, `nu2` or `qdot`."""
+    bound: float
+    """[m/s] of ν₁, else [rad/s]."""
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns the norm."""
+        return np.linalg.norm(at.zeta[..., BLOCKS[self.name][0]], axis=-1)[..., None]
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray:
+        """Returns the radius of the block."""
+        return np.array([getattr(tube, self.name)])
+
+    def closed_form(self, size: int) -> list[Slopes]:
+        """Returns the block of ζ."""
+        return [Slopes(zeta=np.eye(size)[BLOCKS[self.name][0]])]
+
+    def cone(self, at: Points) -> Cone:
+        """Returns the norm as a cone."""
+        block = BLOCKS[self.name][0]
+        return Cone(at.zeta[..., block], self.closed_form(at.model.size)[0], self.upper[0])
+
+    @property
+    def bars(self) -> list[str]:
+        """The symbol of the block."""
+        return [BLOCKS[self.name][1]]

@@ -1,0 +1,107 @@
+"""Points of a motion: what limits and cost terms are functions of, and how those change with it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+
+from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
+
+About = Literal["pose", "speed", "input"]
+"""What a function of `Points` reads: (𝔮, y); these and ζ; or these and u and τ too."""
+
+
+UNKNOWN = np.empty(0)
+"""What is not known of some points."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """A stack of points of a motion, of any leading shape; arrays may be complex."""
+
+    model: UvmsModel
+    config: np.ndarray
+    """(..., 6+n) 𝔮."""
+    y: np.ndarray
+    """(..., 6+n) the extended task (χ, q)."""
+    zeta: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """(..., 6+n) ζ."""
+    u: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """(..., 6+n) the input: 𝔲 of dynamic motion, ζ of kinematic motion."""
+    forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """(..., 6+n) τ, if it is known otherwise than as M(𝔮)𝔲."""
+    config_y: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """(..., 6+n, 6+n) ∂𝔮/∂y, where derivatives are asked for."""
+    whole: tuple["Points", slice] | None = None
+    """The points that these were taken from, see `subset`."""
+
+    def subset(self, index: slice, u: np.ndarray = UNKNOWN) -> Self:
+        """Returns some of the points, with this input there; they share one mass matrix."""
+        config, y, zeta, config_y = (
+            each if each is UNKNOWN else each[index]
+            for each in (self.config, self.y, self.zeta, self.config_y))
+        return replace(self, config=config, y=y, zeta=zeta, u=u, forces=UNKNOWN, config_y=config_y,
+                       whole=(self, index))
+
+    @cached_property
+    def mass_matrix(self) -> np.ndarray:
+        """(..., 6+n, 6+n) M(𝔮)."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.mass_matrix[index]
+        return self.model.mass_matrix(self.model.kinematics(self.config))
+
+    @cached_property
+    def mass_matrix_rates(self) -> np.ndarray:
+        """(..., 6+n, 6+n, 6+n) ∂M/∂𝔮, the last axis that of 𝔮; by a complex step."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.mass_matrix_rates[index]
+        moved = self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size)
+        M = self.model.mass_matrix(self.model.kinematics(moved))
+        return np.moveaxis(M.imag / COMPLEX_STEP, -3, -1)
+
+    @cached_property
+    def tau(self) -> np.ndarray:
+        """(..., 6+n) τ = M(𝔮)𝔲 [N, N m]."""
+        if self.forces is not UNKNOWN:
+            return self.forces
+        return (self.mass_matrix @ self.u[..., None])[..., 0]
+
+
+class Slopes(NamedTuple):
+    """Derivatives of m values by y, ζ and u, each (..., m, 6+n), or None where they are zero."""
+
+    y: np.ndarray | None = None
+    zeta: np.ndarray | None = None
+    u: np.ndarray | None = None
+
+    def through(self, chain: "Slopes") -> np.ndarray:
+        """Returns the derivatives (..., m, w) by what y, ζ and u change with as `chain` says."""
+        first, *others = (slope @ by for slope, by in zip(self, chain, strict=True)
+                          if slope is not None and by is not None)
+        return sum(others, first)
+
+
+def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> Slopes:
+    """Returns the derivatives of `values` (..., m) by complex steps; it has to allow for them.
+
+    Args:
+        values: A function of points.
+        at: Where; with `config_y`.
+        about: What `values` reads.
+    """
+    step = 1j * COMPLEX_STEP * np.eye(at.model.size)
+    turned = 1j * COMPLEX_STEP * np.swapaxes(at.config_y, -1, -2)
+    config, y, zeta, u = (each if each is UNKNOWN else each[..., None, :]
+                          for each in (at.config, at.y, at.zeta, at.u))
+
+    def by(config: np.ndarray, y: np.ndarray, zeta: np.ndarray, u: np.ndarray) -> np.ndarray:
+        moved = values(Points(at.model, config, y, zeta, u))
+        return np.swapaxes(moved.imag / COMPLEX_STEP, -1, -2)
+
+    return Slopes(by(config + turned, y + step, zeta, u),
+                  by(config, y, zeta + step, u) if about != "pose" else None,
+                  by(config, y, zeta, u + step) if about == "input" else None)
