@@ -1,27 +1,26 @@
 """The closed loop of a scenario: plant, controller and what stands between them, in one Diagram."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
-from uvms_drake.common.errors import require, within
+from uvms_drake.common.errors import within
 from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.nominal_mpc import REPORT_FIELDS
 from uvms_drake.control.solver_faults import SolverFaults
-from uvms_drake.model.part import Part, Signals
+from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
 from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import start_state
-from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
@@ -34,9 +33,6 @@ ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
                "nominal_input": "nominal_input", "force": "force",
                "desired_force": "accepted_force"}
 """Signals of the ports of an `Illustration`, as far as there are any."""
-
-RESERVED = {*SAMPLED, "plan", "tube_alarm", *(field.name for field in fields(Record))}
-"""Names that a part's signal cannot have: those of a record's own fields and of other outputs."""
 
 MONITOR_SLACK = 0.01
 """Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over
@@ -60,10 +56,11 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
                                        └───────────┘
 
     Sensing and actuation are chains of parts, none by default: the scenario's, and its faults of
-    the sensors, which are nearest to the robot, and of the actuators, likewise. A `TubeMonitor`
-    watches the true and the nominal state. The input port `desired_force` (6) changes the task
-    while it runs, see `NominalMpc`; unconnected, it stays the scenario's. With kinematic motion
-    there is none; the controller reads `configuration`, and its velocity ζ = u goes to the plant.
+    the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
+    true state and the commanded τ: the logs, and a `TubeMonitor`. The input port `desired_force`
+    (6) changes the task while it runs, see `NominalMpc`; unconnected, it stays the scenario's. With
+    kinematic motion there is none; the controller reads `configuration`, and its velocity ζ = u
+    goes to the plant.
 
     Every signal of plant and controller that is a vector, of the parts, and `tube_deviation` and
     `tube_bound`, is an output port and has a VectorLogSink named `log.<name>` of the `log_period`;
@@ -90,20 +87,20 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     start = start_state(scenario, ocp)[: ocp.model.size]
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, ocp))
-    motion.connect_rest(builder, scenario, uvms, controller, meshcat)
+    motion.connect_outside(builder, scenario, uvms, controller, meshcat)
     signals = Signals()
     for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
         for name in names:
             signals[name] = system.GetOutputPort(name)
 
     # What stands between them.
-    measured = _behind(
+    measured = add_chain(
         builder, ocp.model, uvms.GetOutputPort(motion.measured), signals,
-        faults_at("sensing", scenario.faults) | _keyed("sensing", scenario.sensing))
+        faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing))
     builder.Connect(measured, controller.GetInputPort(motion.measured))
-    exerted = _behind(
+    exerted = add_chain(
         builder, ocp.model, controller.GetOutputPort(motion.command), signals,
-        _keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults))
+        keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults))
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
     solver_faults = faults_at("solver", scenario.faults)
     if solver_faults:
@@ -146,28 +143,6 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     station = builder.Build()
     station.set_name("station")
     return station
-
-
-def _keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
-    """Returns the parts by their keys in a scenario."""
-    return {f"{key}[{i}]": part for i, part in enumerate(parts)}
-
-
-def _behind(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,
-            parts: dict[str, Part]) -> OutputPort:
-    """Adds a chain of parts behind `port` and returns the port at its end."""
-    for key, part in parts.items():
-        before = len(builder.GetSystems())
-        with within(key):
-            size, known = port.size(), len(signals)
-            port = part.add_to(builder, model, port, signals)
-            require(port.size() == size, "size", port.size(), f"{size}, as before it")
-            added = list(signals)[known:]
-            require(not set(added) & RESERVED, "signals", added,
-                    f"called otherwise than {', '.join(sorted(RESERVED))}")
-        for system in builder.GetSystems()[before:]:
-            system.set_name(f"{key}.{system.get_name()}")
-    return port
 
 
 def applied_disturbance(scenario: Scenario) -> Disturbance:

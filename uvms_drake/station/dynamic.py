@@ -73,7 +73,7 @@ class Dynamic(Motion):
             return make_tube_mpc(
                 ocp, scenario.ancillary, targets, scenario.limits if cut else None)
 
-    def connect_rest(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
         """Adds the current; the desired force comes from a slider, or from outside."""
         current = builder.AddNamedSystem("current", ConstantVectorSource(

@@ -60,7 +60,7 @@ class Kinematic(Motion):
         with within("ancillary"):
             return make_kinematic_tube_mpc(ocp, scenario.ancillary)
 
-    def connect_rest(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
         """Adds nothing: there is no current, and the task stays as it is."""
 

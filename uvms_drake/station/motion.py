@@ -70,9 +70,9 @@ class Motion(ABC):
         """Returns the tube-based NMPC."""
 
     @abstractmethod
-    def connect_rest(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds and connects, or exports, what goes into plant and controller only here."""
+        """Connects what comes from outside of the loop: the water's current, the desired force."""
 
     @abstractmethod
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,

@@ -11,6 +11,8 @@ from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
 SCENARIO_FILE = "scenario.yaml"
 LOG_FILE = "log.npz"
 TIMING_FILE = "timing.npz"
+RENAMED = ("lost", "limited", "accepted_force")
+"""Signals of a station that have another name in a `Record`."""
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,11 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.record import Record
+from uvms_drake.station.record import RENAMED, Record
 from uvms_drake.station.scenario import Scenario
 
 PROGRESS_PERIOD = 0.1
 """Simulated time between two calls of `progress` [s]."""
-RENAMED = ("lost", "limited", "accepted_force")
-"""Signals that have another name in a `Record`."""
 
 
 def simulate(
