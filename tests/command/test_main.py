@@ -17,6 +17,7 @@ from uvms_drake.certificate.certificate import Certificate, read_certificate
 from uvms_drake.command.main import main
 from uvms_drake.command.progress import LINES
 from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.output import MANIFEST_FILE
 from uvms_drake.model.uvms import models_dir
 from uvms_drake.report.figures import figures_of
 from uvms_drake.report.summary import summarise
@@ -41,6 +42,11 @@ def cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(os.environ, "XDG_CACHE_HOME", str(folder))
         yield folder
+
+
+def written(folder):
+    """Returns the names of the files in a folder, without the manifest."""
+    return {path.name for path in folder.iterdir()} - {MANIFEST_FILE}
 
 
 def refusal(capsys, tmp_path, *args):
@@ -89,7 +95,7 @@ def certified(tmp_path_factory):
 def test_a_short_run_writes_every_file(smoke):
     output, done = smoke
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in output.iterdir()} == DATA | {
+    assert written(output) == DATA | {
         "replay.html", "report.html", *figures_of(load_scenario("girona500_contact"))}
 
 
@@ -143,7 +149,7 @@ def test_the_written_scenario_runs_again_to_the_same_log(smoke, tmp_path, capsys
     again = tmp_path / "again"
     assert main(["run", str(output / "scenario.yaml"), "--output", str(again), *QUICK]) == 0
     capsys.readouterr()
-    assert {path.name for path in again.iterdir()} == DATA
+    assert written(again) == DATA
     assert (again / "log.npz").read_bytes() == (output / "log.npz").read_bytes()
 
 
@@ -340,7 +346,7 @@ def committed(certified, tmp_path, capsys):
 def test_a_certified_run_writes_its_certificate_and_uses_its_tube(certified):
     output, done = certified
     assert done.returncode == 0, done.stderr
-    assert {path.name for path in output.iterdir()} == DATA | {"certificate.json"}
+    assert written(output) == DATA | {"certificate.json"}
     assert "certified     yes" in done.stdout
     assert done.stderr.splitlines()[0].startswith("certifying (")
     certificate = certificate_of(output)
@@ -375,7 +381,7 @@ def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, ca
     assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
     assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
     assert out.splitlines()[-1].startswith("certified: all ")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["certificate.json"]
+    assert written(tmp_path / "out") == {"certificate.json"}
     certificate = certificate_of(tmp_path / "out")
     assert (certificate.certified, certificate.made_by) == (True, "certify")
 
@@ -462,7 +468,7 @@ def test_a_certificate_that_was_changed_by_hand_is_refused(committed, capsys):
         assert out == ""
         assert err.startswith(f"uvms-drake: error: {path}: its content does not match its SHA-256")
         assert err.count("\n") == 1
-        assert [item.name for item in committed.iterdir()] == ["certificate.json"]
+        assert written(committed) == {"certificate.json"}
         assert path.read_text(encoding="utf-8") == text
 
 
@@ -474,7 +480,7 @@ def test_a_stale_certificate_is_refused(committed, capsys):
         f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
         "another --output, or make it again: uvms-drake certify girona500_contact --set "
         f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
-    assert [item.name for item in committed.iterdir()] == ["certificate.json"]
+    assert written(committed) == {"certificate.json"}
     assert path.read_text(encoding="utf-8") == text
 
 
@@ -519,7 +525,7 @@ def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
 def test_an_uncertified_run_takes_the_certificate_out_of_its_folder(certified, tmp_path, capsys):
     assert run_in(tmp_path) == 0
     assert run_in(tmp_path, "--uncertified") == 0
-    assert {path.name for path in tmp_path.iterdir()} == DATA
+    assert written(tmp_path) == DATA
 
 
 # Measurements ------------------------------------------------------------------------------------
@@ -546,7 +552,7 @@ def test_bench_prints_and_writes_what_it_measures(quick_bench, capsys, tmp_path,
     assert len(lines) == 4
     assert all(line.startswith("measuring ") and line.endswith(" ...") for line in lines)
     assert last == "written to out/girona500_bilateral: bench.json"
-    assert {path.name for path in folder.iterdir()} == {"bench.json", "log.npz"}
+    assert written(folder) == {"bench.json", "log.npz"}
     stored = json.loads((folder / "bench.json").read_text(encoding="utf-8"))
     assert (stored["scenario"], stored["controller"]["horizon"]) == ("girona500_bilateral", 4)
 

@@ -21,16 +21,23 @@ from uvms_drake.campaign.summary import (
     summarise_wall,
 )
 from uvms_drake.campaign.vary import vary
-from uvms_drake.certificate.certificate import Certificate, write_certificate
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    write_certificate,
+)
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.certificate.table import verdict
+from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.common.errors import RunFailed, require
-from uvms_drake.common.output import output_folder
+from uvms_drake.common.output import output_folder, require_own
+from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario, load_scenario, reported_in, scenario_source
 from uvms_drake.station.simulation import simulate
 
 CAMPAIGN_FILE, TIMING_FILE = "campaign.json", "timing.json"
+OWN_FILES = (CAMPAIGN_FILE, TIMING_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
 LINES = 10
 """Of progress, in a log file."""
 
@@ -52,6 +59,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, args.overrides)
     output = folder_of(args, scenario)
+    require_own(output, OWN_FILES)
     pool = (cluster_pool(args.scheduler) if args.scheduler is not None
             else local_pool(args.workers or _cores()))
     with reported_in(source):
@@ -113,7 +121,8 @@ def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool) -> None:
 def _write(output: Path, summary: dict[str, Any], wall: dict[str, Any],
            certificate: Certificate | None) -> None:
     """Writes the files of a campaign that is done, all together."""
-    with output_folder(output, (CAMPAIGN_FILE, TIMING_FILE, *CAMPAIGN_FIGURES)) as folder:
+    with output_folder(output, OWN_FILES, replaces=True) as own:
+        folder = own.folder
         for name, data in ((CAMPAIGN_FILE, summary), (TIMING_FILE, wall)):
             text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
             (folder / name).write_text(text + "\n", encoding="utf-8")
@@ -125,6 +134,24 @@ def _write(output: Path, summary: dict[str, Any], wall: dict[str, Any],
 def _cores() -> int:
     """Returns how many cores this process may use; macOS tells only how many there are."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def replay_run(args: argparse.Namespace) -> int:
+    """Runs one run of a campaign once more, alone, and writes its data and figures."""
+    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "outside", "replay"}:
+        option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
+        require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
+                "left out with --replay: the campaign in the folder decides it")
+    campaign = folder_of(args, load_scenario(args.scenario))
+    record = replayed(campaign, args.replay)
+    path = campaign / f"run-{args.replay}"
+    with output_folder(path, (*DATA_FILES, *picture_files())) as output:
+        summary = write_data(record, output.folder)
+        output.keep()
+        write_pictures(record, None, output.folder, figures=True, replay=False)
+    print(f"{format_summary(summary)}\n\nthe tube is the campaign's; a run of it has no "
+          f"certificate of its own\nwritten to {path}: {', '.join(sorted(output.kept))}")
+    return 0
 
 
 def replayed(folder: Path, index: int) -> Record:

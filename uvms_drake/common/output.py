@@ -1,48 +1,153 @@
-"""The folder of a run: all of its files appear together, or none does."""
+"""The folder of a command's files: they appear together, and replace only what is the program's.
 
+A folder has a manifest of what this program has written into it, with the SHA-256 of each file.
+What is not in it, or has changed since, is somebody else's and is never replaced or deleted.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidParameter, RunFailed, require, shortened
+
+MANIFEST_FILE = ".uvms-drake.json"
+STAGING = ".run-"
+"""Begins the name of the hidden folder in which files wait until all are there."""
 
 
-@contextmanager
-def output_folder(path: Path, owned: Sequence[str]) -> Iterator[Path]:
-    """Gives a hidden folder inside `path` to write to, and moves its files to `path` at the end.
+class Output:
+    """Where a command writes its files.
 
-    If the block raises, `path` stays as it was. If it does not, those of the `owned` files that a
-    former run left and this one did not write are deleted, so that no two runs are mixed; whatever
-    else is in the folder is left alone.
+    Args:
+        path: The folder in which they shall be.
+        names: Of all the files that the command may write.
+        staging: A folder inside of it, on the same disk.
+
+    Attributes:
+        folder: Where to write them: `staging`.
+        kept: Names of the files that are in `path` for good.
+    """
+
+    def __init__(self, path: Path, names: Sequence[str], staging: Path):
+        self._path, self._names = path, names
+        self.folder = staging
+        self.kept: list[str] = []
+
+    def keep(self, *, replaces: bool = False) -> None:
+        """Moves what is written so far to its place, whatever becomes of the rest.
+
+        Args:
+            replaces: Whether those of the names go that a former command has left and this one has
+                not written, so that no two runs are mixed.
+        """
+        written = sorted(item.name for item in self.folder.iterdir())
+        require_own(self._path, written)
+        manifest = read_manifest(self._path)
+        stale = set(self._names) & set(manifest) - {*written, *self.kept} if replaces else set()
+        manifest |= {name: _digest(self.folder / name) for name in written}
+        # The manifest goes first: a file that it names too early is still known by its digest.
+        (self.folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1), encoding="utf-8")
+        for name in (MANIFEST_FILE, *written):
+            os.replace(self.folder / name, self._path / name)
+        for name in stale:
+            (self._path / name).unlink(missing_ok=True)
+        self.kept += written
+
+
+@contextlib.contextmanager
+def output_folder(path: Path, names: Sequence[str], *, replaces: bool = False) -> Iterator[Output]:
+    """Gives a place to write files to that appear in `path` at the end, or when they are kept.
+
+    If the block raises, `path` stays as it was, but for what is kept.
 
     Args:
         path: The folder; it is made if it does not exist.
-        owned: Names of all the files that a run may write.
+        names: Of all the files that the block may write.
+        replaces: As in `Output.keep`.
 
     Raises:
-        InvalidParameter: The folder cannot be written to; before the block is entered.
+        InvalidParameter: The folder cannot be written to, or a file of one of these names is in it
+            that is not this program's; before the block is entered.
+        RunFailed: The files could not be written. What is saved is a note of every error.
     """
-    made = [folder for folder in (path, *path.parents) if not folder.exists()]
+    made: list[Path] = []
     try:
+        made = [folder for folder in (path, *path.parents) if not folder.exists()]
         path.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=".run-", dir=path))
-    except OSError as error:
+        staging, lock = _staging_folder(path)
+    except (OSError, ValueError) as error:
         _remove_empty(made)
-        raise InvalidParameter(
-            "--output", str(path), f"a folder that can be written to ({error.strerror})") from None
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InvalidParameter("--output", shortened(str(path), 100),
+                               f"a folder that can be written to ({reason})") from None
+    output = Output(path, names, staging)
     try:
-        yield staging
-        written = sorted(item.name for item in staging.iterdir())
-        for name in written:
-            os.replace(staging / name, path / name)
-        for name in set(owned) - set(written):
-            (path / name).unlink(missing_ok=True)
+        require_own(path, names)
+        yield output
+        output.keep(replaces=replaces)
+    except BaseException as error:
+        saved = f"saved in {path}: {', '.join(output.kept)}" if output.kept else "nothing written"
+        if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+            error = RunFailed(f"the files cannot be written: {error.strerror or error}; {saved}")
+        elif output.kept:
+            error.add_note(saved)
+        raise error from error.__cause__
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        os.close(lock)
         _remove_empty(made)
+
+
+def require_own(path: Path, names: Sequence[str]) -> None:
+    """Raises `InvalidParameter` if a file of one of these names in `path` is somebody else's."""
+    manifest = read_manifest(path)
+    foreign = [name for name in names if os.path.lexists(path / name)
+               and manifest.get(name) != _digest(path / name)]
+    require(not foreign, "--output", shortened(str(path), 100),
+            f"a folder without files of others: {', '.join(foreign)} in it would be replaced, and "
+            f"{'is' if len(foreign) == 1 else 'are'} not what this program has written there")
+
+
+def read_manifest(path: Path) -> dict[str, str]:
+    """Returns the SHA-256 by name of what this program has written into a folder."""
+    try:
+        manifest = json.loads((path / MANIFEST_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return manifest if isinstance(manifest, dict) else {}
+
+
+def _digest(path: Path) -> str:
+    """Returns the SHA-256 of a file, or nothing for what is none."""
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def _staging_folder(path: Path) -> tuple[Path, int]:
+    """Returns a new folder in `path` and what holds its lock; removes those that nobody holds."""
+    with _locked(path):
+        for old in path.glob(f"{STAGING}*"):
+            with contextlib.suppress(OSError), _locked(old, wait=False):
+                shutil.rmtree(old, ignore_errors=True)
+        staging = Path(tempfile.mkdtemp(prefix=STAGING, dir=path))
+        lock = os.open(staging, os.O_RDONLY)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    return staging, lock
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        yield
+    finally:
+        os.close(handle)
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
@@ -50,5 +155,5 @@ def _remove_empty(folders: Sequence[Path]) -> None:
     for folder in folders:
         try:
             folder.rmdir()
-        except OSError:
+        except (OSError, ValueError):
             return

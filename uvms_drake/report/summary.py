@@ -188,6 +188,15 @@ def format_summary(summary: dict) -> str:
         *_format_events(summary["events"])])
 
 
+def broken(summary: dict) -> list[str]:
+    """Returns the limits that a run has violated and, of a certified one, how it left its tube."""
+    names = [name for name, row in summary["constraints"].items() if not row["margin"] >= 0.0]
+    tube = summary["tube"]
+    return names + [f"the tube, {what}" for key, what in (
+        ("exits", "set-wise"), ("exits_along_the_run", "along the run"))
+        if tube["certified"] and tube[key]]
+
+
 def _format_run(summary: dict) -> list[str]:
     mpc, step, task = summary["mpc"], summary["mpc"]["step_ms"], summary["task_error"]
     initial = float(np.linalg.norm(task["initial"]))

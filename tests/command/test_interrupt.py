@@ -1,0 +1,107 @@
+"""Tests of what ends a command early: signals, closed pipes, full disks, what is in the way."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from uvms_drake.command.main import main
+from uvms_drake.common.output import MANIFEST_FILE
+
+SHORT = ["run", "--uncertified", "--no-figures", "--duration", "0.1"]
+DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz", MANIFEST_FILE}
+
+
+def command(*args, **options):
+    return subprocess.Popen([sys.executable, "-m", "uvms_drake", *args], text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+
+
+def catches(pid):
+    """Returns whether a process has its handlers; Python itself has none of SIGTERM."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    caught = next(line for line in status.splitlines() if line.startswith("SigCgt:"))
+    return bool(int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("seconds", [0.0, 0.5, 2.0, 4.0])
+def test_a_signal_ends_certify_with_one_line_at_any_time(number, status, seconds, tmp_path):
+    """While it imports, computes constants, or is inside of SNOPT."""
+    process = command("certify", "--output", str(tmp_path / "out"),
+                      env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")})
+    while not catches(process.pid):
+        time.sleep(0.01)
+    time.sleep(seconds)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (status, "")
+    assert err == "uvms-drake: error: interrupted, nothing written\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_closed_pipe_is_no_error_to_talk_about():
+    process = command("scenarios")
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait() == 141
+
+
+def test_a_terminal_without_greek_letters_gets_escapes():
+    done = subprocess.run(
+        [sys.executable, "-c", "from uvms_drake.command.interrupt import run_interruptible\n"
+         "run_interruptible(lambda: lambda: print('σ'))"], capture_output=True, text=True,
+        check=False, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert (done.stdout, done.stderr) == ("\\u03c3\n", "")
+
+
+def test_data_are_kept_if_a_picture_does_not_fit_on_the_disk(tmp_path):
+    def limit():  # Of a file, which is refused as a full disk is, in the middle of writing it.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
+
+    process = command(*SHORT, "--output", str(tmp_path), preexec_fn=limit)
+    out, err = process.communicate()
+    assert (process.returncode, out) == (1, "")
+    assert err.splitlines()[-1] == (
+        "uvms-drake: error: the files cannot be written: File too large; "
+        f"saved in {tmp_path}: log.npz, scenario.yaml, summary.json, timing.npz")
+    assert {path.name for path in tmp_path.iterdir()} == DATA
+
+
+@pytest.mark.parametrize("name", ["force.png", "scenario.yaml", "report.html"])
+def test_what_a_user_has_in_the_folder_is_left_alone(name, tmp_path, capsys):
+    own = tmp_path / name
+    own.mkdir() if name == "force.png" else own.write_text("mine")
+    assert main([*SHORT, "--no-replay", "--output", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.endswith(f"without files of others: {name} in it would be replaced, and is not "
+                        "what this program has written there\n")
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [own]
+    assert own.is_dir() or own.read_text() == "mine"
+
+
+@pytest.mark.parametrize("output", ["", "n" * 300, "a\0b"])
+def test_an_output_that_is_no_folder_is_refused(output, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("run", "certify", "bench", "campaign", "errata"):
+        assert main([name, "--output", output]) == 2
+        err = capsys.readouterr().err
+        assert "must be the name of a folder" in err
+        assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_violates_a_limit_says_so_last_and_has_a_status_of_its_own(tmp_path, capsys):
+    args = [*SHORT, "--no-replay", "--output", str(tmp_path)]
+    assert main(args) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "all limits kept, without a certificate"
+    assert main([*args, "--set", "current=[3, 0, 0]", "--duration", "1"]) == 3
+    assert capsys.readouterr().out.splitlines()[-1].startswith("LIMITS VIOLATED: ")
+    assert (tmp_path / "log.npz").is_file()

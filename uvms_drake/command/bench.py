@@ -1,0 +1,38 @@
+"""The sub-command `bench`: measures how long the parts of a scenario take."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.common.output import output_folder
+from uvms_drake.station.scenario import load_scenario, reported_in, scenario_source
+
+
+def add_bench(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    bench = commands.add_parser("bench", help="measure how long the parts of a scenario take",
+                                allow_abbrev=False)
+    bench.set_defaults(command=bench_scenario)
+    take_scenario(bench)
+    bench.add_argument("--output", type=folder, metavar="DIR",
+                       help="where to write bench.json (default: out/<scenario>)")
+
+
+def bench_scenario(args: argparse.Namespace) -> int:
+    """Prints how long the parts of a scenario take, and writes it."""
+    from uvms_drake.studies.bench import BENCH_FILE, measure, write_bench
+    from uvms_drake.studies.bench_table import format_bench
+
+    def progress(what: str) -> None:
+        print(f"measuring {what} ...", file=sys.stderr)
+
+    scenario = load_scenario(args.scenario, args.overrides)
+    path = args.output if args.output is not None else Path("out") / scenario.name
+    with output_folder(path, [BENCH_FILE]) as output:
+        with reported_in(scenario_source(args.scenario, args.overrides)):
+            bench = measure(scenario, progress=progress)
+        write_bench(bench, output.folder)
+    print(format_bench(bench))
+    print(f"written to {path}: {BENCH_FILE}", file=sys.stderr)
+    return 0

@@ -1,0 +1,55 @@
+"""The sub-command `certify`: computes, checks and writes a scenario's certificate."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
+from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.common.output import output_folder
+from uvms_drake.station.scenario import load_scenario, reported_in, scenario_source
+
+
+def add_certify(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    certify = commands.add_parser("certify", help="compute and check a scenario's certificate",
+                                  allow_abbrev=False)
+    certify.set_defaults(command=certify_scenario)
+    take_scenario(certify)
+    certify.add_argument("--output", type=folder, metavar="DIR",
+                         help="where to write certificate.json (default: out/<scenario>)")
+    certify.add_argument("--front", action="store_true",
+                         help="also print what other gains and disturbance bounds would give")
+    certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
+                         help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
+                              "force error")
+    certify.add_argument("--laws", action="store_true",
+                         help="also print both laws with several gains: certified radius, what an "
+                              "adversary reaches, what the paper's form gives")
+
+
+def certify_scenario(args: argparse.Namespace) -> int:
+    """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
+    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.table import format_certificate
+    from uvms_drake.studies.compare_laws import compare_laws, format_laws
+    from uvms_drake.studies.gain_front import format_front, front
+    from uvms_drake.studies.propose_gains import propose_gains
+
+    scenario = load_scenario(args.scenario, args.overrides)
+    path = args.output if args.output is not None else Path("out") / scenario.name
+    with output_folder(path, [CERTIFICATE_FILE]) as output:
+        with reported_in(scenario_source(args.scenario, args.overrides)):
+            certificate = certified_once(scenario)
+        write_certificate(certificate, output.folder)
+    print(format_certificate(certificate))
+    print(f"written to {path}: {CERTIFICATE_FILE}", file=sys.stderr)
+    if args.front:
+        print(f"\n{format_front(front(scenario))}")
+    if args.propose is not None:
+        law, error = propose_gains(scenario, args.propose)
+        print(f"\nproposed: k = {law.k:g} 1/s, σ = {law.sigma:g} 1/s for a force error of "
+              f"{error:.3g} N at most")
+    if args.laws:
+        print(f"\n{format_laws(compare_laws(scenario))}")
+    return 0 if certificate.certified else 1

@@ -1,0 +1,45 @@
+"""The sub-command `errata`: computes what is wrong in the paper."""
+
+import argparse
+import logging
+import sys
+
+from uvms_drake.command.files import folder
+from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.output import output_folder
+
+ERRATA_FILE = "errata.md"
+
+
+def add_errata(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    errata = commands.add_parser("errata", help="compute what is wrong in the paper",
+                                 allow_abbrev=False)
+    errata.set_defaults(command=list_errata)
+    errata.add_argument("--output", type=folder, metavar="DIR",
+                        help="also write errata.md, and a figure for each of three choices that "
+                             "the paper's text leaves, simulated both ways")
+
+
+def list_errata(args: argparse.Namespace) -> int:
+    """Prints the errata of the paper, as they are computed, and returns 1 if one is not confirmed.
+
+    With an output folder, writes them as Markdown, and the figures of `choices`.
+    """
+    from uvms_drake.errata import all_errata, errata_markdown, errata_table
+    from uvms_drake.errata.choices import CHOICES, draw_choices
+
+    def progress(what: str) -> None:
+        print(f"drawing {what} ...", file=sys.stderr)
+
+    LOGGER.setLevel(logging.ERROR)  # What is drawn goes wrong on purpose.
+    if args.output is None:
+        errata = all_errata()
+    else:
+        with output_folder(args.output, [ERRATA_FILE, *CHOICES]) as output:
+            errata = all_errata()
+            text = errata_markdown(errata) + "\n"
+            (output.folder / ERRATA_FILE).write_text(text, encoding="utf-8")
+            draw_choices(output.folder, progress)
+    print(errata_table(errata))
+    return 0 if all(erratum.wrong for erratum in errata) else 1

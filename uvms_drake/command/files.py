@@ -1,0 +1,70 @@
+"""The files of a run, which several commands write."""
+
+import argparse
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.common.errors import shortened
+from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
+
+MAIN_SCENARIO = "girona500_contact"
+SUMMARY_FILE = "summary.json"
+REPLAY_FILE = "replay.html"
+REPORT_FILE = "report.html"
+LONGEST_NAME = 255
+"""Of a folder [bytes], as file systems have it."""
+DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE)
+
+
+def folder(text: str) -> Path:
+    """Returns the folder that an option names; an empty text is a variable that is not set."""
+    fits = all(len(os.fsencode(part)) <= LONGEST_NAME for part in Path(text).parts)
+    if not text or "\0" in text or not fits:
+        raise argparse.ArgumentTypeError(f"{shortened(text)!r}: must be the name of a folder")
+    return Path(text)
+
+
+def take_scenario(command: argparse.ArgumentParser) -> None:
+    """Adds what names a scenario and changes it for once."""
+    command.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
+                         help="name of a shipped scenario or a YAML file (default: %(default)s)")
+    command.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
+                         dest="overrides",
+                         help="any value of the scenario, in YAML, such as limits.u.0=0.2; can be "
+                              "repeated")
+
+
+def picture_files() -> tuple[str, ...]:
+    """Returns the names of all the files that `write_pictures` may write."""
+    from uvms_drake.report.figures import FIGURES
+
+    return (*FIGURES, REPORT_FILE, REPLAY_FILE)
+
+
+def write_data(record: Record, folder: Path) -> dict[str, Any]:
+    """Writes the data of a run into a folder and returns its summary."""
+    from uvms_drake.report.summary import summarise
+
+    summary = summarise(record)
+    save_record(record, folder)
+    text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+    return summary
+
+
+def write_pictures(record: Record, certificate: Certificate | None, folder: Path, *,
+                   figures: bool, replay: bool) -> None:
+    """Writes what there is to see of a run into a folder; the report comes with the figures."""
+    if figures:
+        from uvms_drake.report.figures import make_figures
+        from uvms_drake.report.html import format_report
+
+        report = format_report(record, make_figures(record, folder), certificate)
+        (folder / REPORT_FILE).write_text(report, encoding="utf-8")
+    if replay:
+        from uvms_drake.report.replay import write_replay
+
+        write_replay(record, folder / REPLAY_FILE)

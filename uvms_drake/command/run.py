@@ -1,0 +1,192 @@
+"""The sub-commands `run` and `plot`: simulate a scenario, draw what there is to see of it."""
+
+import argparse
+import shlex
+import sys
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    read_certificate,
+    stale_reason,
+    write_certificate,
+)
+from uvms_drake.command.files import (
+    DATA_FILES,
+    REPLAY_FILE,
+    REPORT_FILE,
+    folder,
+    picture_files,
+    take_scenario,
+    write_data,
+    write_pictures,
+)
+from uvms_drake.command.interrupt import PROGRAM
+from uvms_drake.command.progress import ProgressLine, alarms_above, announce_certifying
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.output import output_folder
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import (
+    Scenario,
+    load_scenario,
+    reported_in,
+    scenario_source,
+    set_options,
+)
+
+# What takes long to import (simulation, summary, figures, replay) is imported where it is used.
+
+BROKEN = 3
+"""Exit status of a run that was carried through and has broken a promise or a limit."""
+
+
+def add_run(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    run = commands.add_parser("run", help="simulate a scenario and write data and figures",
+                              allow_abbrev=False, epilog=(
+        f"Exit status {BROKEN}: a certified run has left its tube, or a run has violated a limit."))
+    run.set_defaults(command=run_scenario)
+    take_scenario(run)
+    run.add_argument("--output", type=folder, metavar="DIR",
+                     help="where to write (default: out/<scenario>); files of a former run in it "
+                          "are replaced or deleted, and nobody else's")
+    run.add_argument("--seed", metavar="N", help="short for --set seed=N")
+    run.add_argument("--duration", metavar="S", help="short for --set duration=S [s]")
+    run.add_argument("--meshcat", action="store_true",
+                     help="show the run in a browser, in real time")
+    run.add_argument("--uncertified", action="store_true",
+                     help="run without a certificate, with the tube that the scenario declares")
+    run.add_argument("--no-figures", action="store_true",
+                     help=f"write no PNG files and no {REPORT_FILE}")
+    run.add_argument("--no-replay", action="store_true", help=f"write no {REPLAY_FILE}")
+
+
+def add_plot(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    plot = commands.add_parser("plot", help=f"draw figures and {REPORT_FILE} of a run again",
+                               allow_abbrev=False)
+    plot.set_defaults(command=plot_run)
+    plot.add_argument("folder", type=folder, metavar="DIR", help="where 'run' has written")
+    plot.add_argument("--replay", action="store_true", help=f"also write {REPLAY_FILE}")
+
+
+def run_scenario(args: argparse.Namespace) -> int:
+    """Simulates a scenario, prints the summary and writes the files."""
+    overrides = scenario_overrides(args)
+    scenario = load_scenario(args.scenario, overrides)
+    source = scenario_source(args.scenario, overrides)
+    path = args.output if args.output is not None else Path("out") / scenario.name
+    certificate = None
+    if not args.uncertified:
+        again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
+                            "--output", str(path)])
+        certificate = _committed(scenario, source, path / CERTIFICATE_FILE, again)
+    own = (*DATA_FILES, *picture_files(), *([] if certificate else [CERTIFICATE_FILE]))
+    with output_folder(path, own, replaces=True) as output:
+        if not args.uncertified:
+            if certificate is None:
+                certificate = _new_certificate(scenario, source)
+                write_certificate(certificate, output.folder)
+            scenario = certificate.applied_to(scenario)
+            print("certified: the force is off by less than "
+                  f"{certificate.bounds['force']:.3g} N once the plan is at the task",
+                  file=sys.stderr)
+        record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
+        summary = write_data(record, output.folder)
+        output.keep(replaces=True)  # Whatever becomes of the pictures.
+        write_pictures(record, certificate, output.folder, figures=not args.no_figures,
+                       replay=not args.no_replay)
+    return _report(summary, path, output.kept)
+
+
+def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
+    """Prints what a run was like, where its files are and the verdict; returns the exit status."""
+    from uvms_drake.report.summary import broken, format_summary
+
+    certified = summary["tube"]["certified"]
+    print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
+    if failed := broken(summary):
+        print(f"{'PROMISES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
+        return BROKEN
+    print("all promises kept" if certified else "all limits kept, without a certificate")
+    return 0
+
+
+def plot_run(args: argparse.Namespace) -> int:
+    """Draws what a finished run left, from its data."""
+    from uvms_drake.report.html import load_run
+
+    record, certificate = load_run(args.folder)
+    with output_folder(args.folder, picture_files()) as output:
+        write_pictures(record, certificate, output.folder, figures=True, replay=args.replay)
+    print(f"written to {args.folder}: {', '.join(output.kept)}")
+    return 0
+
+
+def scenario_overrides(args: argparse.Namespace) -> list[str]:
+    """Returns the overrides of the arguments; --seed and --duration go over --set."""
+    named = (("seed", args.seed), ("duration", args.duration))
+    return [*args.overrides, *(f"{key}={value}" for key, value in named if value is not None)]
+
+
+def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certificate | None:
+    """Returns the certificate in a run's folder if it is fit, or None if a new one is to be made.
+
+    One that `certify` has written is a commitment: if it no longer fits, the run is refused, and
+    the command `again` named, which makes it for this scenario. One that a former run has written
+    is that run's, and makes room for a new one.
+    """
+    from uvms_drake.certificate.certify import check_inputs
+
+    with reported_in(source):
+        check_inputs(scenario)
+    if not path.is_file():
+        return None
+    certificate = read_certificate(path)
+    if changed := stale_reason(certificate, scenario):
+        if certificate.made_by == "certify":
+            raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
+                            f"use another --output, or make it again: {again}")
+        return None
+    return _sound(certificate, source)
+
+
+def _new_certificate(scenario: Scenario, source: str) -> Certificate:
+    from uvms_drake.certificate.certify import certified_once
+
+    with reported_in(source):
+        certificate = certified_once(scenario, announce_certifying)
+    return _sound(replace(certificate, made_by="run"), source)
+
+
+def _sound(certificate: Certificate, source: str) -> Certificate:
+    """Returns a certificate that holds, or raises `RunFailed`."""
+    from uvms_drake.certificate.table import verdict
+
+    if not certificate.certified:
+        raise RunFailed(f"{source}: {verdict(certificate)}; "
+                        "--uncertified takes the scenario's declared tube")
+    return certificate
+
+
+def _simulate(scenario: Scenario, source: str, show: bool, certified: bool) -> Record:
+    """Returns the record of a run, with progress and alarms on stderr."""
+    from uvms_drake.station.simulation import simulate
+
+    meshcat = stop = None
+    if show:
+        from pydrake.geometry import Meshcat
+
+        from uvms_drake.visual.controls import stop_button
+
+        meshcat = Meshcat()
+        stop = stop_button(meshcat)
+        print(f"watch at {meshcat.web_url()}", file=sys.stderr)
+    with (closing(ProgressLine(scenario.duration, sys.stderr)) as progress, alarms_above(progress),
+          reported_in(source)):
+        return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
+                        stop=stop, realtime_rate=1.0 if show else None)
