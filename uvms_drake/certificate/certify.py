@@ -269,10 +269,16 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condi
 
     Limits of one number come first, as they do among the settings.
     """
-    ordered = sorted(limits_of(scenario, model).values(),
-                     key=lambda limit: limit.labels != [limit.name])
-    return [Condition(f"tube in limits.{label}", radius, "<", room)
-            for limit in ordered for label, radius, room in limit.rooms(resolved_radii(tube))]
+    conditions, tube = [], resolved_radii(tube)
+    for limit in sorted(limits_of(scenario, model).values(),
+                        key=lambda limit: limit.labels != [limit.name]):
+        if limit.tube_takes(tube) is None:
+            conditions.append(Condition(
+                f"limits.{limit.name}, of which nobody says what the tube takes", 1.0, "<=", 0.0))
+        else:
+            conditions += [Condition(f"tube in limits.{label}", radius, "<", room)
+                           for label, radius, room in limit.rooms(tube)]
+    return conditions
 
 
 def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) -> Certificate:

@@ -37,12 +37,13 @@ HELP = {
         "limits of angles and static force",
     "first plan, violation of": "a start further inside the limits",
     "first plan, none": "a start further inside the limits",
+    "limits.": "a method tube_takes of that limit, or going without it",
     "first plan, distance": "a longer horizon or a closer start",
 }
 """What would make a failed condition hold, by how its name begins."""
 
 COUNTS = ("faults", "sensing[", "actuation[", "mpc.", "joints of weight zero", "n, joints",
-          "left by the tube", "first plan, none")
+          "left by the tube", "first plan, none", "limits.")
 """How the names of conditions begin that say it all: the number is a yes or no, or a count."""
 
 UNITS = {

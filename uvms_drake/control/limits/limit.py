@@ -1,9 +1,10 @@
 """What a limit is: bounds on some values of a motion, and all that anybody asks about them.
 
 A limit of one's own is a subclass with a `name`, `values` and `bounds`, and what the tube takes of
-it (`tube_takes`): the nominal MPC keeps it by linearised rows, softened like those of roll and
-pitch, the terminal set is searched for a state that breaks it, and tables, bars and the certificate
-have it. What is linear in (y, ζ), or a norm of what is linear, says so by `closed_form`.
+it (`tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows, softened like
+those of roll and pitch, the terminal set is searched for a state that breaks it, and tables, bars
+and the certificate have it. What is linear in (y, ζ), or a norm of what is linear, says so by
+`closed_form`. To have it in YAML files, put it into `settings.OwnLimit`.
 """
 
 from abc import ABC, abstractmethod
@@ -12,6 +13,7 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import About, Points, Slopes, slopes
 
@@ -98,6 +100,11 @@ class Limit(ABC):
     def rows(self, at: Points) -> Rows:
         """Returns the limit as rows of a convex program about the points `at`."""
         return Rows(self.values(at), self.slopes(at), self.lower, self.upper)
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first parameter that has no meaning."""
+        lower, upper = self.bounds()
+        require(bool(np.all(lower < upper)), "bounds", [lower, upper], "in order")
 
     # What follows from these ----------------------------------------------------------------------
 

@@ -12,7 +12,12 @@ from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii, check_tube, resolved_radii
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.limits.static_force import StaticForce
+from uvms_drake.control.limits.tip_box import TipBox
+from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface.law import SurfaceLaw
+
+OwnLimit = TipBox | TipVelocity
+"""Limits that a scenario may have besides those that every robot has, by their YAML tags."""
 
 
 @dataclass
@@ -43,6 +48,8 @@ class Limits:
     """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
     """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
+    more: list[OwnLimit] = field(default_factory=list)
+    """Further limits; a script may put any `Limit` here."""
 
 
 def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
@@ -92,7 +99,16 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         limits.append(Accelerations(np.asarray(settings.u, dtype=float)))
         if settings.tau is not None:
             limits.append(Forces(np.asarray(settings.tau, dtype=float)))
-    return {limit.name: limit for limit in limits}
+    by_name = {limit.name: limit for limit in limits}
+    for i, limit in enumerate(settings.more):
+        with within(f"limits.more[{i}]"):
+            require(limit.name not in by_name, "name", limit.name,
+                    f"another one than {', '.join(by_name)}")
+            require(accelerations or limit.about != "input", "about", limit.about,
+                    "pose or speed, for kinematic motion")
+            limit.check()
+        by_name[limit.name] = limit
+    return by_name
 
 
 def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:

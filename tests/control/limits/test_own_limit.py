@@ -1,0 +1,164 @@
+"""Limits of one's own: shipped kinds and one that a script makes up, at all that ask a limit."""
+
+import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from pydrake.solvers import SnoptSolver
+
+from uvms_drake.certificate.certify import between_knots, room_of
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
+from uvms_drake.control.limits.tip_box import TipBox
+from uvms_drake.control.limits.tip_velocity import TipVelocity
+from uvms_drake.control.nlp import NonlinearSolver
+from uvms_drake.control.points import Points
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.report.signals import constraint_signals
+from uvms_drake.station.motions import limits_of
+from uvms_drake.station.problem import make_dynamic_ocp, start_state
+from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.setting import setting_of
+from uvms_drake.station.simulation import simulate
+from uvms_drake.tube.terminal_set import terminal_loop
+
+BOX = "{lower_corner: [-3, -3, -3], upper_corner: [3, 3, 3]}"
+VELOCITY = "!TipVelocity {bound: [0.1, 0.2, 0.2]}"
+
+
+@dataclass
+class Elbow(Limit):
+    """|q₁ + q₂² − centre| ≤ bound: a limit of a script's own."""
+
+    name = "elbow"
+
+    bound: float = 3.0
+    centre: float = 0.0
+
+    def values(self, at: Points) -> np.ndarray:
+        return at.config[..., 6:7] + at.config[..., 7:8] ** 2 - self.centre
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([-self.bound]), np.array([self.bound])
+
+
+class KnownElbow(Elbow):
+    """The same for small radii, with what the tube takes of it."""
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray:
+        return np.array([5.0 * tube.joints])
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario("girona500_contact", [
+        "mpc.horizon=5", f"limits.more=[{BOX}, {VELOCITY}]"])
+
+
+def with_own(scenario: Scenario, *limits: Limit) -> Scenario:
+    return replace(scenario, limits=replace(scenario.limits, more=list(limits)))
+
+
+def test_a_scenario_with_further_limits_is_the_same_after_yaml(scenario, tmp_path):
+    path = tmp_path / "again.yaml"
+    path.write_text(dump_scenario(scenario))
+    box, velocity = load_scenario(str(path)).limits.more
+    assert isinstance(box, TipBox) and isinstance(velocity, TipVelocity)
+    np.testing.assert_array_equal(velocity.bound, [0.1, 0.2, 0.2])
+
+
+@pytest.mark.parametrize(("own", "key"), [
+    (TipBox(), "limits.more[0].lower_corner"),
+    (TipBox(np.zeros(3), np.zeros(3)), "limits.more[0].bounds"),
+    (TipVelocity(np.array([0.1, 0.0, 0.1])), "limits.more[0].bounds"),
+])
+def test_a_further_limit_without_meaning_is_refused(own, key):
+    with pytest.raises(InvalidParameter) as caught:
+        make_limits(Limits(u=np.ones(10), more=[own]), np.full(4, -1.0), np.ones(4), None)
+    assert caught.value.key == key
+
+
+def test_a_name_that_is_there_already_and_inputs_of_kinematic_motion_are_refused():
+    twice = Limits(u=np.ones(10), more=[Elbow(), Elbow(2.0)])
+    with pytest.raises(InvalidParameter, match="elbow"):
+        make_limits(twice, np.full(4, -1.0), np.ones(4), None)
+    about_inputs = Elbow()
+    about_inputs.about = "input"
+    with pytest.raises(InvalidParameter, match="kinematic"):
+        make_limits(Limits(more=[about_inputs]), np.full(4, -1.0), np.ones(4), None,
+                    accelerations=False)
+
+
+def test_fast_solver_and_reference_agree_where_they_are_active(scenario):
+    """With 7/10 of the speed, the way and the turn that a plan without them takes."""
+    ocp = make_dynamic_ocp(with_own(scenario))
+    guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
+    free = SequentialConvexSolver(ocp).solve(guess, 50, 1e-10)
+    at = Points(ocp.model, free.plan.config, ocp.model.task_pose(free.plan.config), free.plan.zeta)
+    start = at.y[0, :3]
+    reached, fastest = (np.max(np.abs(each), axis=0) for each in (
+        at.y[:, :3] - start, TipVelocity(np.ones(3)).values(at)))
+    elbow = Elbow().values(at)[:, 0]
+    for own in (TipBox(start - 0.7 * reached, start + 0.7 * reached),
+                TipVelocity(0.7 * fastest),
+                Elbow(0.7 * float(np.max(np.abs(elbow - elbow[0]))), float(elbow[0]))):
+        limited = copy.copy(ocp)
+        limited.limits = ocp.limits | {own.name: own}
+        assert limited.evaluate(free.plan).violation > 1e-3, "else it says nothing"
+        one = SequentialConvexSolver(limited).solve(guess, 100, 1e-12)
+        other = NonlinearSolver(limited, SnoptSolver()).solve(guess)
+        assert other.converged
+        assert one.evaluation.violation < 1e-6
+        assert one.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-3)
+        assert one.evaluation.cost > free.evaluation.cost
+
+
+def test_a_plan_that_leaves_it_between_two_knots_is_found_out(scenario):
+    ocp = make_dynamic_ocp(scenario)
+    guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
+    plan = SequentialConvexSolver(ocp).solve(guess, 20).plan
+    inside = between_knots(ocp, plan)
+    ocp.limits["tip_velocity"] = TipVelocity(np.full(3, 1e-3))
+    assert between_knots(ocp, plan) > inside + 1e-3
+
+
+def test_the_terminal_set_knows_them(scenario):
+    loop = terminal_loop(make_dynamic_ocp(with_own(scenario, *scenario.limits.more, Elbow())))
+    assert {"tip[0]", "tip[1]", "tip[2]"} <= set(loop.closed_form_limits())
+    assert {"tip_velocity[0]", "tip_velocity[2]", "elbow"} <= set(loop.names)
+
+
+def test_only_where_it_is_known_what_the_tube_takes_there_is_room(scenario):
+    model = make_dynamic_ocp(scenario).model
+    rooms = {name: condition.holds for own in (Elbow(), KnownElbow()) for condition in room_of(
+        with_own(scenario, *scenario.limits.more, own), scenario.tube, model)
+        for name in [condition.name] if "elbow" in name or "tip_" in name}
+    unknown = "limits.{}, of which nobody says what the tube takes"
+    assert rooms == {
+        "tube in limits.tip_pitch": True, "tube in limits.tip_x": True,
+        "tube in limits.tip_y": True, "tube in limits.tip_z": True,
+        unknown.format("tip_velocity"): False, unknown.format("elbow"): False,
+        "tube in limits.elbow": True}
+
+
+def test_a_task_that_breaks_it_is_refused(scenario):
+    with pytest.raises(InvalidParameter, match=r"task\.pose .* elbow"):
+        make_dynamic_ocp(with_own(scenario, Elbow(0.1)))
+
+
+def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
+    own = with_own(replace(scenario, duration=0.4), *scenario.limits.more, Elbow())
+    record = simulate(own)
+    signals = constraint_signals(record)
+    np.testing.assert_allclose(signals["tip_x_max"][0], record.chi[:, 0], atol=1e-12)
+    values, bound = signals["elbow_max"]
+    np.testing.assert_allclose(values, record.config[:, 6] + record.config[:, 7] ** 2)
+    assert bound == 3.0
+    setting = setting_of(own)
+    assert setting.limit_use.names[-7:-1] == [
+        "tip_x", "tip_y", "tip_z", *(f"tip_velocity[{i}]" for i in range(3))]
+    used = setting.limit_use(record.state[0], record.u[0], record.nominal_state[0],
+                             record.nominal_input[0])
+    assert used[-1] == pytest.approx(values[0] / 3.0, abs=0.05)
+    assert list(limits_of(own, setting.model))[-3:] == ["tip", "tip_velocity", "elbow"]
