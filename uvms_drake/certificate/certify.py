@@ -30,15 +30,13 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.faults import uncovered
-from uvms_drake.station.motions import limits_of, make_ocp
+from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
-from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.covering import prove_constants
 from uvms_drake.tube.kinematic import (
-    CONSTANTS,
     attitude_radii,
     kinematic_radii,
     paper_radii,
@@ -103,12 +101,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
-    if scenario.kinematic:
-        free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
-        given_up.append(("joints of weight zero, which no terminal set holds", free))
-    else:
-        given_up.append(("mpc.input_reference, not the equilibrium's input",
-                         mpc.input_reference != "equilibrium"))
+    given_up += motion_of(scenario).given_up(mpc)
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None]
@@ -128,7 +121,7 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
     model = UvmsModel.load(scenario.model, surface)
     vector("current", scenario.current, 3)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
-    dynamic = not scenario.kinematic
+    dynamic = motion_of(scenario).has_forces
     check_limits(scenario.limits, model.num_joints, accelerations=dynamic)
     gains = ("k", "sigma") if dynamic else ("sigma",)
     for owner, keys in (("ancillary", gains), ("disturbance", ("bound",))):
@@ -140,7 +133,7 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
                         "zero or positive" if key == "bound" else "positive")
     none = np.zeros(model.size if dynamic else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
-    start_state(without_tube, make_ocp(without_tube))
+    start_state(without_tube, make_ocp(without_tube, model))
     return model
 
 
@@ -162,7 +155,8 @@ def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: No
 def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits, surface = scenario.limits, model.surface
-    require(scenario.kinematic or limits.static_force is not None, "limits.static_force", None,
+    require(not motion_of(scenario).has_forces or limits.static_force is not None,
+            "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
     force, depth = UNLIMITED if limits.static_force is None else limits.static_force, 0.0
@@ -186,17 +180,10 @@ def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
     key = {"set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
            "surface": repr(scenario.surface), "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
-           "files": fingerprint(scenario)["files"], "kinematic": scenario.kinematic}
+           "files": fingerprint(scenario)["files"], "motion": scenario.motion}
 
     def compute() -> dict:
-        if scenario.kinematic:
-            return {name: constant.to_data() for name, constant in estimate_constants(
-                model, declared, CONSTANTS, samples=settings.constant_samples,
-                safety_factor=settings.safety_factor, seed=settings.seed).items()}
-        found = estimate_constants(
-            model, declared, samples=settings.constant_samples,
-            safety_factor=settings.safety_factor, seed=settings.seed)
-        found |= prove_constants(model, declared, seed=settings.seed)
+        found = motion_of(scenario).constants(model, declared, settings)
         return {name: constant.to_data() for name, constant in found.items()}
 
     return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from uvms_drake.common.errors import vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.nominal_mpc import Targets
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.part import Signals
@@ -22,6 +22,10 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.station.motion import Motion
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
 
 IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
@@ -97,6 +101,19 @@ class Dynamic(Motion):
         """Returns the logs with the effective disturbance."""
         return logs | {"effective_disturbance": effective_disturbance(
             model, logs["state"], logs["u"], logs["acceleration"])}
+
+    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+        """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
+        return [("mpc.input_reference, not the equilibrium's input",
+                 mpc.input_reference != "equilibrium")]
+
+    def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
+                  ) -> dict[str, Constant]:
+        """Returns all constants; those that decide the tube of `resolved` are proven."""
+        return estimate_constants(
+            model, declared, samples=settings.constant_samples,
+            safety_factor=settings.safety_factor, seed=settings.seed
+        ) | prove_constants(model, declared, seed=settings.seed)
 
 
 def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
 from uvms_drake.model.part import Signals
@@ -17,6 +17,10 @@ from uvms_drake.plant.kinematic_plant import make_kinematic_plant
 from uvms_drake.station.motion import Motion
 from uvms_drake.station.problem import make_kinematic_ocp
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.constants import Constant, estimate_constants
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.kinematic import CONSTANTS
+from uvms_drake.tube.settings import CertificateSettings
 
 
 class Kinematic(Motion):
@@ -81,3 +85,15 @@ class Kinematic(Motion):
             "acceleration": nothing, "limited": np.zeros(len(chi)),
             "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
             "effective_disturbance": logs["disturbance"]}
+
+    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+        """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
+        free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
+        return [("joints of weight zero, which no terminal set holds", free)]
+
+    def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
+                  ) -> dict[str, Constant]:
+        """Returns the constants of the law `transpose`; `resolved` needs none."""
+        return estimate_constants(
+            model, declared, CONSTANTS, samples=settings.constant_samples,
+            safety_factor=settings.safety_factor, seed=settings.seed)

@@ -7,12 +7,15 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.settings import CertificateSettings
 
 
 class Motion(ABC):
@@ -83,3 +86,12 @@ class Motion(ABC):
     def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with what of a `Record` follows from them with this motion alone."""
+
+    @abstractmethod
+    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+        """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
+
+    @abstractmethod
+    def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
+                  ) -> dict[str, Constant]:
+        """Returns the constants that the tubes of this motion are computed from, by name."""
