@@ -3,11 +3,10 @@
 
 import numpy as np
 import pytest
-from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.solvers import SnoptSolver
 from support.limits import with_limits
 
-from uvms_drake.control.nlp import NonlinearSolver, _differentiable
+from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.plan import Plan
 
 
@@ -69,19 +68,6 @@ def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, start_pla
         assert np.max(linear) <= evaluation.violation + 1e-9
         forced += evaluation.violation > free.evaluate(guess).violation
     assert (forced > 0) == (tau is FORCES)
-
-
-def test_a_function_with_its_jacobian_is_differentiable_for_drake():
-    """The gradients of the arguments are chained, not replaced."""
-    matrix = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
-    function = _differentiable(lambda x: (matrix @ x, matrix))
-    np.testing.assert_array_equal(function(np.array([1.0, 2.0])), matrix @ [1.0, 2.0])
-    inner = np.array([[1.0, 1.0, 0.0], [0.0, 2.0, 5.0]])
-    x = InitializeAutoDiff(np.array([1.0, 2.0]), inner).ravel()
-    np.testing.assert_allclose(ExtractGradient(function(x)), matrix @ inner)
-    scalar = _differentiable(lambda x: (np.array([x @ x]), 2.0 * x[None]))
-    assert scalar(np.array([3.0, 4.0])) == 25.0
-    assert isinstance(scalar(x), AutoDiffXd)
 
 
 @pytest.mark.parametrize(("kind", "coordinate"), [("roll", 3), ("pitch", 4)])

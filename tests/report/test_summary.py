@@ -11,7 +11,7 @@ from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report.signals import settling_index
-from uvms_drake.report.summary import EVENT_LINES, format_summary, jsonable, summarise
+from uvms_drake.report.summary import EVENT_LINES, format_summary, summarise
 
 KEYS = {
     "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
@@ -300,11 +300,6 @@ def test_separate_times_above_the_bound_are_counted(above, times):
     summary = summarise(replace(record, effective_disturbance=d))
     assert summary["disturbance"]["exceeded"] == times
     assert f"exceeded {times} times" in format_summary(summary)
-
-
-def test_numbers_that_are_not_finite_become_null():
-    assert jsonable({"a": np.array([1.0, np.nan]), "b": (np.int64(2), np.inf)}) == {
-        "a": [1.0, None], "b": [2, None]}
 
 
 def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():

@@ -10,10 +10,10 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.report.summary import jsonable
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario, load_scenario

@@ -10,11 +10,12 @@ from uvms_drake.campaign.campaign import Campaign, require_same_code
 from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.vary import Variation, kind_of, vary
 from uvms_drake.common.alarm import LOGGER
+from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.nominal_mpc import FAILED, SOLVED
 from uvms_drake.control.solver_faults import solver_fault
 from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.plant.model_error import FACTORS
-from uvms_drake.report.summary import jsonable, summarise
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import set_wise_radii
 from uvms_drake.station.faults import faults_at
 from uvms_drake.station.record import Record

@@ -8,7 +8,6 @@ have changed, is recognised; see `stale_reason`.
 import dataclasses
 import hashlib
 import json
-import math
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +18,7 @@ from pydrake.common.yaml import yaml_load_data
 
 import uvms_drake
 from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.jsonable import jsonable, restored
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.uvms import model_dir
 from uvms_drake.station.faults import uncovered
@@ -102,15 +102,13 @@ class Certificate:
 
     def to_data(self) -> dict[str, Any]:
         """Returns the content as what JSON can hold, with its own SHA-256 as `sha256`."""
-        data = _plain(dataclasses.asdict(replace(self, constants=())))
-        data["constants"] = [_plain(constant.to_data()) for constant in self.constants]
-        data["certified"] = self.certified
+        data = jsonable(dataclasses.asdict(self), names=True) | {"certified": self.certified}
         return data | {"sha256": _digest(data)}
 
     @staticmethod
     def from_data(data: dict[str, Any]) -> "Certificate":
         """Returns the certificate of which `to_data` made `data`."""
-        data = {key: _restored(value) for key, value in data.items()
+        data = {key: restored(value) for key, value in data.items()
                 if key not in ("certified", "sha256")}
         tube, terminal = data["tube"], data["terminal"]
         return Certificate(**(data | {
@@ -120,31 +118,9 @@ class Certificate:
             "terminal": None if terminal is None else TerminalResult(**_with_arrays(terminal))}))
 
 
-def _restored(value: Any) -> Any:
-    """Returns the value with inf and NaN back from their names."""
-    if isinstance(value, dict):
-        return {key: _restored(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_restored(item) for item in value]
-    return float(value) if value in ("inf", "-inf", "nan") else value
-
-
 def _with_arrays(data: dict[str, Any]) -> dict[str, Any]:
     return {key: np.array(value, dtype=float) if isinstance(value, list) else value
             for key, value in data.items()}
-
-
-def _plain(value: Any) -> Any:
-    """Returns the value in JSON's types; inf and NaN, which JSON has not, become their names."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
 
 
 def _digest(data: object) -> str:
@@ -165,7 +141,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)
     relevant["task"].pop("force_tolerance")
-    return {"files": files, "inputs": _digest(_plain(relevant)),
+    return {"files": files, "inputs": _digest(jsonable(relevant, names=True)),
             "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake")}}
 
 

@@ -5,13 +5,12 @@ decision and s, every limit at once and as it stands, no convex program, no work
 search of ours. Tests hold the fast solver against it.
 """
 
-from collections.abc import Callable
 from typing import Generic
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import MathematicalProgram, SolverInterface, SolverOptions
 
+from uvms_drake.common.differentiable import differentiable
 from uvms_drake.control.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan import P
 from uvms_drake.control.scp import Solution
@@ -36,10 +35,11 @@ class NonlinearSolver(Generic[P]):
         """Returns the solution of the program that starts at the guess's first knot."""
         prog = MathematicalProgram()
         x = prog.NewContinuousVariables(guess.decision.size + 1, "x")
-        prog.AddCost(_differentiable(lambda v: self._cost(v, guess)), vars=x)
+        cost = differentiable(lambda v: self._cost(v, guess))
+        prog.AddCost(lambda v: cost(v)[0], vars=x)
         lower, upper = self._bounds(guess)
         prog.AddConstraint(
-            _differentiable(lambda v: self._constraints(v, guess)), lb=lower, ub=upper, vars=x)
+            differentiable(lambda v: self._constraints(v, guess)), lb=lower, ub=upper, vars=x)
         prog.AddBoundingBoxConstraint(0.0, np.inf, x[-1])
         start = np.append(guess.decision.ravel(), self.ocp.evaluate(guess).terminal_slack)
         result = self._solver.Solve(prog, start, self._options)
@@ -97,16 +97,3 @@ def _responses(program: StagedProgram) -> np.ndarray:
         Z[k, nx:, k * nw: (k + 1) * nw] = np.eye(nw)
         Z[k + 1, :nx] = program.A[k] @ Z[k, :nx] + program.B[k] @ Z[k, nx:]
     return Z
-
-
-def _differentiable(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Callable:
-    """Returns `function` (value and Jacobian of an array) as Drake's solvers call it."""
-    def evaluate(x: np.ndarray):
-        if x.dtype != object:
-            value = function(x)[0]
-            return value if len(value) > 1 else value[0]
-        value, jacobian = function(ExtractValue(x).ravel())
-        gradient = jacobian @ ExtractGradient(x)
-        out = np.array([AutoDiffXd(v, row) for v, row in zip(value, gradient, strict=True)])
-        return out if len(out) > 1 else out[0]
-    return evaluate

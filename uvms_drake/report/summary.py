@@ -6,11 +6,11 @@ None. Everything is evaluated at the logged samples.
 
 import platform
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 
 import uvms_drake
+from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.ancillary import task_error
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
 from uvms_drake.control.tube_monitor import REPORT_FIELDS
@@ -165,19 +165,6 @@ def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float |
     return {"set": max(report[f"worst_set_{part}"] for part in parts),
             "trajectory": max((report[f"worst_trajectory_{part}"] for part in along),
                               default=None)}
-
-
-def jsonable(value: Any) -> Any:
-    """Returns the value in JSON's types; a number that is not finite becomes None."""
-    if isinstance(value, dict):
-        return {key: jsonable(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [jsonable(item) for item in value]
-    if isinstance(value, np.generic):
-        return jsonable(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def format_summary(summary: dict) -> str:

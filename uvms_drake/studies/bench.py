@@ -23,13 +23,13 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 import uvms_drake
+from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.model.surface.law import make_surface_law
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.report.summary import jsonable
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import start_state

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
+from uvms_drake.common.differentiable import differentiable
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 
@@ -76,20 +76,11 @@ def climb(function: ValueAndGradient, model: UvmsModel, constraint_set: Constrai
     s = prog.NewContinuousVariables(len(start))
     prog.AddBoundingBoxConstraint(*search.box, s[3: model.size])
     ones = (1.0 - MARGIN) * np.ones(len(search.bounded(start)[0]))
-    prog.AddConstraint(lambda s: _evaluate(search.bounded, s), lb=-ones, ub=ones, vars=s)
-    prog.AddCost(lambda s: _evaluate(search.objective, s)[0], vars=s)
+    prog.AddConstraint(differentiable(search.bounded), lb=-ones, ub=ones, vars=s)
+    objective = differentiable(search.objective)
+    prog.AddCost(lambda s: objective(s)[0], vars=s)
     options = SolverOptions()
     for key, value in SETTINGS.items():
         options.SetOption(SnoptSolver.id(), key, value)
     SnoptSolver().Solve(prog, start, options)
     return search.best
-
-
-def _evaluate(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
-              s: np.ndarray) -> np.ndarray:
-    """Returns a function's values at s (d,), with derivatives if s is made of AutoDiffXd."""
-    if s.dtype == float:
-        return function(s)[0]
-    values, derivatives = function(ExtractValue(s)[:, 0])
-    chained: np.ndarray = InitializeAutoDiff(values, derivatives @ ExtractGradient(s))[:, 0]
-    return chained
