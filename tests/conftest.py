@@ -11,7 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
-from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.motions import make_ocp
@@ -38,7 +39,7 @@ def plane() -> UnilateralPlane:
 @pytest.fixture(scope="session")
 def model(uvms: Uvms, plane: UnilateralPlane) -> UvmsModel:
     """The prediction model in front of a wall of 1000 N/m."""
-    return UvmsModel(uvms, make_surface_law(plane))
+    return UvmsModel(uvms, check_surface(plane))
 
 
 @pytest.fixture(scope="session")

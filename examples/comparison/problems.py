@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.model.surface.law import BilateralSpring, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms_model import UvmsModel
 
 ROBOT = Path(__file__).parent / "models" / "ocp_robot"
@@ -105,5 +106,5 @@ def load_model() -> UvmsModel:
 
     Its drag has |v| where the specification has √(v² + 10⁻⁴).
     """
-    return UvmsModel.load(str(ROBOT), make_surface_law(
+    return UvmsModel.load(str(ROBOT), check_surface(
         BilateralSpring(stiffness=np.eye(6), equilibrium=CHI_EQ)))

@@ -40,7 +40,7 @@ from uvms_drake.command.campaign import CampaignProgress, replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import MONITOR_SLACK
@@ -308,7 +308,7 @@ def test_what_an_error_of_the_model_induces_is_what_the_plant_does():
     record = simulate(scenario)
 
     def acceleration(error):
-        model = model_with_error(scenario.model, make_surface_law(scenario.surface), error)
+        model = model_with_error(scenario.model, check_surface(scenario.surface), error)
         kinematics = model.kinematics(record.config)
         bias = model.inverse_dynamics(kinematics, record.zeta, np.zeros_like(record.zeta))
         return np.linalg.solve(

@@ -14,7 +14,6 @@ from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.model.surface.law import static_force
 from uvms_drake.station.problem import make_kinematic_ocp
 from uvms_drake.station.scenario import load_scenario
 
@@ -163,7 +162,7 @@ def test_a_limit_on_the_force_is_kept_too(ocp):
         other = NonlinearSolver(problem, SnoptSolver()).solve(guess)
         assert one.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-6)
         chi = problem.model.task_pose(one.plan.config)[1:, :6]
-        return float(np.max(static_force(problem.model.surface, chi))), one.evaluation.cost
+        return float(np.max(problem.model.surface.static_force(chi))), one.evaluation.cost
 
     free, cost = solved(ocp)
     limits = bounded(ocp, static_force=free - 0.02)

@@ -13,7 +13,6 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.staged_program import solve_staged
-from uvms_drake.model.surface.law import static_force
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario
@@ -231,7 +230,7 @@ def test_a_limit_on_the_force_is_kept_at_the_cost_of_the_nonlinear_program(
 
     def pressed(plan: Plan) -> float:
         chi = ocp.model.task_pose(plan.config)[1:, :6]
-        return float(np.max(static_force(ocp.model.surface, chi)))
+        return float(np.max(ocp.model.surface.static_force(chi)))
 
     free = solve_both_ways(ocp, guess)
     assert pressed(free.plan) > 15.0

@@ -28,7 +28,7 @@ from uvms_drake.errata.paper import (
     robot_constants,
     smallest_eigenvalue,
 )
-from uvms_drake.model.surface.law import BilateralSpring
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
@@ -226,7 +226,7 @@ def test_e6_the_loop_rests_near_the_least_stage_cost_and_the_hold_input_is_not_f
         b = np.concatenate([weight_y * (y - ocp.y_des), weight_u * f[0]])
         y = y - np.linalg.lstsq(A, b, rcond=None)[0]
     assert at.tip == pytest.approx(np.linalg.norm((y - ocp.y_des)[:3]), rel=0.25)
-    K = model.surface.K
+    K = model.surface.stiffness
     assert at.force == pytest.approx(np.linalg.norm((K @ (y - ocp.y_des)[:6])[:3]), rel=0.25)
     assert not simulation.hold_input(fraction=1.0).wrong
 

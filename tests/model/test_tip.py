@@ -5,7 +5,9 @@ import pytest
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from uvms_drake.model.spatial import times
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
 
 SPRING = BilateralSpring(stiffness=np.diag([9.0, 8.0, 7.0, 3.0, 2.0, 1.0]) + np.ones((6, 6)))
@@ -49,14 +51,14 @@ def test_a_complex_step_moves_pose_and_matrix_alike(chi, derivative):
 
 @pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
 def test_the_power_of_the_force_is_the_same_in_both_coordinates(chi, surface):
-    law, A, V_E = make_surface_law(surface), matrix(chi), np.linspace(-0.2, 0.3, 6)
+    law, A, V_E = check_surface(surface), matrix(chi), np.linspace(-0.2, 0.3, 6)
     assert V_E @ tip_force(law, chi, A, V_E) == pytest.approx(
         law.force(chi, A @ V_E) @ (A @ V_E), rel=1e-12)
 
 
 @pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
 def test_the_gradients_are_those_of_differences(chi, surface, derivative):
-    law, V_E = make_surface_law(surface), np.linspace(-0.2, 0.3, 6)
+    law, V_E = check_surface(surface), np.linspace(-0.2, 0.3, 6)
     by_velocity, by_motion = tip_force_gradients(law, chi, matrix(chi), V_E)
     for direction in np.eye(6):
         velocity = derivative(

@@ -16,7 +16,9 @@ from support.tiny_robots import drill, oblique, turret
 
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, HydrodynamicParameters
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.model.uvms_model import (
     Kinematics,
@@ -27,7 +29,7 @@ from uvms_drake.model.uvms_model import (
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
-FAR_AWAY = make_surface_law(UnilateralPlane(point=np.array([1e3, 0.0, 0.0])))
+FAR_AWAY = check_surface(UnilateralPlane(point=np.array([1e3, 0.0, 0.0])))
 
 
 def drake_acceleration(eta: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray) -> np.ndarray:
@@ -192,7 +194,7 @@ SPRING = BilateralSpring(
                          ids=["plane", "spring"])
 def test_model_and_plant_accelerate_alike(uvms, states, surface, where):
     """ζ̇ = f + M⁻¹τ with all of the water, off, in the skin of and deep in the surface."""
-    plant, model = Plant(surface), UvmsModel(uvms, make_surface_law(surface))
+    plant, model = Plant(surface), UvmsModel(uvms, check_surface(surface))
     rng = np.random.default_rng(8)
     for state in states[where]:
         tau = rng.uniform(-1.0, 1.0, size=10) * np.repeat([50.0, 20.0, 5.0], [3, 3, 4])
@@ -251,7 +253,7 @@ def tilted(surface) -> UvmsModel:
 @pytest.mark.parametrize("kind", ["plane", "spring", "tilted"])
 def test_the_derivatives_of_f_are_those_of_complex_steps(uvms, model, states, kind, where):
     if kind != "plane":
-        surface = make_surface_law(SPRING)
+        surface = check_surface(SPRING)
         model = UvmsModel(uvms, surface) if kind == "spring" else tilted(surface)
     config, zeta = np.split(states[where], 2, axis=1)
     _, f_config, f_zeta = model.drift_derivatives(config, zeta)
@@ -319,7 +321,7 @@ def test_turning_and_shifting_the_whole_world_about_the_vertical_changes_nothing
     R = RotationMatrix.MakeZRotation(turn).matrix()
     wall = UnilateralPlane(stiffness=1000.0, normal=np.array([-0.8, 0.36, 0.48]))
     carried = replace(wall, point=shift, normal=R @ wall.normal)
-    here, there = (UvmsModel(uvms, make_surface_law(each)) for each in (wall, carried))
+    here, there = (UvmsModel(uvms, check_surface(each)) for each in (wall, carried))
     for state in [*states["free"], *states["deep"]]:
         config, zeta = np.split(state, 2)
         config = config - np.concatenate([dh.chi(config)[:3] - 0.01 * np.eye(3)[0], np.zeros(7)])
@@ -370,7 +372,7 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
         "bodies: {vehicle: {displaced_volume: 0.04, added_mass: [{matrix: [9, 9, 30, 1, 1, 1]}]}}")
     (folder / "package.xml").write_text(
         '<?xml version="1.0"?><package format="2"><name>bare</name></package>')
-    bare = UvmsModel.load(str(folder), make_surface_law(UnilateralPlane()))
+    bare = UvmsModel.load(str(folder), check_surface(UnilateralPlane()))
     config = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     expected = np.array([0.0, 0.0, (50.0 - 40.0) * 9.81 / (50.0 + 30.0), 0.0, 0.0, 0.0])
     np.testing.assert_allclose(bare.drift(config, np.zeros(6)), expected, atol=1e-12)

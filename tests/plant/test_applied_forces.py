@@ -14,7 +14,7 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.law import UnilateralPlane
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.applied_forces import generalized_force
 from uvms_drake.plant.disturbance import ConstantDisturbance

@@ -6,7 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from support.true_model import model_with_error
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import model_dir
 from uvms_drake.plant.model_error import (
     ModelError,
@@ -21,7 +21,7 @@ LEVEL = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.1, 0.9, 0.4, 0.2])
 
 @pytest.fixture(scope="module")
 def load(plane):
-    return lambda error=None: model_with_error(ROBOT, make_surface_law(plane), error)
+    return lambda error=None: model_with_error(ROBOT, check_surface(plane), error)
 
 
 def mass_matrix(model):

@@ -9,7 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 
 ARM = """
@@ -102,7 +104,7 @@ def test_the_force_is_the_laws_at_the_pose_and_rate_of_the_tip(X_WV, kind):
     state = random_state(plant, X_WV)
     config = spring_config() if kind == "spring" else plane_config(plant, state)
     system = CompliantSurface(plant, plant.GetFrameByName("tip"), config)
-    law = make_surface_law(config)
+    law = check_surface(config)
     chi = chi_of(plant, state)
     out = outputs(system, state)
     np.testing.assert_allclose(

@@ -6,7 +6,9 @@ from pydrake.common.eigen_geometry import AngleAxis
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.euler import euler_angles, rotation_matrix
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.surface_error import (
     SurfaceError,
     check_surface_error,
@@ -53,7 +55,7 @@ def test_no_error_is_the_same_surface(spring):
 def test_a_plane_pushes_a_tip_that_is_carried_along_as_before_but_for_its_stiffness():
     chi, speed = np.array([1.05, 0.9, -0.4, 0.0, 0.0, 0.0]), np.array([0.1, 0.2, -0.05])
     R = rotation_by(OFF.turn)
-    old, new = (make_surface_law(config) for config in (PLANE, displaced(PLANE, OFF)))
+    old, new = (check_surface(config) for config in (PLANE, displaced(PLANE, OFF)))
     before = old.force(chi, np.concatenate([speed, np.zeros(3)]))
     after = new.force(carried(chi, PLANE.point), np.concatenate([R @ speed, np.zeros(3)]))
     assert np.linalg.norm(before) > 10.0
@@ -69,7 +71,7 @@ def test_a_spring_that_is_carried_along_with_the_tip_keeps_its_energy(spring):
         moved = carried(spring.equilibrium + stretch, spring.equilibrium[:3]) - new.equilibrium
         assert moved @ new.stiffness @ moved == pytest.approx(
             1.3 * stretch @ spring.stiffness @ stretch, rel=1e-3)
-    make_surface_law(new)  # It is symmetric and positive definite.
+    check_surface(new)  # It is symmetric and positive definite.
 
 
 def test_a_spring_that_is_only_stiffer_or_shifted_has_the_same_axes(spring):

@@ -12,10 +12,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.meshcat import packed_transform
+from support.surfaces import Sphere
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
@@ -300,3 +302,30 @@ def test_a_state_of_the_wrong_size_is_named():
 def test_a_start_of_the_wrong_size_is_named():
     with pytest.raises(InvalidParameter, match=r"^start = .*: must be 10 finite numbers$"):
         make(start=np.zeros(20))
+
+
+def test_open_water_is_the_plant_without_a_surface():
+    alone = make(None)
+    assert not alone.HasSubsystemNamed("surface") and not alone.HasOutputPort("force")
+    accelerations = []
+    for uvms in (alone, make()):
+        context = uvms.CreateDefaultContext()
+        uvms.GetInputPort("tau").FixValue(context, np.linspace(-5.0, 5.0, 10))
+        set_state(uvms, context, moving_state())
+        accelerations.append(uvms.GetOutputPort("acceleration").Eval(context))
+    np.testing.assert_array_equal(*accelerations)
+
+
+def test_a_surface_of_ones_own_pushes_by_its_law():
+    sphere = Sphere()
+    uvms = make(sphere)
+    context = uvms.CreateDefaultContext()
+    set_state(uvms, context, np.concatenate([[-1.6], np.zeros(19)]))
+    plant = uvms.GetSubsystemByName("plant")
+    tip = uvms.GetSubsystemByName("surface")._tip
+    chi, _ = pose_and_jacobian(plant, uvms.GetSubsystemContext(plant, context), tip)
+    force = uvms.GetOutputPort("force").Eval(context)
+    assert np.linalg.norm(force) > 10.0
+    np.testing.assert_array_equal(force, sphere.force(chi, np.zeros(6)))
+    with pytest.raises(InvalidParameter, match=r"^surface\.stiffness = -1\.0: must be positive$"):
+        make(Sphere(stiffness=-1.0))

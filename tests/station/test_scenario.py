@@ -10,7 +10,8 @@ import pytest
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.disturbance import RandomDisturbance, SinusoidalDisturbance
 from uvms_drake.station.scenario import (
     Scenario,

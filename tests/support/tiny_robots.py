@@ -6,7 +6,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia, UnitInertia
 
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters
-from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -38,7 +39,7 @@ def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0
         "tip", link.body_frame(), RigidTransform(RollPitchYaw(tip_rpy), tip), instance))
     plant.Finalize()
     uvms = Uvms(plant, instance, vehicle, tuple(joints), frame, HydrodynamicParameters())
-    return UvmsModel(uvms, make_surface_law(UnilateralPlane()))
+    return UvmsModel(uvms, check_surface(UnilateralPlane()))
 
 
 def turret(length: float) -> UvmsModel:

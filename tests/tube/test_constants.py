@@ -26,7 +26,7 @@ from uvms_drake.tube.local_search import climb
 
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.4, 0.6, -0.1, -0.8]), q_upper=np.array([0.4, 1.3, 0.72, 0.8]), roll=0.3,
-    pitch=0.15, tip_pitch=0.4, nu1=0.25, nu2=0.2, qdot=0.3, depth_max=0.033)
+    pitch=0.15, tip_pitch=0.4, nu1=0.25, nu2=0.2, qdot=0.3, force_max=32.0)
 GROUPS = (jacobian_matrices, rate_matrices, drift_matrices)
 JACOBIAN = tuple(name for name, item in QUANTITIES.items() if item.group is jacobian_matrices)
 RATES = tuple(name for name, item in QUANTITIES.items() if item.group is rate_matrices)
@@ -54,7 +54,7 @@ def fresh(model, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
         config = np.zeros((5000, 10))
         config[:, 3:] = rng.uniform(*BOUNDS.box, size=(5000, 7))
         chi = model.kinematics(config).chi
-        config[:, 0] = rng.uniform(BOUNDS.depth_min, BOUNDS.depth_max, 5000) - chi[:, 0]
+        config[:, 0] = rng.uniform(-0.01, 0.033, 5000) - chi[:, 0]
         parts.append(config[np.abs(chi[:, 4]) <= BOUNDS.tip_pitch])
     config = np.concatenate(parts)[:count]
     blocks = []

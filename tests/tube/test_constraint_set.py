@@ -8,14 +8,15 @@ from support import dh
 from support.tiny_robots import drill, tiny_robot
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.surface.law import BilateralSpring, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.4, 0.2, -0.5, -1.0]), q_upper=np.array([0.5, 1.2, 0.6, 0.8]), roll=0.3,
-    pitch=0.2, tip_pitch=0.5, nu1=0.25, nu2=0.2, qdot=0.3, depth_min=-0.01, depth_max=0.03,
-    force_max=40.0, yaw=1.0)
+    pitch=0.2, tip_pitch=0.5, nu1=0.25, nu2=0.2, qdot=0.3, force_max=40.0, yaw=1.0)
+DEEPEST = 0.041  # m, where the wall of 1000 N/m with its transition of 2 mm carries 40 N
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def drawn(model) -> tuple[np.ndarray, np.ndarray]:
 def in_spring(uvms) -> UvmsModel:
     stiffness = np.diag([500.0, 300.0, 400.0, 5.0, 4.0, 3.0])
     stiffness[0, 4] = stiffness[4, 0] = 20.0
-    return UvmsModel(uvms, make_surface_law(BilateralSpring(stiffness, np.full(6, 0.3))))
+    return UvmsModel(uvms, check_surface(BilateralSpring(stiffness, np.full(6, 0.3))))
 
 
 def test_samples_keep_every_bound_by_an_independent_kinematics(drawn):
@@ -36,7 +37,8 @@ def test_samples_keep_every_bound_by_an_independent_kinematics(drawn):
     assert np.all(np.abs(config[:, 3:6]) <= [0.3, 0.2, 1.0])
     assert np.all((config[:, 6:] >= BOUNDS.q_lower) & (config[:, 6:] <= BOUNDS.q_upper))
     assert np.max(np.abs(chi[:, 4])) <= 0.5 + 1e-9
-    assert np.min(chi[:, 0]) >= -0.01 - 1e-9 and np.max(chi[:, 0]) <= 0.03 + 1e-9  # wall at x = 0
+    assert np.min(chi[:, 0]) >= -0.01 - 1e-9  # The wall is at x = 0.
+    assert np.max(chi[:, 0]) <= DEEPEST + 1e-9
     for block, bound in ((slice(0, 3), 0.25), (slice(3, 6), 0.2), (slice(6, 10), 0.3)):
         assert np.max(np.linalg.norm(zeta[:, block], axis=1)) <= bound + 1e-12
 
@@ -50,7 +52,7 @@ def test_samples_reach_faces_and_corners(model, drawn):
     assert np.max(np.sum(at_bound, axis=1)) >= 5
     assert np.mean(np.abs(chi[:, 4]) > 0.5 - 1e-3) > 0.2
     assert np.mean(np.abs(np.linalg.norm(zeta[:, :3], axis=1) - 0.25) < 1e-12) > 0.4
-    for depth in (-0.01, 0.03):
+    for depth in (-0.01, DEEPEST):
         assert np.mean(np.abs(chi[:, 0] - depth) < 1e-12) > 0.05
     inside = ~np.any(at_bound, axis=1) & (np.abs(chi[:, 4]) < 0.45)
     assert np.mean(inside) > 0.02
@@ -81,7 +83,7 @@ def test_a_state_outside_one_bound_is_not_contained(model, drawn, shift):
 def test_depth_and_tip_pitch_count(model):
     y = np.zeros((3, 10))
     y[:, 6:] = [0.0, 0.9, 0.2, 0.0]
-    y[1, 0], y[2, 4] = 0.031, 0.51
+    y[1, 0], y[2, 4] = DEEPEST + 0.001, 0.51
     loose = replace(BOUNDS, roll=1.5, pitch=1.5, yaw=np.pi)
     inside = loose.contains(model, model.configuration(y), np.zeros((3, 10)))
     assert list(inside) == [True, False, False]
@@ -97,7 +99,7 @@ def test_a_tip_pitch_that_nothing_can_keep_is_reported():
 
 @pytest.mark.parametrize("change", [
     {"roll": -0.1}, {"pitch": 1.6}, {"tip_pitch": 0.0}, {"nu1": 0.0}, {"qdot": np.inf},
-    {"yaw": 4.0}, {"depth_max": -0.02}, {"q_upper": np.full(4, -1.0)}, {"force_max": -1.0}])
+    {"yaw": 4.0}, {"q_upper": np.full(4, -1.0)}, {"force_max": -1.0}])
 def test_a_bound_without_meaning_is_reported_by_its_name(change):
     with pytest.raises(InvalidParameter, match=next(iter(change))):
         replace(BOUNDS, **change)

@@ -25,7 +25,7 @@ from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.euler import wrap_angle
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.station.problem import make_kinematic_ocp, start_state
 from uvms_drake.station.scenario import Scenario, load_scenario
@@ -139,7 +139,7 @@ def test_it_is_the_same_after_json(certificate, scenario, tmp_path):
     assert stale_reason(again, load_scenario(NAME, ["ancillary.sigma=11"])) == "the scenario"
     applied = again.applied_to(scenario)
     limits = tighten(make_limits(applied.limits, *applied_joints(applied),
-                                 make_surface_law(applied.surface), accelerations=False),
+                                 check_surface(applied.surface), accelerations=False),
                      applied.tube)
     assert limits["nu1"].upper[0] == pytest.approx(2.0 - certificate.tube.nu1)
 

@@ -15,12 +15,9 @@ from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.terminal import INFLATION, terminal_ingredients
-from uvms_drake.model.surface.law import (
-    BilateralSpring,
-    UnilateralPlane,
-    make_surface_law,
-    static_force,
-)
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube import terminal_set
@@ -71,7 +68,7 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
             evaluation.violation, np.linalg.norm(zeta[:3]) - limits["nu1"],
             np.linalg.norm(zeta[3:6]) - limits["nu2"], np.linalg.norm(zeta[6:]) - limits["qdot"],
             abs(config[3]) - limits["roll"], abs(config[4]) - limits["pitch"],
-            static_force(ocp.model.surface, ocp.y_des[:6] + state[:6])
+            ocp.model.surface.static_force(ocp.y_des[:6] + state[:6])
             - limits["static_force"]) > 0.0)
     return {name: np.array(where) for name, where in out.items()}
 
@@ -285,7 +282,7 @@ def test_the_linear_radius_is_where_the_set_touches_a_limit(toy, name, bound, co
     ids=["plane", "spring"])
 def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
     """By brute force, as above; of a spring, whose force is not along one line, it may be less."""
-    law = toy.model.surface = make_surface_law(surface)
+    law = toy.model.surface = check_surface(surface)
     wide = dict.fromkeys(("nu1", "nu2", "qdot", "tip_pitch"), 1e3)
     toy.limits = bounded(
         toy, **wide, q_lower=np.array([-1e3]), q_upper=np.array([1e3]), static_force=30.0)
@@ -293,8 +290,8 @@ def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
     rows = np.zeros((5000, 14))
     rows[:, :6] = np.random.default_rng(4).normal(size=(5000, len(G))) @ G
     xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
-    largest = np.max(static_force(law, xi[:, :6]))
-    at_rest = static_force(law, np.zeros(6))
+    largest = np.max(law.static_force(xi[:, :6]))
+    at_rest = law.static_force(np.zeros(6))
     assert 0.5 < at_rest < 15.0
     assert 0.9 * 30.0 < largest < 30.0 + 1e-9
     if law.force_jacobian().shape == (1, 6):

@@ -19,7 +19,6 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.euler import wrap_angle
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 
@@ -45,7 +44,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
              ) -> tuple[Wall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
-    A spring is not tilted, and where no forces act there is the scenario's own alone.
+    Only a flat surface is tilted, and where no forces act there is the scenario's own alone.
 
     Args:
         scenario: As it is loaded.
@@ -54,7 +53,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
     for stiffness, tilt in OTHER_WALLS if motion_of(scenario).has_forces else ():
-        if tilt and not isinstance(scenario.surface, UnilateralPlane):
+        if tilt and scenario.surface.normal is None:
             continue
         other = _with_surface(scenario, stiffness, tilt)
         try:
@@ -80,16 +79,14 @@ def with_wall(scenario: Scenario, wall: Wall) -> Scenario:
 def _with_surface(scenario: Scenario, stiffness: float, tilt: float) -> Scenario:
     """Returns the scenario with a surface that is stiffer, and turned with 𝔉_des."""
     surface, task = scenario.surface, scenario.task
-    if isinstance(surface, BilateralSpring):
-        surface = replace(surface, stiffness=stiffness * np.asarray(surface.stiffness))
-    else:
-        surface = replace(surface, stiffness=stiffness * surface.stiffness)
-    if tilt and isinstance(surface, UnilateralPlane):
-        normal = np.asarray(surface.normal, dtype=float)
+    surface = surface.stiffened(stiffness)
+    if tilt and surface.normal is not None:
+        normal, anchor = (np.asarray(each, dtype=float)
+                          for each in (surface.normal, surface.anchor))
         R = RotationMatrix(AngleAxis(tilt, _horizontal_in(normal))).matrix()
         force = np.asarray(task.force, dtype=float).copy()
         force[:3] = R @ force[:3]
-        surface, task = replace(surface, normal=R @ normal), replace(task, force=force)
+        surface, task = surface.moved(R, anchor - R @ anchor), replace(task, force=force)
     return replace(scenario, surface=surface, task=task)
 
 
@@ -123,21 +120,13 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
         chi = np.asarray(chi, dtype=float)
         return np.concatenate([R @ chi[:3] + shift, chi[3:5], wrap_angle(chi[5:] + yaw)])
 
-    surface = scenario.surface
-    if isinstance(surface, UnilateralPlane):
-        surface = replace(surface, point=R @ surface.point + shift, normal=R @ surface.normal)
-    else:
-        B = np.eye(6)
-        B[:3, :3] = R
-        surface = replace(surface, stiffness=B @ np.asarray(surface.stiffness) @ B.T,
-                          equilibrium=pose(surface.equilibrium))
     task, error = scenario.task, scenario.surface_error
     force = np.asarray(task.force, dtype=float).copy()
     force[:3] = R @ force[:3]
     error = replace(error, shift=R @ np.asarray(error.shift, dtype=float),
                     turn=R @ np.asarray(error.turn, dtype=float))
     return replace(
-        scenario, surface=surface, surface_error=error,
+        scenario, surface=scenario.surface.moved(R, shift), surface_error=error,
         current=R @ np.asarray(scenario.current, dtype=float),
         start=replace(scenario.start, eta=pose(scenario.start.eta)),
         task=replace(task, force=force, pose=None if task.pose is None else pose(task.pose)))

@@ -27,7 +27,7 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
@@ -55,8 +55,6 @@ from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
 """Constants that decide the tube of `resolved`, by block of rows."""
-OUTSIDE = 0.01
-"""How far off a plane the declared set reaches [m]; nothing changes any more further away."""
 UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
@@ -117,7 +115,7 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
     with within("certificate"):
         check_settings(scenario.certificate)
     with within("surface"):
-        surface = make_surface_law(scenario.surface)
+        surface = check_surface(scenario.surface)
     model = UvmsModel.load(scenario.model, surface)
     vector("current", scenario.current, 3)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
@@ -154,20 +152,15 @@ def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: No
 
 def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
-    limits, surface = scenario.limits, model.surface
+    limits = scenario.limits
     require(not motion_of(scenario).has_forces or limits.static_force is not None,
             "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)
-    force, depth = UNLIMITED if limits.static_force is None else limits.static_force, 0.0
-    if isinstance(surface, PlaneLaw) and limits.static_force is not None:
-        require(limits.static_force >= surface.smallest, "limits.static_force", limits.static_force,
-                f"at least {surface.smallest:g} N, that of the transition's end")
-        depth = surface.depth_for(limits.static_force)
     return ConstraintSet(
         q_lower=q_lower, q_upper=q_upper, roll=limits.roll, pitch=limits.pitch,
         tip_pitch=limits.tip_pitch, nu1=limits.nu1, nu2=limits.nu2, qdot=limits.qdot,
-        depth_min=-OUTSIDE, depth_max=max(depth, OUTSIDE), force_max=force)
+        force_max=UNLIMITED if limits.static_force is None else limits.static_force)
 
 
 def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
@@ -279,13 +272,16 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
     worst = min(check.margins.values())
-    speed = None
+    # ‖𝔢̇_p‖ of the law `resolved`, σE + gR = 2σE, see `tubes.resolved_tube`; σE + w̃ is 2σE too.
+    assert tube.position is not None
+    speed = 2.0 * scenario.ancillary.sigma * tube.position
     if isinstance(scenario.ancillary, Transpose) and not scenario.kinematic:
         lemma = lemma_constants({constant.name: constant for constant in draft.constants},
                                 joints=scenario.ancillary.joints)
         speed = lemma.L_c * tube.e + lemma.J_max * tube.z  # of 𝔢̇ = 𝔟 + J𝔷
     draft = replace(draft, terminal=terminal,
-                    bounds=ultimate_bounds(tube, scenario, ocp.model, speed))
+                    bounds=ultimate_bounds(
+                        tube, ocp.model.surface, ocp.y_des[:6], speed))
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])

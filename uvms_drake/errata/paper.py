@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 
 from uvms_drake.certificate.certify import declared_set
-from uvms_drake.model.surface.law import BilateralSpring, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import LemmaConstants
@@ -49,7 +50,7 @@ SHRINK = 0.9
 @cache
 def robot() -> UvmsModel:
     """Returns the paper's robot on the paper's spring, K = I₆ and χ_eq = 0."""
-    return UvmsModel.load("girona500_arm5e", make_surface_law(BilateralSpring()))
+    return UvmsModel.load("girona500_arm5e", check_surface(BilateralSpring()))
 
 
 @cache
@@ -59,7 +60,7 @@ def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
     J (6, 10) is the sample of largest norm. The constants are estimates, on the small side.
     """
     scenario = load_scenario("girona500_contact")
-    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    model = UvmsModel.load(scenario.model, check_surface(scenario.surface))
     config, zeta = declared_set(scenario, model).sample(model, SAMPLES, np.random.default_rng(0))
     names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
     values = sampled_values(model, config, zeta, names)

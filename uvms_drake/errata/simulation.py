@@ -42,7 +42,7 @@ from uvms_drake.errata.paper import (
     robot,
 )
 from uvms_drake.model.euler import pose_difference, wrap_angle
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import kinematic_tubes
@@ -72,7 +72,7 @@ class Rest(NamedTuple):
 def spring_ocp() -> DynamicOcp:
     """Returns the nominal problem of the scenario with the paper's surface law."""
     scenario = load_scenario("girona500_bilateral")
-    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    model = UvmsModel.load(scenario.model, check_surface(scenario.surface))
     y_des = np.concatenate([model.surface.pose_for(np.asarray(scenario.task.force), None),
                             scenario.task.posture])
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface),

@@ -67,3 +67,14 @@ def cross_force(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     (v, ω) ×* (f, n) = (ω × f, v × f + ω × n) (Featherstone 2008, eq. 2.32).
     """
     return -(F[..., None, :] @ motion_matrix(V))[..., 0, :]
+
+
+def in_ball(rng: np.random.Generator, count: int, size: int, radius: float) -> np.ndarray:
+    """Returns (count, size) points of a ball, uniform, half of them on its surface."""
+    if size == 0:
+        return np.zeros((count, 0))
+    direction = rng.normal(size=(count, size))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    scale = rng.uniform(size=(count, 1)) ** (1.0 / size)
+    scale[rng.uniform(size=count) < 0.5] = 1.0
+    return radius * scale * direction

@@ -8,7 +8,7 @@ import numpy as np
 
 from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix
 from uvms_drake.model.spatial import block_diagonal, skew, times
-from uvms_drake.model.surface.law import SurfaceLaw
+from uvms_drake.model.surface.law import Surface
 
 
 def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:
@@ -24,13 +24,13 @@ def complex_step(chi: np.ndarray, A: np.ndarray, s: np.ndarray) -> tuple[np.ndar
     return moved, pose_rate_matrix(R_WE, moved[..., 3:])
 
 
-def tip_force(surface: SurfaceLaw, chi: np.ndarray, A: np.ndarray, V_E: np.ndarray) -> np.ndarray:
+def tip_force(surface: Surface, chi: np.ndarray, A: np.ndarray, V_E: np.ndarray) -> np.ndarray:
     """Returns Aᵀ𝔉(χ, A V_E) (..., 6), the force on the surface in axes of Σ_E."""
     force = surface.force(chi, times(A, V_E))
     return (force[..., None, :] @ A)[..., 0, :]
 
 
-def tip_force_gradients(surface: SurfaceLaw, chi: np.ndarray, A: np.ndarray, V_E: np.ndarray
+def tip_force_gradients(surface: Surface, chi: np.ndarray, A: np.ndarray, V_E: np.ndarray
                         ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the derivatives (..., 6, 6) of `tip_force` by V_E and along motions, all real.
 

@@ -35,7 +35,7 @@ from uvms_drake.model.spatial import (
     motion_matrix,
     times,
 )
-from uvms_drake.model.surface.law import SurfaceLaw
+from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
 from uvms_drake.model.uvms import Uvms, add_uvms
 
@@ -72,7 +72,7 @@ class Kinematics(NamedTuple):
 class UvmsModel:
     """Kinematics and dynamics of a UVMS in still water and in contact with a surface."""
 
-    def __init__(self, uvms: Uvms, surface: SurfaceLaw):
+    def __init__(self, uvms: Uvms, surface: Surface):
         self.surface = surface
         self.num_joints = n = len(uvms.joints)
         self.size = 6 + n
@@ -88,7 +88,7 @@ class UvmsModel:
         self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
 
     @staticmethod
-    def load(model: str, surface: SurfaceLaw) -> "UvmsModel":
+    def load(model: str, surface: Surface) -> "UvmsModel":
         """Returns the model of a shipped robot or a robot's folder, read by a plant of its own."""
         plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
         uvms = add_uvms(plant, model)

@@ -2,7 +2,7 @@
 
 Frames: W is World (the paper's Σ_I), T the tip (Σ_E) with origin To. χ = (p_WTo, φθψ of R_WT) is
 the tip's pose, 𝔉 the force that the tip exerts *on* the surface, conjugate to χ̇: a force in World
-and a torque conjugate to Euler-angle rates. The laws 𝔉(χ, χ̇) are in `model.surface`.
+and a torque conjugate to Euler-angle rates. The law 𝔉(χ, χ̇) is that of a `Surface`.
 """
 
 from typing import cast
@@ -15,7 +15,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, ValueProducer
 
 from uvms_drake.model.euler import rate_matrix
-from uvms_drake.model.surface.law import SurfaceConfig, make_surface_law
+from uvms_drake.model.surface.law import Surface, check_surface
 
 
 def pose_and_jacobian(
@@ -37,7 +37,7 @@ def pose_and_jacobian(
 
 
 class CompliantSurface(LeafSystem):
-    """Pushes back on the tip of a robot by one of the laws of `model.surface`.
+    """Pushes back on the tip of a robot by the law of a `Surface`.
 
     The robot feels the generalised force −J_χᵀ 𝔉(χ, χ̇), which does the power −𝔉ᵀχ̇ on it.
 
@@ -64,12 +64,12 @@ class CompliantSurface(LeafSystem):
     Args:
         plant: A finalized plant.
         tip: The frame T of `plant` that touches the surface.
-        config: `BilateralSpring` or `UnilateralPlane`.
+        surface: A surface of `model.surface`, or one of your own.
     """
 
-    def __init__(self, plant: MultibodyPlant, tip: Frame, config: SurfaceConfig):
+    def __init__(self, plant: MultibodyPlant, tip: Frame, surface: Surface):
         super().__init__()
-        self._law = make_surface_law(config)
+        self._law = check_surface(surface)
         self._plant = plant
         self._tip = tip
         self._workspace = plant.CreateDefaultContext()
@@ -92,14 +92,14 @@ class CompliantSurface(LeafSystem):
         builder: DiagramBuilder,
         plant: MultibodyPlant,
         tip: Frame,
-        config: SurfaceConfig,
+        surface: Surface,
         name: str = "surface",
     ) -> "CompliantSurface":
         """Adds the system to `builder` and wires it to the state of `plant`.
 
         `generalized_force` is left to the caller, since a plant has one port for the sum of all.
         """
-        system = CompliantSurface(plant, tip, config)
+        system = CompliantSurface(plant, tip, surface)
         builder.AddNamedSystem(name, system)
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         return system

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import Adder, PassThrough
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.surface.law import SurfaceConfig
+from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
@@ -21,7 +21,7 @@ from uvms_drake.plant.surface import CompliantSurface
 def make_uvms_plant(
     *,
     model: str,
-    surface: SurfaceConfig,
+    surface: Surface,
     disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     error: ModelError | None = None,
@@ -88,7 +88,8 @@ def make_uvms_plant(
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
-        surface: What the tip presses on.
+        surface: What the tip presses on; None means open water, and `force` and `penetration` are
+            not there.
         disturbance: What is added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Seed of the disturbance.
         error: Factors of the robot's parameters, if any.
@@ -106,14 +107,16 @@ def make_uvms_plant(
         plant.SetDefaultPositions(coordinates.to_drake(at_rest)[: coordinates.num_positions])
 
     with within("surface"):
-        contact = CompliantSurface.AddToBuilder(builder, plant, uvms.tip, surface)
+        contact = None if surface is None else CompliantSurface.AddToBuilder(
+            builder, plant, uvms.tip, surface)
     tau = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "tau_to_drake_order")
     applied = AppliedForces.AddToBuilder(builder, plant)
-    total = Adder(num_inputs=3, size=plant.num_velocities())
+    forces = [tau.GetOutputPort("drake_order"), applied.GetOutputPort("generalized_force")]
+    if contact is not None:
+        forces.insert(1, contact.GetOutputPort("generalized_force"))
+    total = Adder(num_inputs=len(forces), size=plant.num_velocities())
     builder.AddNamedSystem("total_force", total)
-    for i, port in enumerate((tau.GetOutputPort("drake_order"),
-                              contact.GetOutputPort("generalized_force"),
-                              applied.GetOutputPort("generalized_force"))):
+    for i, port in enumerate(forces):
         builder.Connect(port, total.get_input_port(i))
 
     d_drake = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "disturbance_to_drake_order")
@@ -139,8 +142,9 @@ def make_uvms_plant(
     for name in ("applied_spatial_force", "applied_generalized_force"):
         builder.ExportInput(applied.GetInputPort(name), name)
     builder.ExportOutput(state.GetOutputPort("state"), "state")
-    builder.ExportOutput(contact.GetOutputPort("force"), "force")
-    builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
+    if contact is not None:
+        builder.ExportOutput(contact.GetOutputPort("force"), "force")
+        builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
     builder.ExportOutput(d_source.get_output_port(), "disturbance")
     builder.ExportOutput(state.GetOutputPort("acceleration"), "acceleration")
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")

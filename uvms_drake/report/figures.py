@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from uvms_drake.control.ancillary import Transpose, task_error
 from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighten
 from uvms_drake.control.limits.inputs import input_names
-from uvms_drake.model.surface.law import PlaneLaw, make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.figure_style import (
     BLACK,
     BLUE,
@@ -128,14 +128,17 @@ def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
 
 
 def _draw_deepest(axis: Axes, record: Record) -> None:
-    """Draws how deep the limit on the static force lets it go into a plane that is known."""
-    scenario, surface = record.scenario, make_surface_law(record.scenario.surface)
+    """Draws how deep the limit on the static force lets it go into a surface that is known."""
+    scenario, surface = record.scenario, check_surface(record.scenario.surface)
     limit = real_limits(record).get("static_force")
-    if isinstance(surface, PlaneLaw) and scenario.surface_error.size == 0.0 and limit is not None:
-        nominal = nominal_limits(record)["static_force"]
-        axis.axhline(1e3 * surface.depth_for(limit.upper[0]), **LIMIT)
-        axis.axhline(1e3 * surface.depth_for(nominal.upper[0]), **TIGHTENED)
-        axis.legend(loc="best")
+    if scenario.surface_error.size > 0.0 or limit is None:
+        return
+    nominal = nominal_limits(record)["static_force"]
+    for force, style in ((limit.upper[0], LIMIT), (nominal.upper[0], TIGHTENED)):
+        deepest = surface.penetration_for(force)
+        if deepest is not None:
+            axis.axhline(1e3 * deepest, **style)
+            axis.legend(loc="best")
 
 
 def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
@@ -280,7 +283,7 @@ def real_limits(record: Record) -> dict[str, Limit]:
     """Returns the limits of the robot by name."""
     scenario = record.scenario
     return make_limits(scenario.limits, record.joint_lower, record.joint_upper,
-                       make_surface_law(scenario.surface),
+                       check_surface(scenario.surface),
                        accelerations=motion_of(scenario).has_forces)
 
 

@@ -10,7 +10,7 @@ from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import Limit, make_limits, tighten
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.points import Points
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
@@ -19,7 +19,7 @@ from uvms_drake.tube.terminal_set import largest_radius
 def load_model(scenario: Scenario) -> UvmsModel:
     """Returns the controller's model of robot and surface."""
     with within("surface"):
-        surface = make_surface_law(scenario.surface)
+        surface = check_surface(scenario.surface)
     return UvmsModel.load(scenario.model, surface)
 
 

@@ -28,7 +28,8 @@ from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_ya
 from uvms_drake.control.ancillary import Resolved, Transpose
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
-from uvms_drake.model.surface.law import BilateralSpring, UnilateralPlane
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,

@@ -19,7 +19,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import AncillaryConfig, Resolved, Transpose
 from uvms_drake.control.tube_monitor import FIELDS, TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
@@ -57,7 +57,7 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> 
     """Returns a row for every law, with the scenario's model, limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
-    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    model = UvmsModel.load(scenario.model, check_surface(scenario.surface))
     constants = constants_of(scenario, model, declared_set(scenario, model))
     rows = []
     for law in laws:

@@ -7,6 +7,9 @@ what a smaller d̃ or bandwidth would give.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
 
 from uvms_drake.certificate.certify import (
     constants_of,
@@ -16,7 +19,7 @@ from uvms_drake.certificate.certify import (
 )
 from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import Resolved
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
@@ -49,7 +52,9 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
     law = scenario.ancillary
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic for a front")
     require(isinstance(law, Resolved), "ancillary", type(law).__name__, "!Resolved for a front")
-    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    surface = check_surface(scenario.surface)
+    model = UvmsModel.load(scenario.model, surface)
+    chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     declared = declared_set(scenario, model)
     constants = constants_of(scenario, model, declared)
     gains = tuple(gains)
@@ -66,7 +71,9 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
             emptied = next((item.name for item in rooms if not item.holds), "")
             points.append(FrontPoint(
                 d_bound=at.disturbance.bound, k=at.ancillary.k, sigma=at.ancillary.sigma,
-                force=ultimate_bounds(tube, at, model)["force"],
+                force=ultimate_bounds(
+                    tube, surface, chi_des,
+                    2.0 * at.ancillary.sigma * cast(float, tube.position))["force"],
                 input_left=min(item.margin / item.right for item in rooms
                                if item.name.startswith("tube in limits.u")),
                 emptied=emptied))

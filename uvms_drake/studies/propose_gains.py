@@ -18,13 +18,11 @@ from uvms_drake.certificate.certify import (
 )
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.ancillary import Resolved
-from uvms_drake.control.limits import TubeRadii
-from uvms_drake.model.surface.law import make_surface_law
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.tube_image import input_gain
-from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
 """Of the bandwidth."""
@@ -42,16 +40,17 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
     """
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
-    model = UvmsModel.load(scenario.model, make_surface_law(scenario.surface))
+    surface = check_surface(scenario.surface)
+    model = UvmsModel.load(scenario.model, surface)
+    chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     declared = declared_set(scenario, model)
     constants = constants_of(scenario, model, declared)
 
     def force_error(law: Resolved) -> float:
-        position = constants["J_position_max"].value * scenario.disturbance.bound
-        orientation = constants["J_attitude_max"].value * scenario.disturbance.bound
-        tube = TubeRadii(position=position / (law.k * law.sigma),
-                         orientation=orientation / (law.k * law.sigma))
-        return ultimate_bounds(tube, replace(scenario, ancillary=law), model)["force"]
+        position, orientation = (
+            constants[name].value * scenario.disturbance.bound / (law.k * law.sigma)
+            for name in ("J_position_max", "J_attitude_max"))
+        return surface.force_error(chi_des, position, orientation, 2.0 * law.sigma * position)
 
     candidates = [Resolved(k=bandwidth * a, sigma=bandwidth * b)
                   for a, b in product(FRACTIONS, FRACTIONS) if b <= a]

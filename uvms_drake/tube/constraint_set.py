@@ -2,10 +2,10 @@
 
 It is what the limits of a run allow the real robot, as plain numbers: joint angles in a box, roll
 and pitch of the vehicle, pitch of the end-effector (the Euler angles are singular at π/2), norms
-of ν₁, ν₂ and q̇, and how hard the surface may be touched. The last is counted as the surface law
-asks for it: for a plane the depth of the tip is in [depth_min, depth_max]; a spring holds on
-everywhere, so there ‖force part of 𝔉‖ ≤ force_max. Where the robot is along a plane makes no
-difference to anything and is not limited.
+of ν₁, ν₂ and q̇, and how hard the surface may be touched, which the surface says itself
+(`Surface.contact_measure`): for a plane by the depth of the tip, for a spring, which holds on
+everywhere, by its force. Where the robot is along a plane makes no difference to anything and is
+not limited.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector
 from uvms_drake.model.euler import rotation_matrix
-from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, SurfaceLaw
+from uvms_drake.model.spatial import in_ball
 from uvms_drake.model.uvms_model import UvmsModel
 
 BOUND_SHARE = 0.2
@@ -49,12 +49,8 @@ class ConstraintSet:
     """‖ν₂‖₂ [rad/s]."""
     qdot: float
     """‖q̇‖₂ [rad/s]."""
-    depth_min: float = -0.01
-    """Of the tip below a plane [m]; negative is outside."""
-    depth_max: float = 0.05
-    """Of the tip below a plane [m]."""
     force_max: float = 50.0
-    """‖force part of 𝔉‖₂ of a spring [N]."""
+    """‖force part of 𝔉‖₂ at rest [N]."""
     yaw: float = np.pi
     """|ψ| of the vehicle [rad]; matters only to f, by where the surface is."""
 
@@ -72,8 +68,6 @@ class ConstraintSet:
         for key in ("nu1", "nu2", "qdot", "force_max"):
             value = getattr(self, key)
             require(0.0 < value < np.inf, key, value, "positive")
-        require(-np.inf < self.depth_min < self.depth_max < np.inf, "depth_max", self.depth_max,
-                f"larger than depth_min = {self.depth_min:g}")
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
@@ -85,10 +79,7 @@ class ConstraintSet:
     def scale(self, model: UvmsModel) -> np.ndarray:
         """Returns about how far each coordinate of (𝔮, ζ) can move in the set (2(6+n),)."""
         lower, upper = self.box
-        position = (0.5 * (self.depth_max - self.depth_min)
-                    if isinstance(model.surface, PlaneLaw)
-                    else self.force_max / np.linalg.norm(model.surface.K[:3, :3], ord=2)
-                    if isinstance(model.surface, SpringLaw) else 1.0)
+        position = model.surface.contact_reach(self.force_max)
         return np.concatenate([
             np.full(3, position), np.maximum(0.5 * (upper - lower), 1e-3),
             np.full(3, self.nu1), np.full(3, self.nu2), np.full(model.num_joints, self.qdot)])
@@ -96,13 +87,13 @@ class ConstraintSet:
     def normalised(self, model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
         """Returns (m, 5) what is bounded beyond `box`; a state is feasible iff all in [−1, 1].
 
-        Tip pitch over its bound; contact (see `contact_measure`); ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the
-        squares of theirs.
+        Tip pitch over its bound; `Surface.contact_measure`; ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the squares of
+        theirs.
         """
         chi = model.kinematics(config).chi
         return np.stack([
             chi[:, 4] / self.tip_pitch,
-            contact_measure(model.surface, chi, self),
+            model.surface.contact_measure(chi, self.force_max),
             np.sum(zeta[:, :3] ** 2, axis=1) / self.nu1**2,
             np.sum(zeta[:, 3:6] ** 2, axis=1) / self.nu2**2,
             np.sum(zeta[:, 6:] ** 2, axis=1) / self.qdot**2,
@@ -143,8 +134,8 @@ class ConstraintSet:
                                        "what the vehicle's attitude and the joints can keep")
         config[:, :3] = self._positions(model, config, rng)
         zeta = np.concatenate([
-            _in_ball(rng, count, 3, self.nu1), _in_ball(rng, count, 3, self.nu2),
-            _in_ball(rng, count, model.num_joints, self.qdot)], axis=1)
+            in_ball(rng, count, 3, self.nu1), in_ball(rng, count, 3, self.nu2),
+            in_ball(rng, count, model.num_joints, self.qdot)], axis=1)
         return config, zeta
 
     def _attitudes_and_joints(self, model: UvmsModel, count: int,
@@ -174,50 +165,6 @@ class ConstraintSet:
                    rng: np.random.Generator) -> np.ndarray:
         """Returns positions of the vehicle (m, 3) that put the tip where the contact wants it."""
         kinematics = model.kinematics(config)
-        tip = _tip_positions(model.surface, kinematics.chi, self, rng)
+        tip = model.surface.sample_contact(kinematics.chi, self.force_max, rng)
         arm = rotation_matrix(config[:, 3:6]) @ kinematics.p_BL[:, -1, :, None]
         return tip - arm[..., 0]
-
-
-def contact_measure(surface: SurfaceLaw, chi: np.ndarray, bounds: ConstraintSet) -> np.ndarray:
-    """Returns (m,) how hard the surface is touched at χ (m, 6); feasible iff in [−1, 1].
-
-    For a plane the depth, scaled so that [depth_min, depth_max] is [−1, 1]; for a spring
-    ‖force part of 𝔉‖² / force_max².
-    """
-    if isinstance(surface, PlaneLaw):
-        middle = 0.5 * (bounds.depth_max + bounds.depth_min)
-        return (surface.depth(chi[:, :3]) - middle) / (bounds.depth_max - middle)
-    if isinstance(surface, SpringLaw):
-        force = surface.force(chi, np.zeros_like(chi))[:, :3]
-        return np.sum(force**2, axis=1) / bounds.force_max**2
-    raise TypeError(f"no rule for how hard a {type(surface).__name__} may be touched")
-
-
-def _tip_positions(surface: SurfaceLaw, chi: np.ndarray, bounds: ConstraintSet,
-                   rng: np.random.Generator) -> np.ndarray:
-    """Returns positions of the tip (m, 3) with the attitudes of χ (m, 6) and a random contact."""
-    count = len(chi)
-    if isinstance(surface, PlaneLaw):
-        depth = rng.uniform(bounds.depth_min, bounds.depth_max, size=count)
-        at_bound = rng.uniform(size=count) < BOUND_SHARE
-        depth = np.where(at_bound, rng.choice([bounds.depth_min, bounds.depth_max], count), depth)
-        return surface.point - depth[:, None] * surface.normal
-    if isinstance(surface, SpringLaw):
-        force = _in_ball(rng, count, 3, bounds.force_max)
-        at_rest = chi.copy()
-        at_rest[:, :3] = surface.chi_eq[:3]
-        missing = force - surface.force(at_rest, np.zeros_like(chi))[:, :3]
-        return surface.chi_eq[:3] + np.linalg.solve(surface.K[:3, :3], missing.T).T
-    raise TypeError(f"no rule for how hard a {type(surface).__name__} may be touched")
-
-
-def _in_ball(rng: np.random.Generator, count: int, size: int, radius: float) -> np.ndarray:
-    """Returns (count, size) points of a ball, uniform, half of them on its surface."""
-    if size == 0:
-        return np.zeros((count, 0))
-    direction = rng.normal(size=(count, size))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    scale = rng.uniform(size=(count, 1)) ** (1.0 / size)
-    scale[rng.uniform(size=count) < 0.5] = 1.0
-    return radius * scale * direction

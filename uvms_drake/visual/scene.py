@@ -1,14 +1,13 @@
 """The picture of a run, live and recorded by the same code."""
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.control.ancillary import task_error
-from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, SurfaceLaw
+from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.drawn_robot import DrawnRobot
@@ -71,7 +70,7 @@ class Setting:
     """A shipped robot or a robot's folder."""
     model: UvmsModel
     """The controller's model of it."""
-    surface: SurfaceLaw
+    surface: Surface
     """What the robot presses on, as the controller knows it."""
     start: np.ndarray
     """𝔮 at t = 0 (6+n,)."""
@@ -137,13 +136,12 @@ class Scene:
 
     def _draw_surface(self) -> tuple[Wall | Polyline, np.ndarray]:
         """Returns what is drawn for the surface, and where it is touched at rest (3,)."""
-        if isinstance(self._law, SpringLaw):
-            rest = self._law.chi_eq[:3]
+        rest, normal = self._law.anchor, self._law.normal
+        if normal is None:
             self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
             return Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01), rest
-        plane = cast(PlaneLaw, self._law)
-        rest = self._goal + plane.depth(self._goal) * plane.normal
-        return Wall(self._stage, f"{NED}/wall", rest, plane.normal), rest
+        rest = self._goal - ((self._goal - rest) @ normal) * normal
+        return Wall(self._stage, f"{NED}/wall", rest, normal), rest
 
     def _draw_hud(self, certified: bool, radius: float, newton: float) -> None:
         """Places the camera and draws what faces it: bars, numbers, inset and legend."""

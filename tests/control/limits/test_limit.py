@@ -8,10 +8,11 @@ import pytest
 
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits, tighten
 from uvms_drake.control.points import Points
-from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
-PLANE = make_surface_law(UnilateralPlane())
+PLANE = check_surface(UnilateralPlane())
 
 
 @dataclass

@@ -16,7 +16,8 @@ from uvms_drake.control.limits import (
     resolved_radii,
     tighten,
 )
-from uvms_drake.model.surface.law import UnilateralPlane, make_surface_law
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
 
 LIMITS = Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.8,
                 u=np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.4, 6.0, 8.0]),
@@ -27,7 +28,7 @@ TUBE = TubeRadii(e=0.19, position=0.18, orientation=0.01, joints=0.012, z=0.17, 
                  tau=np.array([9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 0.5, 0.4]))
 """All different: each limit has one radius of its own."""
 Q_LOWER, Q_UPPER = np.array([-0.5, -1.3]), np.array([1.4, 0.7])
-PLANE = make_surface_law(UnilateralPlane(
+PLANE = check_surface(UnilateralPlane(
     point=np.array([0.3, -0.2, 1.1]), normal=np.array([-0.6, 0.0, 0.8]), stiffness=830.0))
 
 

@@ -4,23 +4,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.surfaces import Sphere
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii, tighten
 from uvms_drake.control.limits.static_force import StaticForce
-from uvms_drake.model.surface.law import (
-    BilateralSpring,
-    UnilateralPlane,
-    make_surface_law,
-    static_force,
-)
+from uvms_drake.model.surface.law import NotOffered, check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
 
-SPRING = make_surface_law(BilateralSpring(
+SPRING = check_surface(BilateralSpring(
     stiffness=np.diag([900.0, 400.0, 300.0, 9.0, 8.0, 7.0]) + np.array(
         [[0, 50, 0, 20, 0, 5], [50, 0, 0, 0, 10, 0], [0, 0, 0, 0, 0, 0],
          [20, 0, 0, 0, 0, 0], [0, 10, 0, 0, 0, 0], [5, 0, 0, 0, 0, 0]]),
     equilibrium=np.array([0.3, -0.2, 1.1, 0.1, -0.2, 0.4])))
-PLANE = make_surface_law(UnilateralPlane(
+PLANE = check_surface(UnilateralPlane(
     point=np.array([0.3, -0.2, 1.1]), normal=np.array([-0.6, 0.0, 0.8]), stiffness=830.0))
 TUBE = TubeRadii(position=0.002, orientation=0.01)
 
@@ -40,17 +38,17 @@ def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(
         rest = np.zeros((4000, 6))
         rest[:, 3:] = nominal[:, 3:]
         direction = nominal[:, :3] / np.linalg.norm(nominal[:, :3], axis=1)[:, None]
-        missing = bound * direction - (rest @ surface.K)[:, :3]
-        nominal[:, :3] = np.linalg.solve(surface.K[:3, :3], missing.T).T
-        nominal += surface.chi_eq
+        missing = bound * direction - (rest @ surface.stiffness)[:, :3]
+        nominal[:, :3] = np.linalg.solve(surface.stiffness[:3, :3], missing.T).T
+        nominal += surface.equilibrium
     else:
-        along = nominal[:, :3] @ surface.normal + surface.depth_for(bound)
+        along = nominal[:, :3] @ surface.normal + surface.penetration_for(bound)
         nominal[:, :3] += surface.point - along[:, None] * surface.normal
-    np.testing.assert_allclose(static_force(surface, nominal), bound)
+    np.testing.assert_allclose(surface.static_force(nominal), bound)
     off = [radius * step / np.linalg.norm(step, axis=1)[:, None] for radius, step in (
         (TUBE.position, rng.normal(size=(4000, 3))),
         (TUBE.orientation, rng.normal(size=(4000, 3))))]
-    worst = np.max(static_force(surface, nominal + np.concatenate(off, axis=1)))
+    worst = np.max(surface.static_force(nominal + np.concatenate(off, axis=1)))
     assert bound + 0.8 * (limit - bound) < worst <= limit + 1e-9
 
 
@@ -61,11 +59,11 @@ def test_a_tube_as_wide_as_the_force_is_refused():
 
 
 @pytest.mark.parametrize(("surface", "stiffness"), [
-    (PLANE, 830.0), (SPRING, np.linalg.norm(SPRING.K[:3, :3], 2))], ids=["plane", "spring"])
+    (PLANE, 830.0), (SPRING, np.linalg.norm(SPRING.stiffness[:3, :3], 2))], ids=["plane", "spring"])
 def test_an_excess_is_a_depth(surface, stiffness):
     limit = StaticForce(20.0, surface)
     at = SimpleNamespace(y=np.array([[0.33, -0.25, 1.02, 0.1, -0.2, 0.4, 0.0]]))
-    force = static_force(surface, at.y[:, :6])[0]
+    force = surface.static_force(at.y[:, :6])[0]
     assert force > 20.0
     assert limit.excess(at)[0, 0] == pytest.approx((force - 20.0) / stiffness)
 
@@ -75,7 +73,7 @@ def test_the_convex_program_has_the_same_limit_as_an_evaluation(surface):
     """On poses about the limit: a row or a cone is broken where the values are above the bound."""
     limit = StaticForce(20.0, surface)
     rng = np.random.default_rng(1)
-    y = np.concatenate([surface.chi_eq if surface is SPRING else np.append(
+    y = np.concatenate([surface.equilibrium if surface is SPRING else np.append(
         surface.point, [0.1, -0.2, 0.4]), [0.0]]) + rng.normal(size=(500, 7)) * 0.04
     at = SimpleNamespace(y=y, model=SimpleNamespace(size=7))
     cone = limit.cone(at)
@@ -94,5 +92,5 @@ def test_the_convex_program_has_the_same_limit_as_an_evaluation(surface):
 
 
 def test_the_force_on_a_surface_of_another_kind_cannot_be_limited():
-    with pytest.raises(TypeError, match="no limit on the force of a SimpleNamespace"):
-        StaticForce(20.0, SimpleNamespace())
+    with pytest.raises(NotOffered, match=r"^surface = 'Sphere': must be one that has "):
+        StaticForce(20.0, Sphere())

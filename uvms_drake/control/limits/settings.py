@@ -14,7 +14,7 @@ from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
-from uvms_drake.model.surface.law import SurfaceLaw
+from uvms_drake.model.surface.law import Surface
 
 OwnLimit = TipBox | TipVelocity
 """Limits that a scenario may have besides those that every robot has, by their YAML tags."""
@@ -74,7 +74,7 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
     return out[0], out[1]
 
 
-def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: SurfaceLaw,
+def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: Surface,
                 *, accelerations: bool = True) -> dict[str, Limit]:
     """Returns the limits of the real robot by name.
 

@@ -8,10 +8,10 @@ import numpy as np
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Rows
 from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
 from uvms_drake.control.points import Points, Slopes
-from uvms_drake.model.surface.law import PlaneLaw, SpringLaw, SurfaceLaw, static_force
+from uvms_drake.model.surface.law import StaticForceRows, Surface
 
 
-def force_radius(tube: TubeRadii, surface: SurfaceLaw) -> float:
+def force_radius(tube: TubeRadii, surface: Surface) -> float:
     """Returns by how much the tube changes the static force, at most [N].
 
     Of a spring it takes for granted that no Euler angle is π away from its equilibrium's.
@@ -37,17 +37,16 @@ class StaticForce(AbsoluteLimit):
 
     bound: float
     """[N]."""
-    surface: SurfaceLaw
+    surface: Surface
     """What is pressed."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.surface, PlaneLaw | SpringLaw):
-            raise TypeError(f"no limit on the force of a {type(self.surface).__name__}")
-        self._stiffness = float(np.linalg.norm(self.surface.force_jacobian()[:, :3], 2))
+        self.surface.static_force_rows(np.zeros(6), self.bound)  # Raises if it does not have it.
+        self._stiffness = self.surface.stiffness_bound
 
     def values(self, at: Points) -> np.ndarray:
         """Returns the force [N]."""
-        return static_force(self.surface, at.y[..., :6])[..., None]
+        return self.surface.static_force(at.y[..., :6])[..., None]
 
     def excess(self, at: Points) -> np.ndarray:
         """Returns how much too deep it is [m]."""
@@ -64,21 +63,15 @@ class StaticForce(AbsoluteLimit):
 
     def rows(self, at: Points) -> Rows:
         """Returns the depth in a plane."""
-        assert isinstance(self.surface, PlaneLaw)
-        slope = np.zeros((1, at.model.size))
-        slope[0, :3] = -self.surface.normal
-        return Rows(self.surface.depth(at.y[..., :3])[..., None], Slopes(slope),
-                    np.array([-np.inf]), np.array([self.surface.depth_for(self.upper[0])]))
+        limit = self.surface.static_force_rows(at.y[..., :6], self.upper[0])
+        return Rows(limit.value, Slopes(_by_y(limit, at)), np.array([-np.inf]),
+                    np.array([limit.bound]))
 
     def cone(self, at: Points) -> Cone | None:
         """Returns the stretch of a spring."""
-        if not isinstance(self.surface, SpringLaw):
-            return None
-        chi = at.y[..., :6]
-        stretch = self.surface.force(chi, np.zeros_like(chi))[..., :3] / self._stiffness
-        slope = np.zeros((3, at.model.size))
-        slope[:, :6] = self.surface.force_jacobian() / self._stiffness
-        return Cone(stretch, Slopes(slope), self.upper[0] / self._stiffness)
+        limit = self.surface.static_force_rows(at.y[..., :6], self.upper[0])
+        return None if limit.one_sided else Cone(
+            limit.value, Slopes(_by_y(limit, at)), limit.bound)
 
     @property
     def bars(self) -> list[str]:
@@ -89,3 +82,8 @@ class StaticForce(AbsoluteLimit):
         """Returns how hard it would have to press."""
         return (f"such that the static force, {self.values(at)[0]:.4g} N, is at most "
                 f"{self.upper[0]:.4g} N, what the tube leaves of limits.static_force")
+
+
+def _by_y(limit: StaticForceRows, at: Points) -> np.ndarray:
+    """Returns the rows by y (m, 6+n), of which χ comes first."""
+    return np.hstack([limit.rows, np.zeros((len(limit.rows), at.model.size - 6))])

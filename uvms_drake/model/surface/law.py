@@ -1,207 +1,180 @@
-"""The compliant surface: the paper's bilateral spring and a smooth unilateral plane.
+"""What a surface answers: its force law, and what controller, certificate and picture ask of it.
 
 χ = (𝔭, 𝔬) is the pose of the end-effector in Σ_I: position [m] and ZYX Euler angles [rad]. 𝔉 is
 what the end-effector exerts *on* the environment: force in Σ_I [N] and the torque conjugate to
 the Euler-angle rates [N m]; the robot feels the generalised force −J(𝔮)ᵀ𝔉.
 
-Every law is a function of arrays of any leading shape, and of complex numbers (see `euler`).
+A law 𝔉(χ, χ̇) is a function of arrays of any leading shape, and of complex numbers (see `euler`):
+its derivatives are taken by a complex step. `check_surface` tries that out.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, symmetric_matrix, vector
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.model.euler import COMPLEX_STEP
+
+TRIALS = 32
+"""Poses at which `check_surface` compares derivatives; half of them at rest."""
+TRIAL_FORCE = 10.0
+"""Largest static force there, if the surface can be touched that softly [N]."""
+DIFFERENCE = 1e-7
+"""Half the step of the difference [m, rad, m/s, rad/s]."""
+AGREEMENT = 1e-3
+"""Difference that counts as none, over the largest derivative by a coordinate of that kind."""
+COORDINATES = [f"{kind}{name}" for kind in ("", "d/dt ")
+               for name in ("x", "y", "z", "roll", "pitch", "yaw")]
+"""Names of the components of (χ, χ̇)."""
 
 
-@dataclass
-class BilateralSpring:
-    """The paper's surface law, 𝔉 = K(χ − χ_eq), (eq:force_F). It pulls as well as pushes."""
-
-    stiffness: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """K, symmetric positive definite 6×6 [N/m, N, N m/rad]."""
-    equilibrium: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """χ_eq, pose of the undeformed environment [m, rad]."""
+class NotOffered(InvalidParameter):
+    """A surface is asked for something optional that it does not offer."""
 
 
-@dataclass
-class UnilateralPlane:
-    """A frictionless compliant plane that pushes and never pulls."""
+class StaticForceRows(NamedTuple):
+    """A bound of the force at rest, linearised about poses, as lengths [m]: about as large as y."""
 
-    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """A point of the undeformed plane in Σ_I [m]."""
-    normal: np.ndarray = field(default_factory=lambda: np.array([-1.0, 0.0, 0.0]))
-    """Unit normal in Σ_I, from the surface into the water."""
-    stiffness: float = 1000.0
-    """k [N/m]."""
-    dissipation: float = 2.5
-    """a, after Hunt and Crossley (1975) [s/m]: at force F the damping is about a F [N s/m]."""
-    transition: float = 0.002
-    """w [m]: depth over which the stiffness rises from zero to k."""
+    rows: np.ndarray
+    """(m, 6) derivative of `value` by χ."""
+    value: np.ndarray
+    """(..., m) at the poses."""
+    bound: float
+    """Bound of `value`."""
+    one_sided: bool
+    """Whether value ≤ bound, a half-space (m = 1); else ‖value‖₂ ≤ bound, a cone."""
 
 
-SurfaceConfig = BilateralSpring | UnilateralPlane
+class Surface(ABC):
+    """What the end-effector presses on. The YAML dataclass of a surface is its law.
 
+    Abstract is what plant, model and controller need. What only a certificate, a limit on the
+    force or a campaign needs raises `NotOffered` by default, and the certificate is void then.
+    """
 
-class SurfaceLaw(Protocol):
-    """What a surface law offers to the plant and to the prediction model."""
+    normal: np.ndarray | None = None
+    """Unit normal into the water (3,) in Σ_I of a flat surface; None: it is not flat."""
 
+    @property
+    @abstractmethod
+    def anchor(self) -> np.ndarray:
+        """Point of the undeformed surface (3,) in Σ_I [m]."""
+
+    @abstractmethod
+    def checked(self) -> Self:
+        """Returns the surface with its parameters as arrays, or raises."""
+
+    @abstractmethod
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns 𝔉 (..., 6) at the pose χ (..., 6) moving with χ̇ (..., 6)."""
 
+    @abstractmethod
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns how far the end-effector is inside the surface (...) [m]."""
 
+    @abstractmethod
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
         """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes what 𝔉_des leaves free."""
 
+    @abstractmethod
     def force_jacobian(self) -> np.ndarray:
         """Returns G (m, 6) [N/m, N/rad]: at rest the force changes by at most ‖G dχ‖₂ with χ."""
 
+    @abstractmethod
+    def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
+                       ) -> np.ndarray:
+        """Returns random positions (m, 3) of a tip with the attitudes of χ (m, 6) in contact.
 
-def static_force(surface: SurfaceLaw, chi: np.ndarray) -> np.ndarray:
-    """Returns ‖force part of 𝔉‖₂ (...) [N] at the pose χ (..., 6), not moving."""
-    return np.linalg.norm(surface.force(chi, np.zeros_like(chi))[..., :3], axis=-1)
+        Or close to it. The static force is at most `force_max` [N].
+        """
 
-
-@dataclass(frozen=True)
-class SpringLaw:
-    """𝔉 = K(χ − χ_eq), angles by the shorter way round; see `BilateralSpring`."""
-
-    K: np.ndarray
-    chi_eq: np.ndarray
-
-    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
-        """Returns K(χ − χ_eq); χ̇ does not matter."""
-        stretch = chi - self.chi_eq
-        # An Euler angle that passes ±π jumps by 2π, the force must not.
-        stretch[..., 3:] -= 2.0 * np.pi * np.round(stretch[..., 3:].real / (2.0 * np.pi))
-        return stretch @ self.K.T
-
-    def penetration(self, chi: np.ndarray) -> np.ndarray:
-        """Returns ‖𝔭 − 𝔭_eq‖: the spring holds on to the end-effector everywhere."""
-        return np.linalg.norm(chi[..., :3] - self.chi_eq[:3], axis=-1)
-
-    def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns χ_des = χ_eq + K⁻¹𝔉_des (Section IV-A of the paper)."""
-        if pose is not None:
-            raise InvalidParameter("pose", pose, "left out: K⁻¹𝔉_des fixes all six coordinates")
-        return self.chi_eq + np.linalg.solve(self.K, force)
-
-    def force_jacobian(self) -> np.ndarray:
-        """Returns the rows of K that give the force (3, 6)."""
-        return self.K[:3]
-
-
-def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
-    """Returns s(δ) [m], a twice continuously differentiable max(δ, 0).
-
-    With x = δ/w: s = 0 for x ≤ 0, w(x³ − x⁴/2) for 0 < x < 1, δ − w/2 for x ≥ 1, so that the
-    stiffness s'(δ) rises from 0 to 1 as the smooth step 3x² − 2x³.
-    """
-    x = depth / transition
-    return np.where(x.real <= 0.0, 0.0,
-                    np.where(x.real < 1.0, transition * x**3 * (1.0 - 0.5 * x),
-                             depth - 0.5 * transition))
-
-
-def dissipation_factor(z: np.ndarray) -> np.ndarray:
-    """Returns ψ(z) = 1 + z for z ≥ 0, 1/(1 − z) for z < 0: positive, continuously differentiable.
-
-    Hunt and Crossley's factor 1 + aδ̇ goes negative on fast withdrawal (the surface would pull)
-    and clipping it at zero, as is usual, has a kink; ψ agrees with it to first order at rest.
-    """
-    retreat = np.where(z.real < 0.0, z, 0.0)
-    return np.where(z.real < 0.0, 1.0 / (1.0 - retreat), 1.0 + z)
-
-
-@dataclass(frozen=True)
-class PlaneLaw:
-    """𝔉 = −n̂ k s(δ) ψ(aδ̇) at depth δ = −n̂·(𝔭 − 𝔭₀), no friction, no torque; see `UnilateralPlane`.
-
-    s is `plane_load`, ψ is `dissipation_factor`. Both factors are non-negative, so the plane never
-    pulls; ψ − 1 has the sign of δ̇, so it never feeds energy in; 𝔉 is continuously differentiable.
-    """
-
-    point: np.ndarray
-    normal: np.ndarray
-    stiffness: float
-    dissipation: float
-    transition: float
+    def static_force(self, chi: np.ndarray) -> np.ndarray:
+        """Returns ‖force part of 𝔉‖₂ (...) [N] at the pose χ (..., 6), not moving."""
+        return np.linalg.norm(self.force(chi, np.zeros_like(chi))[..., :3], axis=-1)
 
     @property
-    def smallest(self) -> float:
-        """Force at the end of the transition, k w/2 [N]."""
-        return 0.5 * self.stiffness * self.transition
+    def stiffness_bound(self) -> float:
+        """Largest change of the static force with the position, ‖G_p‖₂ [N/m]."""
+        return float(np.linalg.norm(self.force_jacobian()[:, :3], 2))
 
-    def depth(self, position: np.ndarray) -> np.ndarray:
-        """Returns δ (...) of the points `position` (..., 3), negative outside."""
-        return -((position - self.point) @ self.normal)
+    def penetration_for(self, force: float) -> float | None:
+        """Returns the penetration at a static force [N], or None if it takes more to tell."""
+        return None
 
-    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
-        """Returns 𝔉 (..., 6)."""
-        load = self.stiffness * plane_load(self.depth(chi[..., :3]), self.transition)
-        rate = -(chi_dot[..., :3] @ self.normal)
-        magnitude = load * dissipation_factor(self.dissipation * rate)
-        out = np.zeros((*magnitude.shape, 6), dtype=magnitude.dtype)
-        out[..., :3] = -magnitude[..., None] * self.normal
-        return out
+    def static_force_rows(self, chi: np.ndarray, bound: float) -> StaticForceRows:
+        """Returns the bound [N] of the static force, linearised about χ (..., 6)."""
+        raise self._lacks("static_force_rows")
 
-    def penetration(self, chi: np.ndarray) -> np.ndarray:
-        """Returns max(δ, 0)."""
-        return np.maximum(self.depth(chi[..., :3]), 0.0)
+    def contact_measure(self, chi: np.ndarray, force_max: float) -> np.ndarray:
+        """Returns (m,), in [−1, 1] where a certificate counts χ (m, 6) in.
 
-    def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns `pose`, moved along the normal to the depth at which the plane carries 𝔉_des.
-
-        𝔉_des must push: a positive multiple of −n̂ of at least k w/2 (past the transition), and no
-        torque.
+        Those are the poses that `sample_contact` makes.
         """
-        if pose is None:
-            raise InvalidParameter("pose", pose, "given: a plane leaves five coordinates free")
-        magnitude = float(-force[:3] @ self.normal)
-        pushes = bool(np.allclose(force[:3], -magnitude * self.normal, atol=1e-9)
-                      and np.allclose(force[3:], 0.0, atol=1e-9))
-        require(pushes and magnitude >= self.smallest, "force", force,
-                f"−F·normal with F ≥ {self.smallest:g} N and no torque: a plane can only push")
-        target = self.depth(pose[:3])
-        depth = self.depth_for(magnitude)
-        return np.concatenate([pose[:3] - (depth - target) * self.normal, pose[3:]])
+        raise self._lacks("contact_measure")
 
-    def depth_for(self, magnitude: float) -> float:
-        """Returns δ [m] at which the plane carries a force [N], of at least `smallest`, at rest."""
-        require(magnitude >= self.smallest, "force", magnitude,
-                f"at least {self.smallest:g} N, that of the transition's end")
-        return magnitude / self.stiffness + 0.5 * self.transition
+    def contact_reach(self, force_max: float) -> float:
+        """Returns about how far the tip can move among the poses of `contact_measure` [m]."""
+        raise self._lacks("contact_reach")
 
-    def force_jacobian(self) -> np.ndarray:
-        """Returns −k n̂ᵀ and zeros (1, 6), ∂F/∂χ past the transition; before, it is less."""
-        return np.concatenate([-self.stiffness * self.normal, np.zeros(3)])[None]
+    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
+        """Returns the largest change of the force part of 𝔉 from that at rest at χ (6,) [N].
 
+        Args:
+            chi: The pose of the task.
+            position: Largest error of the position [m].
+            angle: Largest error of the attitude [rad].
+            speed: Largest speed of the tip [m/s].
+        """
+        raise self._lacks("force_error")
 
-def make_surface_law(config: SurfaceConfig) -> SurfaceLaw:
-    """Checks a surface's parameters and returns its law."""
-    return _MAKERS[type(config)](config)
+    def stiffened(self, factor: float) -> Self:
+        """Returns the surface with `factor` times the stiffness."""
+        raise self._lacks("stiffened")
 
+    def moved(self, R: np.ndarray, shift: np.ndarray) -> Self:
+        """Returns the surface, every point 𝔭 of it moved to R𝔭 + `shift` (3,)."""
+        raise self._lacks("moved")
 
-def _make_spring(config: BilateralSpring) -> SpringLaw:
-    return SpringLaw(K=symmetric_matrix("stiffness", config.stiffness, 6, definite=True),
-                     chi_eq=vector("equilibrium", config.equilibrium, 6))
+    def _lacks(self, method: str) -> NotOffered:
+        return NotOffered("surface", type(self).__name__, f"one that has `{method}`")
 
 
-def _make_plane(config: UnilateralPlane) -> PlaneLaw:
-    normal = vector("normal", config.normal, 3)
-    require(bool(abs(np.linalg.norm(normal) - 1.0) < 1e-6), "normal", normal, "a unit vector")
-    for key in ("stiffness", "transition"):
-        value = getattr(config, key)
-        require(bool(0.0 < value < np.inf), key, value, "positive")
-    require(bool(0.0 <= config.dissipation < np.inf), "dissipation", config.dissipation,
-            "zero or positive")
-    return PlaneLaw(vector("point", config.point, 3), normal, float(config.stiffness),
-                    float(config.dissipation), float(config.transition))
+def check_surface(surface: Surface) -> Surface:
+    """Returns a surface as its consumers take it, after `Surface.checked` and a trial of its law.
 
+    Raises:
+        InvalidParameter: A parameter has no meaning, or by one of the coordinates of (χ, χ̇) a
+            complex step of the law does not give what a difference gives.
+    """
+    surface = surface.checked()
+    rng = np.random.default_rng(0)
+    chi = np.concatenate([np.zeros((TRIALS, 3)), rng.uniform(-0.5, 0.5, (TRIALS, 3))], axis=1)
+    chi[:, :3] = surface.sample_contact(chi, TRIAL_FORCE, rng)
+    chi_dot = rng.uniform(-0.1, 0.1, (TRIALS, 6)) * (np.arange(TRIALS) % 2)[:, None]
+    at = np.concatenate([chi, chi_dot], axis=1)
 
-_MAKERS: dict[type, Callable[..., SurfaceLaw]] = {
-    BilateralSpring: _make_spring, UnilateralPlane: _make_plane}
+    def force(step: complex) -> np.ndarray:
+        """𝔉 (12, TRIALS, 6) after a step along each coordinate."""
+        moved = at + step * np.eye(12)[:, None, :]
+        return surface.force(moved[..., :6], moved[..., 6:])
+
+    name = type(surface).__name__
+    try:
+        by_complex = force(1j * COMPLEX_STEP).imag / COMPLEX_STEP
+    except (TypeError, ValueError) as error:
+        raise InvalidParameter("force", name, f"a function of complex numbers too ({error})"
+                               ) from None
+    require(by_complex.shape == (12, TRIALS, 6), "force", name,
+            f"(..., 6) for χ (..., 6), it is {by_complex.shape} for {(12, TRIALS, 6)}")
+    by_difference = (force(DIFFERENCE) - force(-DIFFERENCE)) / (2.0 * DIFFERENCE)
+    # Derivatives by position, attitude and their rates have units of their own.
+    scale = np.max(np.abs(by_difference).reshape(4, -1), axis=1)
+    excess = np.abs(by_complex - by_difference) - AGREEMENT * np.repeat(scale, 3)[:, None, None]
+    worst = np.unravel_index(np.argmax(excess), excess.shape)
+    # What rounding leaves of a difference is no derivative.
+    rounding = 1e-13 / DIFFERENCE * max(1.0, float(np.max(np.abs(force(0.0)))))
+    require(bool(excess[worst] <= rounding), "force", name,
+            f"analytic in complex numbers: by {COORDINATES[worst[0]]} a complex step gives "
+            f"{by_complex[worst]:g}, a difference {by_difference[worst]:g}")
+    return surface

@@ -1,0 +1,108 @@
+"""The paper's surface: a spring in all six coordinates of the end-effector's pose."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, symmetric_matrix, vector
+from uvms_drake.model.euler import (
+    euler_angles,
+    inverse_rate_matrix,
+    rate_matrix,
+    rotation_matrix,
+)
+from uvms_drake.model.spatial import block_diagonal, in_ball
+from uvms_drake.model.surface.law import StaticForceRows, Surface
+
+
+@dataclass
+class BilateralSpring(Surface):
+    """The paper's surface law, 𝔉 = K(χ − χ_eq), (eq:force_F). It pulls as well as pushes.
+
+    Angles count by the shorter way round.
+    """
+
+    stiffness: np.ndarray = field(default_factory=lambda: np.eye(6))
+    """K, symmetric positive definite 6×6 [N/m, N, N m/rad]."""
+    equilibrium: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """χ_eq, pose of the undeformed environment [m, rad]."""
+
+    @property
+    def anchor(self) -> np.ndarray:
+        """𝔭_eq (3,) [m], where it holds on to the end-effector."""
+        return self.equilibrium[:3]
+
+    def checked(self) -> "BilateralSpring":
+        """Returns the spring with arrays, K symmetric to the last digit, or raises."""
+        return replace(
+            self, stiffness=symmetric_matrix("stiffness", self.stiffness, 6, definite=True),
+            equilibrium=vector("equilibrium", self.equilibrium, 6))
+
+    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
+        """Returns K(χ − χ_eq); χ̇ does not matter."""
+        stretch = chi - self.equilibrium
+        # An Euler angle that passes ±π jumps by 2π, the force must not.
+        stretch[..., 3:] -= 2.0 * np.pi * np.round(stretch[..., 3:].real / (2.0 * np.pi))
+        return stretch @ self.stiffness.T
+
+    def penetration(self, chi: np.ndarray) -> np.ndarray:
+        """Returns ‖𝔭 − 𝔭_eq‖: the spring holds on to the end-effector everywhere."""
+        return np.linalg.norm(chi[..., :3] - self.anchor, axis=-1)
+
+    def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
+        """Returns χ_des = χ_eq + K⁻¹𝔉_des (Section IV-A of the paper)."""
+        if pose is not None:
+            raise InvalidParameter("pose", pose, "left out: K⁻¹𝔉_des fixes all six coordinates")
+        return self.equilibrium + np.linalg.solve(self.stiffness, force)
+
+    def force_jacobian(self) -> np.ndarray:
+        """Returns the rows of K that give the force (3, 6)."""
+        return self.stiffness[:3]
+
+    def static_force_rows(self, chi: np.ndarray, bound: float) -> StaticForceRows:
+        """Returns ‖force‖ ≤ `bound` over ‖K_p‖, exact."""
+        scale = self.stiffness_bound
+        return StaticForceRows(self.force_jacobian() / scale,
+                               self.force(chi, np.zeros_like(chi))[..., :3] / scale, bound / scale,
+                               one_sided=False)
+
+    def contact_measure(self, chi: np.ndarray, force_max: float) -> np.ndarray:
+        """Returns ‖force part of 𝔉‖² / force_max² (m,): the spring holds on everywhere."""
+        force = self.force(chi, np.zeros_like(chi))[:, :3]
+        return np.sum(force**2, axis=1) / force_max**2
+
+    def contact_reach(self, force_max: float) -> float:
+        """Returns `force_max` over the stiffness by position [m]."""
+        return force_max / float(np.linalg.norm(self.stiffness[:3, :3], ord=2))
+
+    def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
+                       ) -> np.ndarray:
+        """Returns positions (m, 3) for forces of a ball, half of them on its boundary."""
+        force = in_ball(rng, len(chi), 3, force_max)
+        at_rest = chi.copy()
+        at_rest[:, :3] = self.anchor
+        missing = force - self.force(at_rest, np.zeros_like(chi))[:, :3]
+        return self.anchor + np.linalg.solve(self.stiffness[:3, :3], missing.T).T
+
+    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
+        """Returns ‖K_pp‖ `position` + ‖K_po‖ `angle`, if no Euler angle is π off χ_eq's [N]."""
+        G = self.force_jacobian()
+        return float(np.linalg.norm(G[:, :3], 2) * position
+                     + np.linalg.norm(G[:, 3:], 2) * angle)
+
+    def stiffened(self, factor: float) -> "BilateralSpring":
+        """Returns the spring with `factor` times K."""
+        return replace(self, stiffness=factor * np.asarray(self.stiffness))
+
+    def moved(self, R: np.ndarray, shift: np.ndarray) -> "BilateralSpring":
+        """Returns the spring carried along with its axes: it pulls a carried tip as before.
+
+        With A = blkdiag(R_WE, T(𝔬)) at χ_eq, χ̇ = A V_E, that is the same AᵀKA, its stiffness in
+        the axes of Σ_E; hence K' = BᵀKB with B = blkdiag(Rᵀ, T(𝔬) T(𝔬')⁻¹).
+        """
+        position, attitude = np.split(np.asarray(self.equilibrium, dtype=float), 2)
+        turned = euler_angles(R @ rotation_matrix(attitude))
+        B = block_diagonal(R.T, rate_matrix(attitude) @ inverse_rate_matrix(turned))
+        K = B.T @ self.stiffness @ B
+        return replace(self, stiffness=0.5 * (K + K.T),
+                       equilibrium=np.concatenate([R @ position + shift, turned]))
