@@ -35,6 +35,7 @@ from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario, load_scenario, reported_in, scenario_source
 from uvms_drake.station.simulation import simulate
+from uvms_drake.station.step import check_step
 
 CAMPAIGN_FILE, TIMING_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMING_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
@@ -68,6 +69,7 @@ def run_campaign(args: argparse.Namespace) -> int:
         require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
                 "left out: no run could be repeated")
         check_inputs(scenario)
+        check_step(scenario)
         announce = cache(_announce)  # Once, for the scenario and all other surfaces.
         certificate = None if args.uncertified else _certificate(scenario, source, announce)
         campaign = make_campaign(scenario, args.seed, certificate, args.model_error,

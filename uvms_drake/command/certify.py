@@ -4,6 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.common.output import output_folder
@@ -32,6 +34,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
     from uvms_drake.certificate.certify import certified_once
     from uvms_drake.certificate.table import format_certificate
+    from uvms_drake.station.step import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
     from uvms_drake.studies.gain_front import format_front, front
     from uvms_drake.studies.propose_gains import propose_gains
@@ -50,6 +53,10 @@ def certify_scenario(args: argparse.Namespace) -> int:
         law, error = propose_gains(scenario, args.propose)
         print(f"\nproposed: k = {law.k:g} 1/s, σ = {law.sigma:g} 1/s for a force error of "
               f"{error:.3g} N at most")
+        scheme = scenario.simulator.integration_scheme
+        step = largest_step(scheme, np.array([-law.k, -law.sigma]))
+        if step < scenario.simulator.max_step_size:
+            print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     if args.laws:
         print(f"\n{format_laws(compare_laws(scenario))}")
     return 0 if certificate.certified else 1

@@ -76,6 +76,8 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
 
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
+    from uvms_drake.station.step import check_step
+
     overrides = scenario_overrides(args)
     scenario = load_scenario(args.scenario, overrides)
     source = scenario_source(args.scenario, overrides)
@@ -95,6 +97,8 @@ def run_scenario(args: argparse.Namespace) -> int:
             print("certified: the force is off by less than "
                   f"{certificate.bounds['force']:.3g} N once the plan is at the task",
                   file=sys.stderr)
+        with reported_in(source):
+            check_step(scenario)
         record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
         summary = write_data(record, output.folder)
         output.keep(replaces=True)  # Whatever becomes of the pictures.

@@ -1,0 +1,100 @@
+"""Checks the integrator's step against the rates of the closed loop, before a run.
+
+A fixed step h multiplies what decays like exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's
+stability function. A gain k for which kh is too large is then no property of the law, but of h.
+The rates λ are the eigenvalues of the loop itself, with plant, law and surface, linearised at
+the task, in contact, where nothing deviates.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.scenario import Scenario, Start
+
+ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_shampine3": 3,
+          "runge_kutta5": 5}
+"""Of the explicit schemes; R is the Taylor polynomial of exp of this degree, to which Drake's fifth
+order adds a term that is of no weight where R is accurate. An implicit scheme is always stable."""
+ACCURACY = 0.05
+"""Largest |R(hλ) − exp(hλ)|: what a step may add to a deviation, over the deviation."""
+DIFFERENCE = 1e-6
+"""Of a state, to differentiate the loop by [m, rad, m/s, rad/s]."""
+
+
+def step_error(order: int, z: complex) -> float:
+    """Returns |R(z) − exp(z)| of an explicit scheme for z = hλ."""
+    taylor = sum(z**i / math.factorial(i) for i in range(order + 1))
+    return float(abs(taylor - np.exp(z)))
+
+
+def largest_step(scheme: str, rates: np.ndarray) -> float:
+    """Returns the largest accurate step h [s] of a scheme for rates λ (any) [1/s].
+
+    The error grows with h as long as it is small, so that h is found by bisection.
+    """
+    fastest = float(np.max(np.abs(rates), initial=0.0))
+    if scheme not in ORDERS or fastest == 0.0:
+        return np.inf
+    low, high = 0.0, 10.0 / fastest
+    for _ in range(50):
+        h = 0.5 * (low + high)
+        accurate = max(step_error(ORDERS[scheme], h * rate) for rate in rates) <= ACCURACY
+        low, high = (h, high) if accurate else (low, h)
+    return low
+
+
+def loop_rates(station: Diagram, context: Context) -> np.ndarray:
+    """Returns the eigenvalues of ∂ẋ/∂x of all continuous states x at a Context [1/s]."""
+    x = context.get_continuous_state_vector().CopyToVector()
+    columns = []
+    for i in range(len(x)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[i] += sign * DIFFERENCE
+            context.SetContinuousState(moved)
+            ends.append(station.EvalTimeDerivatives(context).CopyToVector())
+        columns.append((ends[0] - ends[1]) / (2.0 * DIFFERENCE))
+    context.SetContinuousState(x)
+    return np.linalg.eigvals(np.array(columns).T)
+
+
+def check_step(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` if a fixed step is too long for the loop of a scenario.
+
+    Nothing is checked where there is no plan at the task; then the run itself fails, or not.
+    """
+    settings = scenario.simulator
+    if settings.use_error_control or settings.integration_scheme not in ORDERS:
+        return
+    # At rest at the task, and without a disturbance: that of an adversary jumps with the state.
+    quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[])
+    ocp = make_ocp(quiet)
+    config = ocp.model.configuration(ocp.y_des)
+    station = make_station(replace(quiet, start=Start(eta=config[:6], q=config[6:])))
+    simulator = Simulator(station)
+    try:
+        simulator.Initialize()
+    except RunFailed:
+        return
+    rates = loop_rates(station, simulator.get_mutable_context())
+    largest = largest_step(settings.integration_scheme, rates)
+    step = min(settings.max_step_size, scenario.log_period, scenario.mpc.time_step)
+    fastest = float(np.max(np.abs(rates)))
+    require(step <= largest, "simulator.max_step_size", settings.max_step_size,
+            f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "
+            f"rate of {fastest:.3g} 1/s, and longer steps make errors of their own")
+
+
+def floored(step: float) -> float:
+    """Returns a step with two digits that is not longer."""
+    unit = 10.0 ** (math.floor(math.log10(step)) - 1)
+    return math.floor(step / unit) * unit
