@@ -10,8 +10,8 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.control.ancillary import Resolved
 from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.laws import Resolved
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.surface.law import check_surface

@@ -7,16 +7,9 @@ from pydrake.systems.primitives import ConstantVectorSource
 from support import dh
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ancillary import (
-    AncillaryFeedback,
-    Resolved,
-    Transpose,
-    limited_input,
-    motion,
-    resolved_command,
-    task_error,
-    transpose_command,
-)
+from uvms_drake.control.ancillary import AncillaryFeedback, limited_input
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import pair_of, task_error
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.model.surface.law import check_surface
@@ -29,12 +22,18 @@ K, SIGMA = 13.0, 4.0  # 1/s
 U_LIMIT = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])  # m/s² (3), rad/s² (7)
 
 
-def resolved_input(*arguments) -> np.ndarray:
-    return resolved_command(*arguments).u()
+def not_asked() -> np.ndarray:
+    raise AssertionError("the law has no use for it")
 
 
-def transpose_input(*arguments, joints: bool = False) -> np.ndarray:
-    return transpose_command(*arguments, joints=joints).u()
+def resolved_input(model, state, nominal, acceleration, k, sigma) -> np.ndarray:
+    return Resolved(k, sigma).command(
+        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u()
+
+
+def transpose_input(model, state, nominal, nominal_input, k, sigma, joints=False) -> np.ndarray:
+    return Transpose(k, sigma, joints).command(
+        model, pair_of(model, state, nominal), not_asked, lambda: nominal_input).u()
 
 
 def pairs(model, states, where: str):
@@ -233,19 +232,18 @@ def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(
         np.testing.assert_allclose(gained, expected, rtol=1e-9, atol=1e-9)
 
 
-def test_motions_are_remembered_and_not_mixed_up(uvms, model, states):
-    real, nominal, other = states["free"][:3]
-    first = motion(model, real, nominal)
-    assert motion(model, real.copy(), nominal.copy()) is first
-    second = motion(model, other, nominal)
-    for now, state in ((first, real), (second, other)):
-        y, J_x, J_x_dot = model.task_motion(state[:10], state[10:])
-        for value, expected in ((now.y[0], y), (now.J_x[0], J_x), (now.J_x_dot[0], J_x_dot),
-                                (now.inverse @ J_x, np.eye(10)), (now.zeta[0], state[10:]),
-                                (now.y[1], model.task_pose(nominal[:10]))):
-            np.testing.assert_allclose(value, expected, atol=1e-12)
-    same = UvmsModel(uvms, model.surface)
-    assert motion(same, real, nominal) is not first, "another model may be another robot"
+def test_the_pair_is_the_measured_and_the_nominal_motion(model, states):
+    real, nominal = states["free"][:2]
+    feedback = AncillaryFeedback(model, Resolved())
+    context = feedback.CreateDefaultContext()
+    for name, value in (("state", real), ("nominal_state", nominal)):
+        feedback.GetInputPort(name).FixValue(context, value)
+    now = feedback.GetOutputPort("pair").Eval(context)
+    y, J_x, J_x_dot = model.task_motion(real[:10], real[10:])
+    for value, expected in ((now.y[0], y), (now.J_x[0], J_x), (now.J_x_dot[0], J_x_dot),
+                            (now.inverse @ J_x, np.eye(10)), (now.zeta[0], real[10:]),
+                            (now.y[1], model.task_pose(nominal[:10]))):
+        np.testing.assert_allclose(value, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(("config", "needed"), [

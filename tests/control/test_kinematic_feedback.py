@@ -5,12 +5,9 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ancillary import Resolved, Transpose, task_error
-from uvms_drake.control.kinematic_feedback import (
-    KinematicFeedback,
-    resolved_velocity,
-    transpose_velocity,
-)
+from uvms_drake.control.kinematic_feedback import KinematicFeedback
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.uvms_model import configuration_rate
@@ -48,7 +45,7 @@ def error_rate(model, config, nominal_state, zeta, derivative) -> np.ndarray:
 
 def test_the_resolved_law_leaves_a_linear_error_equation(ocp, states, derivative):
     config, nominal_state = states
-    zeta = resolved_velocity(ocp.model, config, nominal_state, SIGMA)
+    zeta = Resolved(sigma=SIGMA).velocity(ocp.model, config, nominal_state)
     error = task_error(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))
     np.testing.assert_allclose(
         error_rate(ocp.model, config, nominal_state, zeta, derivative), -SIGMA * error, atol=1e-7)
@@ -56,7 +53,7 @@ def test_the_resolved_law_leaves_a_linear_error_equation(ocp, states, derivative
 
 def test_the_transpose_law_leaves_what_the_paper_derives(ocp, states, derivative):
     config, nominal_state = states
-    zeta = transpose_velocity(ocp.model, config, nominal_state, SIGMA)
+    zeta = Transpose(sigma=SIGMA).velocity(ocp.model, config, nominal_state)
     J, J_bar = (ocp.model.task_jacobian(q)[:6] for q in (config, nominal_state[:10]))
     error = task_error(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))[:6]
     expected = (J - J_bar) @ zeta - SIGMA * J_bar @ J_bar.T @ error
@@ -66,7 +63,7 @@ def test_the_transpose_law_leaves_what_the_paper_derives(ocp, states, derivative
 
 def test_with_joints_the_transpose_law_acts_on_the_whole_configuration(ocp, states, derivative):
     config, nominal_state = states
-    zeta = transpose_velocity(ocp.model, config, nominal_state, SIGMA, joints=True)
+    zeta = Transpose(sigma=SIGMA, joints=True).velocity(ocp.model, config, nominal_state)
     J, J_bar = (ocp.model.task_jacobian(q) for q in (config, nominal_state[:10]))
     error = task_error(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))
     expected = (J - J_bar) @ zeta - SIGMA * J_bar @ J_bar.T @ error
@@ -74,22 +71,21 @@ def test_with_joints_the_transpose_law_acts_on_the_whole_configuration(ocp, stat
         error_rate(ocp.model, config, nominal_state, zeta, derivative), expected, atol=1e-7)
 
 
-@pytest.mark.parametrize("law", [resolved_velocity, transpose_velocity])
+@pytest.mark.parametrize("law", [Resolved(sigma=SIGMA), Transpose(sigma=SIGMA)])
 def test_on_the_nominal_trajectory_the_command_is_the_nominal_one(ocp, states, law):
     _, nominal_state = states
     np.testing.assert_allclose(
-        law(ocp.model, nominal_state[:10], nominal_state, SIGMA), nominal_state[10:], atol=1e-12)
+        law.velocity(ocp.model, nominal_state[:10], nominal_state), nominal_state[10:], atol=1e-12)
 
 
-@pytest.mark.parametrize(("config", "law"), [
-    (Resolved(sigma=SIGMA), resolved_velocity), (Transpose(sigma=SIGMA), transpose_velocity)])
-def test_the_system_puts_out_the_law(ocp, states, config, law):
-    system = KinematicFeedback(ocp.model, config)
+@pytest.mark.parametrize("law", [Resolved(sigma=SIGMA), Transpose(sigma=SIGMA)])
+def test_the_system_puts_out_the_law(ocp, states, law):
+    system = KinematicFeedback(ocp.model, law)
     context = system.CreateDefaultContext()
     for name, value in zip(("configuration", "nominal_state"), states, strict=True):
         system.GetInputPort(name).FixValue(context, value)
     np.testing.assert_array_equal(
-        system.GetOutputPort("zeta").Eval(context), law(ocp.model, *states, SIGMA))
+        system.GetOutputPort("zeta").Eval(context), law.velocity(ocp.model, *states))
 
 
 @pytest.mark.parametrize("config", [Resolved(sigma=SIGMA), Transpose(sigma=SIGMA)])

@@ -1,4 +1,4 @@
-"""`control.kinematic_tube_monitor` on the closed loop of plant and law, and on scripted states."""
+"""`control.tube_monitor` with kinematic motion: in closed loop, and on scripted states."""
 
 from types import SimpleNamespace
 
@@ -10,14 +10,9 @@ from pydrake.systems.primitives import LogVectorOutput
 from support.scripts import Script, report_of, use_fixed_steps
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ancillary import Resolved, Transpose, task_error
-from uvms_drake.control.kinematic_tube_monitor import (
-    NOT_STARTED,
-    KinematicTubeMonitor,
-    resolved_rate,
-    transpose_rate,
-)
-from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS, TubeMonitor
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import pair_of, task_error
+from uvms_drake.control.tube_monitor import FIELDS, NOT_STARTED, TUBE_REPORT, TubeMonitor
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.adversary import TaskAdversary
 from uvms_drake.plant.disturbance import (
@@ -101,10 +96,10 @@ def closed_loop(model, law, attack, *, start=START, until=np.inf, w_bound=W_BOUN
     builder.Connect(plant.GetOutputPort("configuration"), controller.GetInputPort("configuration"))
     builder.Connect(nominal.get_output_port(), controller.GetInputPort("nominal_state"))
     builder.Connect(controller.get_output_port(), plant.GetInputPort("zeta"))
-    monitor = KinematicTubeMonitor.AddToBuilder(
+    monitor = TubeMonitor.AddToBuilder(
         builder, model, law, w_bound, radii or {}, state=plant.GetOutputPort("state"),
         nominal_state=nominal.get_output_port(), disturbance=plant.GetOutputPort("disturbance"),
-        slack=slack, floor=floor, **options)
+        kinematic=True, slack=slack, floor=floor, **options)
     if attack is None:
         adversary = TaskAdversary.AddToBuilder(
             builder, W_BOUND, np.eye(6)[1], e=monitor.GetOutputPort("e"))
@@ -133,15 +128,21 @@ def test_the_rates_bound_how_fast_the_error_grows(model, states, name):
         J, J_nominal = (model.task_jacobian(q)[:6] for q in (config, nominal_state[:10]))
         e = task_error(model.task_pose(config), model.task_pose(nominal_state[:10]))[:6]
         size = np.linalg.norm(e)
-        rate = (resolved_rate(law.sigma, W_BOUND) if name == "resolved"
-                else transpose_rate(law.sigma, J, J_nominal, zeta, W_BOUND))
-        bound = -rate.decay * size + rate.drive
+        decay, drive = rate_of(model, law, np.concatenate([config, zeta]), nominal_state)
+        bound = -decay * size + drive
         for w in (e, *rng.normal(size=(20, 6))):
             e_dot = J @ zeta - J_nominal @ nominal_state[10:] + W_BOUND * w / np.linalg.norm(w)
             assert e @ e_dot / size <= bound + 1e-12
             if name == "resolved" and w is e:
                 assert e @ e_dot / size == pytest.approx(bound)
-    assert resolved_rate(3.0, 0.2) == (3.0, 0.2)
+
+
+def rate_of(model, law, state, nominal_state) -> tuple[float, float]:
+    """Returns a and b of Ė = −aE + b, of the task."""
+    now = pair_of(model, state, nominal_state)
+    along = law.kinematic_run_bound(W_BOUND)
+    drive, moved = (along.rate(np.full(along.size, E), now)[0] for E in (0.0, 1.0))
+    return drive - moved, drive
 
 
 def self_moved(model) -> np.ndarray:
@@ -157,8 +158,9 @@ def test_under_transpose_the_self_motion_of_the_arm_drives_the_error_too(model):
     arm = (J - J_nominal) @ zeta
     assert np.linalg.norm(arm) > W_BOUND
     w = W_BOUND * arm / np.linalg.norm(arm)
-    rate = transpose_rate(4.0, J, J_nominal, zeta, W_BOUND)
-    assert np.linalg.norm(J @ zeta - J_nominal @ zeta + w) == pytest.approx(rate.drive)
+    _, drive = rate_of(model, LAWS["transpose"], np.concatenate([config, zeta]),
+                       np.concatenate([START, zeta]))
+    assert np.linalg.norm(J @ zeta - J_nominal @ zeta + w) == pytest.approx(drive)
 
 
 def test_under_transpose_the_bound_holds_for_an_arm_in_another_posture(model):
@@ -244,7 +246,7 @@ def test_a_disturbance_above_its_bound_is_reported(model):
 def test_samples_at_the_steps_see_the_same_as_periodic_ones(model):
     reports = [closed_loop(model, LAWS["resolved"], CONSTANT, start=START + PUSH, duration=0.2,
                            period=period).report for period in (0.01, 0.0)]
-    for field in REPORT_FIELDS:
+    for field in TUBE_REPORT:
         assert getattr(reports[0], field) == pytest.approx(
             getattr(reports[1], field), rel=1e-4, abs=1e-6)
 
@@ -267,9 +269,9 @@ def scripted(model, law, state, nominal, **options):
     """Returns a Simulator of a monitor that is shown constant states, and the monitor's Context."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(state=lambda t: state, nominal=lambda t: nominal))
-    monitor = KinematicTubeMonitor.AddToBuilder(
+    monitor = TubeMonitor.AddToBuilder(
         builder, model, law, W_BOUND, {}, state=script.GetOutputPort("state"),
-        nominal_state=script.GetOutputPort("nominal"), **options)
+        nominal_state=script.GetOutputPort("nominal"), kinematic=True, **options)
     simulator = Simulator(builder.Build())
     use_fixed_steps(simulator)
     return simulator, monitor, monitor.GetMyContextFromRoot(simulator.get_context())
@@ -284,9 +286,7 @@ def test_where_nothing_moves_the_bounds_are_closed_forms(model, name):
     e_y = model.task_pose(state[:10]) - model.task_pose(nominal[:10])
     np.testing.assert_allclose(monitor.GetOutputPort("e_y").Eval(context), e_y, atol=1e-12)
     np.testing.assert_allclose(monitor.GetOutputPort("e").Eval(context), e_y[:6], atol=1e-12)
-    rate = (resolved_rate(law.sigma, W_BOUND) if name == "resolved" else transpose_rate(
-        law.sigma, J_x[:6], J_x_nominal[:6], state[10:], W_BOUND))
-    a, b = rate
+    a, b = rate_of(model, law, state, nominal)
 
     def solution(first, drive, time):
         return drive / a + (first - drive / a) * np.exp(-a * time)
@@ -331,13 +331,13 @@ def test_it_may_start_at_any_time_and_starts_at_its_first_sample(model):
         radius + (task - radius) * np.exp(-0.1 * sigma), rel=1e-6)
 
 
-def test_its_ports_are_those_of_the_dynamic_one_and_the_task_error(model):
-    monitors = [kind(model, LAWS["resolved"], W_BOUND, {})
-                for kind in (KinematicTubeMonitor, TubeMonitor)]
+def test_its_ports_are_those_of_the_dynamic_one_but_for_the_disturbance(model):
+    monitors = [TubeMonitor(model, LAWS["resolved"], W_BOUND, {}, kinematic=kinematic)
+                for kinematic in (True, False)]
     outputs, expected = ({
         monitor.get_output_port(i).get_name(): monitor.get_output_port(i).size()
         for i in range(monitor.num_output_ports())} for monitor in monitors)
-    assert outputs == expected | {"e": 6}
+    assert outputs == expected
     inputs = {monitors[0].get_input_port(i).get_name(): monitors[0].get_input_port(i).size()
               for i in range(3)}
     assert inputs == {"state": 20, "nominal_state": 20, "disturbance": 6}
@@ -347,10 +347,10 @@ def test_its_ports_are_those_of_the_dynamic_one_and_the_task_error(model):
 
 
 @pytest.mark.parametrize(("arguments", "options", "message"), [
-    ((LAWS["resolved"], -0.1, {}), {}, r"^w_bound = -0\.1: must be zero or positive$"),
+    ((LAWS["resolved"], -0.1, {}), {}, r"^d_bound = -0\.1: must be zero or positive$"),
     ((Transpose(sigma=0.0), 0.1, {}), {}, r"^sigma = 0\.0: must be positive$"),
     ((LAWS["resolved"], 0.1, {"tip": 1.0}), {}, r"^radii = \['tip'\]: .*task"),
     ((LAWS["resolved"], 0.1, {}), {"period": -1.0}, "^period = -1")])
 def test_bad_parameters_are_named(model, arguments, options, message):
     with pytest.raises(InvalidParameter, match=message):
-        KinematicTubeMonitor(model, *arguments, **options)
+        TubeMonitor(model, *arguments, kinematic=True, **options)

@@ -16,7 +16,7 @@ from uvms_drake.control.nominal_mpc import (
     FAILED,
     FEASIBLE,
     LATE,
-    REPORT_FIELDS,
+    MPC_REPORT,
     SOLVED,
     SOLVERS_KEPT,
     NominalMpc,
@@ -81,7 +81,7 @@ class Setup:
         return self.mpc.GetOutputPort(name).Eval(self.mpc.GetMyContextFromRoot(context))
 
     def report(self) -> dict[str, float]:
-        return dict(zip(REPORT_FIELDS, self.read("report"), strict=True))
+        return dict(zip(MPC_REPORT, self.read("report"), strict=True))
 
     def give(self, name: str, value) -> None:
         """Sets an input port from now on."""

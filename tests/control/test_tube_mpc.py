@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
@@ -24,8 +24,8 @@ def ports_of(controller) -> tuple[dict[str, int], dict[str, int]]:
 def test_it_has_the_documented_ports(short_ocp):
     assert ports_of(make_tube_mpc(short_ocp, Resolved())) == (
         {"state": 20, "fault": 1},
-        {"tau": 10, "u": 10, "lost": 1, "limited": 1, "nominal_state": 20, "nominal_input": 10,
-         "plan": 0, "report": 7, "solve_seconds": 1})
+        {"tau": 10, "u": 10, "lost": 1, "limited": 1, "pair": 0, "nominal_state": 20,
+         "nominal_input": 10, "plan": 0, "report": 7, "solve_seconds": 1})
 
 
 def test_that_of_kinematic_motion_has_the_documented_ports():

@@ -7,7 +7,7 @@ import pytest
 
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import load_scenario

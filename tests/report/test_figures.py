@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from support.synthetic import desiring, synthetic_record
 
-from uvms_drake.control.ancillary import Transpose
+from uvms_drake.control.laws import Transpose
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report.figure_style import COLUMN_WIDTH, ORANGE, STYLE, tube_label

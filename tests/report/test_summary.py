@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from support.synthetic import desiring, synthetic_record
 
-from uvms_drake.control.ancillary import Transpose
-from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
+from uvms_drake.control.laws import Transpose
+from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import EVENT_LINES, format_summary, summarise
@@ -30,7 +30,7 @@ def reporting(**values):
     record = synthetic_record(2.0)
     report = record.tube_report.copy()
     for name, value in values.items():
-        report[REPORT_FIELDS.index(name)] = value
+        report[TUBE_REPORT.index(name)] = value
     return replace(record, tube_report=report)
 
 

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.plant.uvms_plant import set_state

@@ -50,7 +50,7 @@ from uvms_drake.control.solver_faults import (
     SolverTimeout,
     solver_fault,
 )
-from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
+from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.report.events import events
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
@@ -80,7 +80,7 @@ def run(scenario):
     for name in ("state", "nominal_state", "u", "tau", "force", "tube_deviation", "tube_bound",
                  "disturbance", "mpc_cost", "mpc_status", "state_lost"):
         assert np.all(np.isfinite(getattr(record, name))), name
-    return record, dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
+    return record, dict(zip(TUBE_REPORT, record.tube_report, strict=True))
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.ancillary import task_error
-from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS
+from uvms_drake.control.laws.law import task_error
+from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.record import LOG_FILE, save_record
@@ -55,7 +55,7 @@ def test_the_record_has_all_signals_at_all_samples(record):
         if field.name not in ("scenario", "signals", "tube_report"):
             assert np.all(np.isfinite(getattr(record, field.name))), field.name
     assert record.tube_deviation.shape == record.tube_bound.shape == (151, len(FIELDS))
-    assert record.tube_report.shape == (len(REPORT_FIELDS),)
+    assert record.tube_report.shape == (len(TUBE_REPORT),)
     assert not np.any(np.isnan(record.tube_report))  # inf: no exit
 
 

@@ -11,8 +11,8 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from uvms_drake.control.ancillary import Resolved, Transpose
-from uvms_drake.control.tube_monitor import FIELDS, REPORT_FIELDS, TubeMonitor
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT, TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary
@@ -86,7 +86,7 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
     simulator.AdvanceTo(duration)
     report = monitor.GetOutputPort("report").Eval(monitor.GetMyContextFromRoot(context))
     return SimpleNamespace(
-        report=dict(zip(REPORT_FIELDS, report, strict=True)),
+        report=dict(zip(TUBE_REPORT, report, strict=True)),
         **{name: sink.FindLog(context).data().T.copy() for name, sink in sinks.items()})
 
 

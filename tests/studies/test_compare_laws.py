@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.studies.compare_laws import compare_laws, format_laws
 

@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
-from uvms_drake.certificate.certify import (
-    constants_of,
-    declared_set,
-    resolved_radii_of,
-    room_of,
-)
+from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.studies.propose_gains import propose_gains
+from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 
@@ -20,12 +16,9 @@ def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(mo
     law, error = propose_gains(scenario, 15.0)
     assert max(law.k, law.sigma) <= 15.0
     scenario.ancillary = law
-    declared = declared_set(scenario, model)
-    tube, _ = resolved_radii_of(
-        scenario, model, declared, constants_of(scenario, model, declared))
+    tube, _, speed = resolved_law_tube(law, basis_of(scenario, model))
     assert all(item.holds for item in room_of(scenario, tube, model))
     chi_des = scenario.surface.pose_for(np.asarray(scenario.task.force), scenario.task.pose)
-    speed = 2.0 * law.sigma * tube.position
     bounds = ultimate_bounds(tube, scenario.surface, chi_des, speed)
     assert bounds["force"] == pytest.approx(error)
 

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.control.tube_monitor import REPORT_FIELDS
+from uvms_drake.control.tube_monitor import TUBE_REPORT
 
 
 class Script(LeafSystem):
@@ -22,7 +22,7 @@ class Script(LeafSystem):
 def report_of(monitor, context) -> dict[str, float]:
     values = monitor.GetOutputPort("report").Eval(context)
     assert not np.any(np.isnan(values))
-    return dict(zip(REPORT_FIELDS, values, strict=True))
+    return dict(zip(TUBE_REPORT, values, strict=True))
 
 
 def use_fixed_steps(simulator):

@@ -18,8 +18,9 @@ from uvms_drake.certificate.certificate import (
 from uvms_drake.certificate.certify import assumptions, certified_once, certify, declared_set
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.kinematic_feedback import resolved_velocity, transpose_velocity
 from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import make_limits, resolved_radii, tighten
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
@@ -35,7 +36,13 @@ from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube import kinematic
 from uvms_drake.tube.constants import estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.kinematic import CONSTANTS, deviation, kinematic_radii, worst_errors
+from uvms_drake.tube.kinematic import (
+    CONSTANTS,
+    deviation,
+    transpose_kinematic_tube,
+    worst_errors,
+)
+from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.terminal_set import (
     boundary_samples,
     check_penalty,
@@ -174,8 +181,8 @@ def test_the_deviation_is_what_the_law_itself_leaves(ocp, nominal):
         error = 0.05 * rng.normal(size=6)
         y = model.task_pose(config)
         y[:6] += error
-        real = resolved_velocity(
-            model, model.configuration(y), np.concatenate([config, zeta]), sigma)
+        real = Resolved(sigma=sigma).velocity(
+            model, model.configuration(y), np.concatenate([config, zeta]))
         np.testing.assert_allclose(
             deviation(model, config, zeta, error, sigma), (real - zeta)[:6], atol=1e-9)
         np.testing.assert_allclose(real[6:], zeta[6:], atol=1e-12)
@@ -233,7 +240,7 @@ def attacks(model: UvmsModel, w_bound: float) -> dict:
     }
 
 
-def closed_loop(model: UvmsModel, plan: KinematicPlan, law, sigma: float, attack
+def closed_loop(model: UvmsModel, plan: KinematicPlan, law: AncillaryLaw, attack
                 ) -> SimpleNamespace:
     """Integrates 𝔮̇ = Γ(𝔮)(ζ + [J_v⁻¹w; 0]), which is χ̇ = Jζ + w and q̇ as commanded."""
     config = plan.config[0].copy()
@@ -245,7 +252,7 @@ def closed_loop(model: UvmsModel, plan: KinematicPlan, law, sigma: float, attack
         state = np.concatenate(plan.at(inside))
         error = model.task_pose(config) - model.task_pose(state[: model.size])
         error[3:6] = wrap_angle(error[3:6])
-        zeta = law(model, config, state, sigma)
+        zeta = law.velocity(model, config, state)
         w = attack(time, config, error[:6])
         if inside == time:
             found["error"].append(error)
@@ -269,7 +276,7 @@ def closed_loop(model: UvmsModel, plan: KinematicPlan, law, sigma: float, attack
 @pytest.mark.parametrize("name", ["constant", "sinusoid", "along the error", "into the velocity"])
 def test_no_disturbance_leaves_the_tube_in_closed_loop(certificate, ocp, plan, name):
     tube, slack = certificate.tube, 1.0 + 1e-4  # of the integrator
-    run = closed_loop(ocp.model, plan, resolved_velocity, certificate.sigma,
+    run = closed_loop(ocp.model, plan, Resolved(sigma=certificate.sigma),
                       attacks(ocp.model, certificate.d_bound)[name])
     reached = np.max(np.linalg.norm(run.error[:, :6], axis=1))
     assert reached <= tube.e * slack
@@ -288,18 +295,17 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
     declared = ConstraintSet(
         q_lower=np.zeros(0), q_upper=np.zeros(0), roll=0.5, pitch=0.5, tip_pitch=0.6, nu1=0.3,
         nu2=0.2, qdot=0.1)
-    slow = replace(
-        scenario, ancillary=load_scenario(NAME, ["ancillary=!Transpose {sigma: 12}"]).ancillary,
-        disturbance=replace(scenario.disturbance, bound=0.05))
+    law = Transpose(sigma=12.0)
     constants = estimate_constants(model, declared, CONSTANTS, samples=300)
-    tube, conditions = kinematic_radii(slow, model, declared, constants)
+    tube, conditions, _ = transpose_kinematic_tube(
+        law, Basis(model, declared, constants, 0.05, np.zeros(0), scenario.certificate))
     assert all(item.holds for item in conditions), conditions
     value = {name: constant.value for name, constant in constants.items()}
     assert tube.e == pytest.approx(0.05 / (12.0 * value["J_min"] - value["L_c_chi"]))
     zeta = np.tile([0.2, 0.1, 0.0, 0.05, 0.1, -0.1], (10, 1))
     plan = KinematicPlan.from_velocities(0.0, 0.1, np.zeros(6), zeta)
     for attack in attacks(model, 0.05).values():
-        run = closed_loop(model, plan, transpose_velocity, 12.0, attack)
+        run = closed_loop(model, plan, law, attack)
         assert np.max(np.linalg.norm(run.error, axis=1)) <= tube.e
         assert np.max(np.linalg.norm(run.zeta, axis=1)) <= tube.z
         assert np.all(np.max(np.abs(run.attitude), axis=0) <= [tube.roll, tube.pitch])

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from uvms_drake.control.ancillary import resolved_command
+from uvms_drake.control.laws import Resolved
+from uvms_drake.control.laws.law import pair_of
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.tube_image import input_gain, rest, tube_image
 
@@ -53,8 +54,9 @@ def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
         J = model.task_jacobian(q)
         z = np.linalg.solve(J, J_bar @ z_bar - SIGMA * e) + r
         acceleration = u_bar + model.drift(q_bar, z_bar)
-        u = resolved_command(model, np.concatenate([q, z]), np.concatenate([q_bar, z_bar]),
-                             acceleration, K, SIGMA).u()
+        now = pair_of(model, np.concatenate([q, z]), np.concatenate([q_bar, z_bar]))
+        u = Resolved(K, SIGMA).command(
+            model, now, lambda value=acceleration: value, lambda value=u_bar: value).u()
         p = np.linalg.solve(J, e)
         M = model.mass_matrix(model.kinematics(q))
         tau_bar = model.mass_matrix(model.kinematics(q_bar)) @ u_bar

@@ -48,7 +48,8 @@ def test_the_tube_in_closed_form_solves_its_differential_equation():
     for k, sigma, gain in ((20.0, 5.0, 2.2), (3.0, 8.0, 1.0), (4.0, 4.0, 0.7),
                            (4.0, 4.0 + 1e-9, 0.7)):
         tube = resolved_tube(k, sigma, 0.3, gain)
-        steps = list(integrate(lambda t, x, A=tube.matrix: A @ x + np.array([0.0, 0.3]),
+        A = np.array([[-tube.a, tube.g], [tube.G, -tube.b]])
+        steps = list(integrate(lambda t, x, A=A: A @ x + np.array([0.0, 0.3]),
                                np.zeros(2), 3.0, 1e-3))
         time = np.array([t for t, _ in steps])
         np.testing.assert_allclose(

@@ -4,7 +4,7 @@
 
 Each arrow adds its conditions to the certificate. It stops at the first stage that leaves nothing
 to go on with: then the certificate is void, and says which condition failed first. The tube depends
-on the scenario's motion: `resolved_radii_of` and `_transpose`, or `kinematic.kinematic_radii`.
+on the scenario's motion and law, see `Motion.tubes`; a law that is not there has no certificate.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,6 @@ import numpy as np
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
-from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import (
     TubeRadii,
     check_limits,
@@ -33,28 +32,14 @@ from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
+from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.kinematic import (
-    attitude_radii,
-    kinematic_radii,
-    paper_radii,
-    undetermined_joints,
-)
+from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
-from uvms_drake.tube.tube_image import tube_image
-from uvms_drake.tube.tubes import (
-    resolved_tube,
-    smallest_k,
-    transpose_tube,
-    transpose_velocity_radius,
-)
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
-PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
-"""Constants that decide the tube of `resolved`, by block of rows."""
 UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
@@ -66,26 +51,23 @@ def certify(scenario: Scenario) -> Certificate:
         InvalidParameter: A value of the scenario has no meaning.
     """
     model = check_inputs(scenario)
-    declared = declared_set(scenario, model)
-    constants = constants_of(scenario, model, declared)
-    paper = paper_radii if scenario.kinematic else _paper
+    law = scenario.ancillary
     draft = Certificate(
-        scenario=scenario.name, motion=scenario.motion, law=scenario.law,
-        k=scenario.ancillary.k, sigma=scenario.ancillary.sigma,
-        d_bound=scenario.disturbance.bound, constants=tuple(constants.values()),
-        paper=paper(scenario, constants), **fingerprint(scenario))
-    if scenario.kinematic:
-        tube, conditions = kinematic_radii(scenario, model, declared, constants)
-    elif isinstance(scenario.ancillary, Transpose):
-        tube, conditions = _transpose(
-            scenario.ancillary, scenario.disturbance.bound, model, declared, constants)
-    else:
-        tube, conditions = resolved_radii_of(scenario, model, declared, constants)
-    draft = replace(draft, tube=tube, conditions=(*conditions, *assumptions(scenario)))
+        scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k, sigma=law.sigma,
+        d_bound=scenario.disturbance.bound, **fingerprint(scenario))
+    motion = motion_of(scenario)
+    if type(law) not in motion.tubes:
+        return draft.adding([Condition(
+            f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0)])
+    basis = basis_of(scenario, model)
+    found = motion.tubes[type(law)](law, basis)
+    draft = replace(
+        draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
+        tube=found.radii, conditions=(*found.conditions, *assumptions(scenario)))
     if not draft.certified:
         return draft
-    draft = draft.adding(room_of(scenario, tube, model))
-    return _with_terminal_set(draft, tube, scenario) if draft.certified else draft
+    draft = draft.adding(room_of(scenario, found.radii, model))
+    return _with_terminal_set(draft, found, scenario) if draft.certified else draft
 
 
 def assumptions(scenario: Scenario) -> list[Condition]:
@@ -121,14 +103,10 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     dynamic = motion_of(scenario).has_forces
     check_limits(scenario.limits, model.num_joints, accelerations=dynamic)
-    gains = ("k", "sigma") if dynamic else ("sigma",)
-    for owner, keys in (("ancillary", gains), ("disturbance", ("bound",))):
-        with within(owner):
-            for key in keys:
-                value = getattr(getattr(scenario, owner), key)
-                positive = value > 0.0 or (key == "bound" and value == 0.0)
-                require(bool(positive and value < np.inf), key, value,
-                        "zero or positive" if key == "bound" else "positive")
+    with within("ancillary"):
+        scenario.ancillary.check(kinematic=not dynamic)
+    bound = scenario.disturbance.bound
+    require(0.0 <= bound < np.inf, "disturbance.bound", bound, "zero or positive")
     none = np.zeros(model.size if dynamic else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube, model))
@@ -182,66 +160,13 @@ def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
     return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}
 
 
-def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
-    """Returns what the paper's Lemma assumes, Lipschitz constants in χ with the joints held.
-
-    With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
-    """
-    value = {name: constant.value for name, constant in constants.items()}
-    if joints:
-        return LemmaConstants(
-            J_min=value["Jx_inv_max"] ** -2, J_max=value["Jx_max"], J_dot=value["J_dot_max"],
-            L_c=value["L_c"], L_1=value["L_1"], L_2=value["L_2"])
-    return LemmaConstants(J_min=value["J_min"], J_max=value["J_max"], J_dot=value["J_dot_max"],
-                          L_c=value["L_c_chi"], L_1=value["L_1_chi"], L_2=value["L_2"])
-
-
-def resolved_radii_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
-                      constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
-    """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`."""
-    k, sigma, d = scenario.ancillary.k, scenario.ancillary.sigma, scenario.disturbance.bound
-    settings = scenario.certificate
-    gains = {block: constants[name].value for block, name in PROVEN.items()}
-    e, position, orientation = (resolved_tube(k, sigma, d, gains[block]).e
-                                for block in ("task", "position", "orientation"))
-    image = tube_image(
-        model, declared, np.asarray(scenario.limits.u, dtype=float), d_bound=d,
-        gains=(gains["position"], gains["orientation"]), k=k, sigma=sigma,
-        samples=settings.tube_samples, safety_factor=settings.safety_factor, seed=settings.seed)
-    tube = TubeRadii(
-        e=e, position=position, orientation=orientation,
-        joints=resolved_tube(k, sigma, d, 1.0).e,
-        z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
-        qdot=image.qdot, roll=image.roll, pitch=image.pitch, u=image.u, tau=image.tau)
-    return tube, (Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega),)
-
-
-def _transpose(law: Transpose, d_bound: float, model: UvmsModel, declared: ConstraintSet,
-               constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
-    """Returns the tube of the law `transpose`; see `tubes.transpose_tube`.
-
-    In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
-    """
-    found = transpose_tube(
-        lemma_constants(constants, joints=law.joints), law.k, law.sigma, d_bound)
-    z = transpose_velocity_radius(found, law.sigma)
-    u = np.full(model.size, law.k * found.r)
-    joints = found.e if law.joints or model.num_joints == 0 else np.inf
-    roll, pitch = attitude_radii(declared, found.e, joints, model.num_joints)
-    tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
-                     nu2=z, qdot=z, roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
-    return tube, (*found.conditions, undetermined_joints(law, model))
-
-
-def _paper(scenario: Scenario, constants: dict[str, Constant]) -> dict[str, float]:
-    """Returns what the paper's Lemma gives for the same constants and gains, for comparison."""
-    k, sigma, d = scenario.ancillary.k, scenario.ancillary.sigma, scenario.disturbance.bound
-    lemma = lemma_constants(constants)
-    tubes = paper_conditions(lemma, k, sigma, d)
-    least = smallest_k(lemma)
-    return {"printed radius": tubes.printed.e, "corrected radius": tubes.corrected.e,
-            "comparison system radius": transpose_tube(lemma, k, sigma, d).e,
-            "smallest k": least.k, "at σ": least.sigma}
+def basis_of(scenario: Scenario, model: UvmsModel) -> Basis:
+    """Returns what the tube of a scenario's law is computed from, its constants from the cache."""
+    declared = declared_set(scenario, model)
+    return Basis(
+        model=model, declared=declared, constants=constants_of(scenario, model, declared),
+        d_bound=scenario.disturbance.bound, u_limit=np.asarray(scenario.limits.u, dtype=float),
+        settings=scenario.certificate)
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condition]:
@@ -261,7 +186,7 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condi
     return conditions
 
 
-def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) -> Certificate:
+def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario) -> Certificate:
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario))
@@ -272,16 +197,9 @@ def _with_terminal_set(draft: Certificate, tube: TubeRadii, scenario: Scenario) 
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
     worst = min(check.margins.values())
-    # ‖𝔢̇_p‖ of the law `resolved`, σE + gR = 2σE, see `tubes.resolved_tube`; σE + w̃ is 2σE too.
-    assert tube.position is not None
-    speed = 2.0 * scenario.ancillary.sigma * tube.position
-    if isinstance(scenario.ancillary, Transpose) and not scenario.kinematic:
-        lemma = lemma_constants({constant.name: constant for constant in draft.constants},
-                                joints=scenario.ancillary.joints)
-        speed = lemma.L_c * tube.e + lemma.J_max * tube.z  # of 𝔢̇ = 𝔟 + J𝔷
     draft = replace(draft, terminal=terminal,
                     bounds=ultimate_bounds(
-                        tube, ocp.model.surface, ocp.y_des[:6], speed))
+                        found.radii, ocp.model.surface, ocp.y_des[:6], found.tip_speed))
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])

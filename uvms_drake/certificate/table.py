@@ -18,6 +18,7 @@ HELP = {
     "a = ": "a larger ancillary.sigma or slower speed limits",
     "b = ": "a larger ancillary.k",
     "ab": "a larger ancillary.k",
+    "certificate of the law": "a law whose tube is known, resolved or transpose",
     "n, joints": "ancillary.joints: true, or the law resolved",
     "mpc.initial_state": "initial_state: nominal",
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
@@ -42,8 +43,8 @@ HELP = {
 }
 """What would make a failed condition hold, by how its name begins."""
 
-COUNTS = ("faults", "sensing[", "actuation[", "mpc.", "joints of weight zero", "n, joints",
-          "left by the tube", "first plan, none", "limits.")
+COUNTS = ("certificate of the law", "faults", "sensing[", "actuation[", "mpc.",
+          "joints of weight zero", "n, joints", "left by the tube", "first plan, none", "limits.")
 """How the names of conditions begin that say it all: the number is a yes or no, or a count."""
 
 UNITS = {
@@ -77,9 +78,11 @@ def format_certificate(certificate: Certificate) -> str:
 
 def _gains(certificate: Certificate) -> str:
     if certificate.motion == "kinematic":
-        return f"σ = {certificate.sigma:g} 1/s, w̃ = {certificate.d_bound:.4g} m/s, rad/s"
-    return (f"k = {certificate.k:g} 1/s, σ = {certificate.sigma:g} 1/s, "
-            f"d̃ = {certificate.d_bound:g} m/s², rad/s²")
+        known = f"σ = {certificate.sigma:g} 1/s, " if math.isfinite(certificate.sigma) else ""
+        return f"{known}w̃ = {certificate.d_bound:.4g} m/s, rad/s"
+    gains = (("k", certificate.k), ("σ", certificate.sigma))
+    known = "".join(f"{name} = {gain:g} 1/s, " for name, gain in gains if math.isfinite(gain))
+    return f"{known}d̃ = {certificate.d_bound:g} m/s², rad/s²"
 
 
 def verdict(certificate: Certificate) -> str:

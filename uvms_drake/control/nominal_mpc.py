@@ -36,7 +36,7 @@ SOLVED, FAILED, LATE, DROPPED = range(4)
 """What becomes of a sample: a new plan is made; the solver has none; it comes too late and is
 thrown away; nothing is done at all."""
 
-REPORT_FIELDS = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
+MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
 """Of the last sample: t_k [s], what became of it (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED` 3),
 the plan's objective, s of the terminal set, largest violation of a limit (in its own unit), convex
 programs solved, 1 if a new desired force was asked for and is refused. A dropped sample leaves all
@@ -78,7 +78,7 @@ class MpcMemory:
     """The last 𝔉_des that was asked for, and is refused if it is not `force`."""
     solves: int = 0
     """Plans made so far."""
-    report: np.ndarray = field(default_factory=lambda: np.full(len(REPORT_FIELDS), np.nan))
+    report: np.ndarray = field(default_factory=lambda: np.full(len(MPC_REPORT), np.nan))
     solve_seconds: float = 0.0
     """Wall time of the last step; the only thing here that is not reproducible."""
 
@@ -134,7 +134,7 @@ class NominalMpc(LeafSystem):
     - `nominal_acceleration`: ζ̄̇ (6+n).
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄), or ζ̄ (6+n).
     - `plan`: the current `Plan` (abstract).
-    - `report`: see `REPORT_FIELDS`.
+    - `report`: see `MPC_REPORT`.
     - `solve_seconds`: wall time of the last step [s]; not reproducible, unlike all else.
     - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
 
@@ -177,7 +177,7 @@ class NominalMpc(LeafSystem):
         self.DeclareVectorOutputPort("nominal_input", size, self._calc_input, evaluated)
         self.DeclareAbstractOutputPort(
             "plan", lambda: Value(object()), self._calc_plan, remembered)
-        self.DeclareVectorOutputPort("report", len(REPORT_FIELDS), self._calc_report, remembered)
+        self.DeclareVectorOutputPort("report", len(MPC_REPORT), self._calc_report, remembered)
         self.DeclareVectorOutputPort("solve_seconds", 1, self._calc_seconds, remembered)
 
     def _recall(self, context) -> MpcMemory:

@@ -3,16 +3,17 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from uvms_drake.control.ancillary import AncillaryConfig, AncillaryFeedback
+from uvms_drake.control.ancillary import AncillaryFeedback
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc, Targets
 from uvms_drake.control.scp import SequentialConvexSolver
 
 
-def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
+def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
@@ -36,6 +37,7 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
         - u
         - lost
         - limited
+        - pair
         - nominal_state
         - nominal_input
         - plan
@@ -48,11 +50,12 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
     - `limited`: 1 while a limit cuts what the law commands, else 0 (1).
+    - `pair`: the `Pair` of measured and nominal motion, for a `TubeMonitor`.
     - the others: see `NominalMpc`.
 
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
-        ancillary: The feedback law and its gains.
+        law: The feedback law and its gains.
         targets: Makes the problem of another desired force; None if it stays as it is.
         limits: Those of the real robot, which `u` and `tau` keep to; None: the law's command is
             passed on as it is.
@@ -63,14 +66,12 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured, targets=targets)
     feedback = AncillaryFeedback.AddToBuilder(
-        builder, ocp.model, ancillary, nominal=mpc, state=measured, limits=limits)
+        builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
-    builder.ExportOutput(feedback.GetOutputPort("tau"), "tau")
-    builder.ExportOutput(feedback.GetOutputPort("u"), "u")
-    builder.ExportOutput(feedback.GetOutputPort("lost"), "lost")
-    builder.ExportOutput(feedback.GetOutputPort("limited"), "limited")
+    for name in ("tau", "u", "lost", "limited", "pair"):
+        builder.ExportOutput(feedback.GetOutputPort(name), name)
     for name in ("nominal_state", "nominal_input", "plan", "report", "solve_seconds"):
         builder.ExportOutput(mpc.GetOutputPort(name), name)
     if targets is not None:
@@ -81,7 +82,7 @@ def make_tube_mpc(ocp: DynamicOcp, ancillary: AncillaryConfig,
     return diagram
 
 
-def make_kinematic_tube_mpc(ocp: KinematicOcp, ancillary: AncillaryConfig) -> Diagram:
+def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw) -> Diagram:
     """Returns the tube-based NMPC of the kinematic model, as a Diagram named "tube_mpc".
 
     ::
@@ -114,14 +115,14 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, ancillary: AncillaryConfig) -> Di
 
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
-        ancillary: The feedback law and its σ.
+        law: The feedback law and its σ.
     """
     builder = DiagramBuilder()
     configuration = builder.AddNamedSystem("configuration", PassThrough(ocp.model.size))
     measured = configuration.get_output_port()
     mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
     feedback = KinematicFeedback.AddToBuilder(
-        builder, ocp.model, ancillary, nominal=mpc, configuration=measured)
+        builder, ocp.model, law, nominal=mpc, configuration=measured)
 
     builder.ExportInput(configuration.get_input_port(), "configuration")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")

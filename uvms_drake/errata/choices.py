@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import load_scenario

@@ -235,7 +235,7 @@ class TaskAdversary(LeafSystem):
         output_ports:
         - disturbance
 
-    - `e` (6): 𝔢 = χ − χ̄, differences of Euler angles wrapped; of a `KinematicTubeMonitor`.
+    - `e` (6): 𝔢 = χ − χ̄, differences of Euler angles wrapped; of a `TubeMonitor`.
     - `disturbance` (6) [m/s, rad/s]: w, along 𝔢, or along the fixed direction where 𝔢 vanishes.
 
     It has no state.

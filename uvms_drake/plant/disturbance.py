@@ -85,7 +85,7 @@ class Disturbance(ABC):
         Args:
             builder: Where to add it.
             seed: Of what is random, zero or positive.
-            signals: Of the closed loop, with `e` (6) of its `KinematicTubeMonitor`.
+            signals: Of the closed loop, with `e` (6) of its `TubeMonitor`.
         """
         raise InvalidParameter("kind", type(self).__name__, "another, if the motion is kinematic")
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_drake.control.ancillary import Transpose, task_error
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighten
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.surface.law import check_surface
@@ -261,7 +261,7 @@ def draw_deviation(record: Record) -> Figure:
     """Draws how far the real state is from the nominal one, against both bounds of the tube."""
     figure, axes = panels(2, 2.8)
     tube = record.scenario.tube
-    error = r"\chi" if isinstance(record.scenario.ancillary, Transpose) else "y"
+    error = "y" if record.scenario.ancillary.protects_joints else r"\chi"
     labels = (rf"$\|{error}-\bar{{{error}}}\|_2$ [m, rad]",
               r"$\|\zeta-\bar{\zeta}\|_2$ [m/s, rad/s]")
     name = tube_label(bool(record.certified))

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.report.figure_style import BLACK, LIMIT, XYZ, legend_above, panels
 from uvms_drake.station.record import Record
 

@@ -11,9 +11,9 @@ import numpy as np
 
 import uvms_drake
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.ancillary import task_error
+from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
-from uvms_drake.control.tube_monitor import REPORT_FIELDS
+from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -138,16 +138,17 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
 def summarise_tube(record: Record) -> dict[str, object]:
     """Returns the bounds, the worst deviations and how often they were left.
 
-    `e` is what the law feeds back: y − ȳ, or χ − χ̄ alone; see `tube_monitor.FIELDS`. `exits` counts
+    `e` is what the law feeds back, `error`: y − ȳ, or χ − χ̄ alone; see `FIELDS`. `exits` counts
     the set-wise bounds; `worst_ratio` is the largest deviation over its bound, among the
     whole task, position, orientation, joints and velocity, set-wise and along the run; see
     `TubeMonitor`.
     """
     tube = record.scenario.tube
-    report = dict(zip(REPORT_FIELDS, record.tube_report, strict=True))
+    report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
     return {
         "certified": bool(record.certified),
         "law": record.scenario.law,
+        "error": "y" if record.scenario.ancillary.protects_joints else "chi",
         "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")),
         "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")),
         "exits": int(report["set_exits"]),
@@ -230,7 +231,7 @@ def _format_constraints(constraints: dict) -> list[str]:
 
 def _format_robustness(summary: dict) -> list[str]:
     tube, disturbance = summary["tube"], summary["disturbance"]
-    error, first = "chi" if tube["law"] == "transpose" else "y", tube["first_exit_s"]
+    error, first = tube["error"], tube["first_exit_s"]
     since = "" if first is None else f" (first at {first:.2f} s)"
     return [
         f"{'disturbance':<14}{disturbance['worst']:.4g} at most with what the controller does not "

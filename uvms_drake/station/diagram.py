@@ -10,10 +10,10 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
-from uvms_drake.control.ancillary import Transpose
 from uvms_drake.control.limits import resolved_radii
-from uvms_drake.control.nominal_mpc import REPORT_FIELDS
+from uvms_drake.control.nominal_mpc import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
+from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
@@ -94,8 +94,9 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             signals[name] = system.GetOutputPort(name)
 
     # What stands between them.
+    true = uvms.GetOutputPort(motion.measured)
     measured = add_chain(
-        builder, ocp.model, uvms.GetOutputPort(motion.measured), signals,
+        builder, ocp.model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing))
     builder.Connect(measured, controller.GetInputPort(motion.measured))
     exerted = add_chain(
@@ -109,10 +110,13 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder.Connect(source.get_output_port(), controller.GetInputPort("fault"))
 
     # What watches them, and what disturbs them and may know it.
-    monitor = motion.monitor.AddToBuilder(
+    shared = measured is true and controller.HasOutputPort("pair")
+    monitor = TubeMonitor.AddToBuilder(
         builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
         set_wise_radii(scenario), state=signals["state"], nominal_state=signals["nominal_state"],
-        disturbance=signals["disturbance"], period=scenario.log_period, slack=MONITOR_SLACK,
+        disturbance=signals["disturbance"],
+        pair=controller.GetOutputPort("pair") if shared else None,
+        kinematic=not motion.has_forces, period=scenario.log_period, slack=MONITOR_SLACK,
         floor=monitor_floor(scenario))
     for name in ("deviation", "bound"):
         signals[f"tube_{name}"] = monitor.GetOutputPort(name)
@@ -159,12 +163,9 @@ def monitor_floor(scenario: Scenario) -> float:
 
 
 def set_wise_radii(scenario: Scenario) -> dict[str, float]:
-    """Returns the set-wise bounds that a `TubeMonitor` watches, from the scenario's tube.
-
-    The paper's law has none for the joints.
-    """
-    tube, law = resolved_radii(scenario.tube), scenario.ancillary
-    joints = None if isinstance(law, Transpose) and not law.joints else tube.joints
+    """Returns the set-wise bounds that a `TubeMonitor` watches, from the scenario's tube."""
+    tube = resolved_radii(scenario.tube)
+    joints = tube.joints if scenario.ancillary.protects_joints else None
     radii = {"task": tube.e, "position": tube.position, "orientation": tube.orientation,
              "joints": joints, "z": tube.z}
     return {field: radius for field, radius in radii.items() if radius is not None}
@@ -174,7 +175,7 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     """Returns the logs so far: `time` (T,), each signal (T, size), and the MPC's samples.
 
     The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
-    `mpc_iterations`, `mpc_refused` (K,), see `REPORT_FIELDS`, and `step_seconds` (K,), wall time.
+    `mpc_iterations`, `mpc_refused` (K,), see `MPC_REPORT`, and `step_seconds` (K,), wall time.
     """
     def log(name: str) -> VectorLog:
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)
@@ -190,7 +191,7 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
         np.hstack([port.Eval(station.GetMyContextFromRoot(context)) for port in ports]),
         np.vstack([log(name).data() for name in SAMPLED]).T])
     _, first = np.unique(samples[:, 0], return_index=True)
-    for i, field in enumerate(REPORT_FIELDS):
+    for i, field in enumerate(MPC_REPORT):
         logs[f"mpc_{field}"] = samples[first, i]
     logs["step_seconds"] = samples[first, -1]
     return logs

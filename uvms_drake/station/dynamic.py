@@ -9,6 +9,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.nominal_mpc import Targets
 from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
@@ -25,6 +26,8 @@ from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.covering import prove_constants
+from uvms_drake.tube.dynamic import DYNAMIC_TUBES, paper_radii
+from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
 
@@ -42,7 +45,7 @@ class Dynamic(Motion):
     plant_signals = ("state", "force", "penetration", "disturbance", "acceleration")
     controller_signals = ("nominal_state", "nominal_input", "u", "tau", "lost", "limited",
                           "accepted_force")
-    monitor = TubeMonitor
+    tubes = DYNAMIC_TUBES
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
     figures = ("force.png", "inputs.png")
@@ -114,6 +117,10 @@ class Dynamic(Motion):
             model, declared, samples=settings.constant_samples,
             safety_factor=settings.safety_factor, seed=settings.seed
         ) | prove_constants(model, declared, seed=settings.seed)
+
+    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+        """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""
+        return paper_radii(law, basis)
 
 
 def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,

@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.kinematic_tube_monitor import KinematicTubeMonitor
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
@@ -19,7 +19,8 @@ from uvms_drake.station.problem import make_kinematic_ocp
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.kinematic import CONSTANTS
+from uvms_drake.tube.kinematic import CONSTANTS, KINEMATIC_TUBES, paper_kinematic_radii
+from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.settings import CertificateSettings
 
 
@@ -30,7 +31,7 @@ class Kinematic(Motion):
     measured, command, effect = "configuration", "u", "zeta"
     plant_signals = ("state", "disturbance")
     controller_signals = ("nominal_state", "nominal_input", "u", "lost")
-    monitor = KinematicTubeMonitor
+    tubes = KINEMATIC_TUBES
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
     figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
@@ -97,3 +98,7 @@ class Kinematic(Motion):
         return estimate_constants(
             model, declared, CONSTANTS, samples=settings.constant_samples,
             safety_factor=settings.safety_factor, seed=settings.seed)
+
+    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+        """Returns the radii of both laws with the same σ and w̃; see `paper_kinematic_radii`."""
+        return paper_kinematic_radii(law, basis)

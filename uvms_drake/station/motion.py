@@ -1,12 +1,14 @@
 """What a scenario's `motion` decides, as the station and what stands above it ask for it."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.part import Signals
@@ -15,6 +17,7 @@ from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import CertificateSettings
 
 
@@ -39,8 +42,8 @@ class Motion(ABC):
     """Output ports of the plant that are logged."""
     controller_signals: ClassVar[tuple[str, ...]]
     """Output ports of the controller that are logged."""
-    monitor: ClassVar[type[TubeMonitor]]
-    """System that watches the tube."""
+    tubes: ClassVar[dict[type[AncillaryLaw], Callable[..., LawTube]]]
+    """Tubes of the laws that have a certificate: functions of law and `Basis`."""
     disturbance_symbol: ClassVar[str]
     """Letter of what is added to the motion."""
     disturbance_unit: ClassVar[str]
@@ -95,3 +98,7 @@ class Motion(ABC):
     def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
                   ) -> dict[str, Constant]:
         """Returns the constants that the tubes of this motion are computed from, by name."""
+
+    @abstractmethod
+    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+        """Returns what the paper gives for the same constants and gains, for comparison."""

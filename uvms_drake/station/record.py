@@ -86,7 +86,7 @@ class Record:
     certified: np.ndarray
     """() whether the tube is that of a certificate that holds; it is declared otherwise."""
     tube_report: np.ndarray
-    """What `TubeMonitor` reports at the end, see its `REPORT_FIELDS`."""
+    """What `TubeMonitor` reports at the end, see `TUBE_REPORT`."""
     tube_deviation: np.ndarray
     """Norms of the deviation (T, 6), see `tube_monitor.FIELDS`."""
     tube_bound: np.ndarray

@@ -25,7 +25,7 @@ from uvms_drake.common.errors import (
     within,
 )
 from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_yaml
-from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.laws import Law, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.model.surface.plane import UnilateralPlane
@@ -119,7 +119,7 @@ class Scenario:
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
     mpc: MpcConfig = field(default_factory=MpcConfig)
-    ancillary: Resolved | Transpose = field(default_factory=Resolved)
+    ancillary: Law = field(default_factory=Resolved)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
         integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
@@ -134,8 +134,8 @@ class Scenario:
 
     @property
     def law(self) -> str:
-        """The ancillary law: `resolved` or `transpose`."""
-        return type(self.ancillary).__name__.lower()
+        """Name of the ancillary law, such as `resolved`."""
+        return self.ancillary.name
 
 
 def shipped_scenarios() -> dict[str, Path]:

@@ -14,10 +14,11 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.certificate.certify import constants_of, declared_set, lemma_constants
+from uvms_drake.certificate.certify import basis_of
 from uvms_drake.common.errors import require
-from uvms_drake.control.ancillary import AncillaryConfig, Resolved, Transpose
-from uvms_drake.control.tube_monitor import FIELDS, TubeMonitor
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import FIELDS, AncillaryLaw
+from uvms_drake.control.tube_monitor import TubeMonitor, TubeReport
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
@@ -26,9 +27,9 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.tubes import resolved_tube, transpose_tube
+from uvms_drake.tube.dynamic import TASK_RADII, lemma_constants
 
-LAWS: tuple[AncillaryConfig, ...] = (
+LAWS: tuple[AncillaryLaw, ...] = (
     Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),
     Resolved(k=40.0, sigma=5.0), Transpose(k=20.0, sigma=1.0), Transpose(k=40.0, sigma=5.0))
 ATTACKS: tuple[Kind, ...] = ("leading", "along_task_error", "constant")
@@ -44,7 +45,7 @@ STEPS_PER_TIME_CONSTANT = 2.0
 class LawRow:
     """One law with its gains."""
 
-    law: AncillaryConfig
+    law: AncillaryLaw
     certified: float
     """Radius [m, rad]; inf if there is none."""
     observed: float
@@ -53,21 +54,17 @@ class LawRow:
     """d̃/σ̲, below which the paper's radius never gets; inf if σ̲ ≤ 0."""
 
 
-def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> list[LawRow]:
+def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS) -> list[LawRow]:
     """Returns a row for every law, with the scenario's model, limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
     model = UvmsModel.load(scenario.model, check_surface(scenario.surface))
-    constants = constants_of(scenario, model, declared_set(scenario, model))
+    basis = basis_of(scenario, model)
+    lemma = lemma_constants(basis.constants)
     rows = []
     for law in laws:
-        joints = isinstance(law, Transpose) and law.joints
-        lemma = lemma_constants(constants, joints=joints)
-        if isinstance(law, Resolved):
-            certified = resolved_tube(law.k, law.sigma, d, constants["Jx_max"].value).e
-        else:
-            certified = transpose_tube(lemma, law.k, law.sigma, d).e
-            certified = certified if model.num_joints == 0 or joints else math.inf
+        radius = TASK_RADII.get(type(law))
+        certified = math.inf if radius is None else radius(law, basis)
         margin = law.sigma * lemma.J_min - lemma.L_c
         rows.append(LawRow(
             law, certified, max(worst_deviation(scenario, law, attack) for attack in ATTACKS),
@@ -75,7 +72,7 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryConfig] = LAWS) -> 
     return rows
 
 
-def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> float:
+def worst_deviation(scenario: Scenario, law: AncillaryLaw, attack: Kind) -> float:
     """Returns the largest deviation that one adversary reaches in `DURATION`."""
     d = scenario.disturbance.bound
     ocp = make_dynamic_ocp(replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)))
@@ -87,7 +84,8 @@ def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> f
     # Only a bound of 1 is set, so that the worst ratio is the worst deviation itself.
     monitor = TubeMonitor.AddToBuilder(
         builder, ocp.model, law, d, {"task": 1.0}, state=state, period=0.0,
-        nominal_state=controller.GetOutputPort("nominal_state"))
+        nominal_state=controller.GetOutputPort("nominal_state"),
+        pair=controller.GetOutputPort("pair"))
     adversary = Adversary.AddToBuilder(
         builder, ocp.model, AdversarialDisturbance(bound=d, kind=attack), state=state,
         e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
@@ -105,9 +103,8 @@ def worst_deviation(scenario: Scenario, law: AncillaryConfig, attack: Kind) -> f
     simulator.AdvanceTo(DURATION)
     now = monitor.GetMyContextFromRoot(context)
     ratios = monitor.GetOutputPort("ratio").Eval(now)
-    report = monitor.GetOutputPort("report").Eval(now)
-    worst = report[6 + FIELDS.index("task")]
-    return float(max(ratios[FIELDS.index("task")], worst))
+    report = TubeReport(monitor.GetOutputPort("report").Eval(now))
+    return float(max(ratios[FIELDS.index("task")], report.worst_set_task))
 
 
 def format_laws(rows: list[LawRow]) -> str:
@@ -118,6 +115,6 @@ def format_laws(rows: list[LawRow]) -> str:
     head = (f"{'law':<12}{'k [1/s]':>9}{'σ [1/s]':>9}{'certified':>12}{'observed':>11}"
             f"{'paper, any k':>15}   [mm, mrad]")
     return "\n".join([head, *(
-        f"{type(row.law).__name__.lower():<12}{row.law.k:>9g}{row.law.sigma:>9g}"
+        f"{row.law.name:<12}{row.law.k:>9g}{row.law.sigma:>9g}"
         f"{radius(row.certified):>12}{radius(row.observed):>11}{radius(row.paper):>15}"
         for row in rows)])

@@ -7,22 +7,17 @@ what a smaller d̃ or bandwidth would give.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
-from uvms_drake.certificate.certify import (
-    constants_of,
-    declared_set,
-    resolved_radii_of,
-    room_of,
-)
+from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import require
-from uvms_drake.control.ancillary import Resolved
+from uvms_drake.control.laws import Resolved
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 DISTURBANCES = (0.5, 1.0, 1.5, 2.0)
@@ -51,29 +46,26 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
     """Returns the points for all combinations of factors on d̃ and on (k, σ)."""
     law = scenario.ancillary
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic for a front")
-    require(isinstance(law, Resolved), "ancillary", type(law).__name__, "!Resolved for a front")
+    require(type(law) is Resolved, "ancillary", type(law).__name__, "!Resolved for a front")
     surface = check_surface(scenario.surface)
     model = UvmsModel.load(scenario.model, surface)
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
-    declared = declared_set(scenario, model)
-    constants = constants_of(scenario, model, declared)
+    basis = basis_of(scenario, model)
     gains = tuple(gains)
     points = []
     for d_factor in disturbances:
         for factor in gains:
+            scaled = Resolved(k=factor * law.k, sigma=factor * law.sigma)
             at = replace(
-                scenario,
-                ancillary=Resolved(k=factor * law.k, sigma=factor * law.sigma),
+                scenario, ancillary=scaled,
                 disturbance=replace(
                     scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
-            tube, _ = resolved_radii_of(at, model, declared, constants)
-            rooms = room_of(at, tube, model)
+            tube = resolved_law_tube(scaled, replace(basis, d_bound=at.disturbance.bound))
+            rooms = room_of(at, tube.radii, model)
             emptied = next((item.name for item in rooms if not item.holds), "")
             points.append(FrontPoint(
-                d_bound=at.disturbance.bound, k=at.ancillary.k, sigma=at.ancillary.sigma,
-                force=ultimate_bounds(
-                    tube, surface, chi_des,
-                    2.0 * at.ancillary.sigma * cast(float, tube.position))["force"],
+                d_bound=at.disturbance.bound, k=scaled.k, sigma=scaled.sigma,
+                force=ultimate_bounds(tube.radii, surface, chi_des, tube.tip_speed)["force"],
                 input_left=min(item.margin / item.right for item in rooms
                                if item.name.startswith("tube in limits.u")),
                 emptied=emptied))

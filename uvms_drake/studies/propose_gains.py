@@ -10,18 +10,14 @@ from itertools import product
 
 import numpy as np
 
-from uvms_drake.certificate.certify import (
-    constants_of,
-    declared_set,
-    resolved_radii_of,
-    room_of,
-)
+from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import RunFailed, require
-from uvms_drake.control.ancillary import Resolved
+from uvms_drake.control.laws import Resolved
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.tube_image import input_gain
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
@@ -43,12 +39,11 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
     surface = check_surface(scenario.surface)
     model = UvmsModel.load(scenario.model, surface)
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
-    declared = declared_set(scenario, model)
-    constants = constants_of(scenario, model, declared)
+    basis = basis_of(scenario, model)
 
     def force_error(law: Resolved) -> float:
         position, orientation = (
-            constants[name].value * scenario.disturbance.bound / (law.k * law.sigma)
+            basis.value(name) * basis.d_bound / (law.k * law.sigma)
             for name in ("J_position_max", "J_attitude_max"))
         return surface.force_error(chi_des, position, orientation, 2.0 * law.sigma * position)
 
@@ -59,8 +54,8 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
         if input_gain(law.k, law.sigma) * scenario.disturbance.bound >= weakest:
             continue  # The linear part alone takes all of an input.
         at = replace(scenario, ancillary=law)
-        tube, conditions = resolved_radii_of(at, model, declared, constants)
-        if all(item.holds for item in (*conditions, *room_of(at, tube, model))):
+        tube = resolved_law_tube(law, basis)
+        if all(item.holds for item in (*tube.conditions, *room_of(at, tube.radii, model))):
             return law, force_error(law)
     raise RunFailed(f"no gains up to {bandwidth:g} 1/s leave something of every limit; what would "
                     "help: a smaller disturbance.bound or wider limits")

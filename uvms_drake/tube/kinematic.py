@@ -25,19 +25,21 @@ Limits hold at the knots of a plan. In between, joints and velocities keep their
 constant; angles and depth can bulge out by h²/8 times their second derivative.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from uvms_drake.control.ancillary import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
-from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition, kinematic_tubes
-from uvms_drake.tube.constants import START_RANKS, Constant
+from uvms_drake.tube.constants import START_RANKS
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.local_search import DIFFERENCE, climb
 
 CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
@@ -47,40 +49,36 @@ STEPS = 4
 _BLOCKS = (slice(0, 3), slice(3, 6))
 
 
-def kinematic_radii(scenario: Scenario, model: UvmsModel, declared: ConstraintSet,
-                    constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
-    """Returns the tube of a kinematic scenario and what it takes."""
-    law = scenario.ancillary
-    if isinstance(law, Resolved):
-        return _resolved(scenario, model, declared), ()
-    return _transpose(law, scenario.disturbance.bound, model, declared, constants)
-
-
-def _resolved(scenario: Scenario, model: UvmsModel, declared: ConstraintSet) -> TubeRadii:
-    settings, sigma = scenario.certificate, scenario.ancillary.sigma
-    e = scenario.disturbance.bound / sigma
+def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
+    """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it takes nothing."""
+    settings, e = basis.settings, basis.d_bound / law.sigma
     nu1, nu2 = velocity_radii(
-        model, declared, radius=e, sigma=sigma, samples=settings.tube_samples,
+        basis.model, basis.declared, radius=e, sigma=law.sigma, samples=settings.tube_samples,
         safety_factor=settings.safety_factor, seed=settings.seed)
-    roll, pitch = attitude_radii(declared, e)
-    return TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
+    roll, pitch = attitude_radii(basis.declared, e)
+    tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
                      nu1=nu1, nu2=nu2, qdot=0.0, roll=roll, pitch=pitch)
+    return LawTube(tube, (), tip_speed=2.0 * law.sigma * e)
 
 
-def _transpose(law: Transpose, w_bound: float, model: UvmsModel, declared: ConstraintSet,
-               constants: dict[str, Constant]) -> tuple[TubeRadii, tuple[Condition, ...]]:
+def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
     """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; joints that χ leaves free void it."""
     names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
-    J_min, J_max, L_c = (constants[name].value for name in names)
-    found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma,
-                            w_bound)
-    e = found.corrected
+    J_min, J_max, L_c = (basis.value(name) for name in names)
+    found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma, basis.d_bound)
+    e, num_joints = found.corrected, basis.model.num_joints
     z = law.sigma * J_max * e
-    joints = e if law.joints or model.num_joints == 0 else np.inf
-    roll, pitch = attitude_radii(declared, e, joints, model.num_joints)
+    joints = e if law.joints or num_joints == 0 else np.inf
+    roll, pitch = attitude_radii(basis.declared, e, joints, num_joints)
     tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
                      roll=roll, pitch=pitch)
-    return tube, (found.condition, undetermined_joints(law, model))
+    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
+                   tip_speed=2.0 * law.sigma * e)
+
+
+KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
+    Resolved: resolved_kinematic_tube, Transpose: transpose_kinematic_tube}
+"""Functions of a law and a `Basis`, by the law's exact type; see `dynamic.DYNAMIC_TUBES`."""
 
 
 def undetermined_joints(law: Transpose, model: UvmsModel) -> Condition:
@@ -106,10 +104,10 @@ def attitude_radii(declared: ConstraintSet, orientation: float, joints: float = 
     return float(turn / np.cos(declared.pitch)), float(turn)
 
 
-def paper_radii(scenario: Scenario, constants: dict[str, Constant]) -> dict[str, float]:
+def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
     """Returns the radii of both laws with the same σ and w̃, and the least σ of the paper's law."""
-    J_min, L_c = constants["J_min"].value, constants["L_c_chi"].value
-    found = kinematic_tubes(J_min, L_c, scenario.ancillary.sigma, scenario.disturbance.bound)
+    J_min, L_c = basis.value("J_min"), basis.value("L_c_chi")
+    found = kinematic_tubes(J_min, L_c, law.sigma, basis.d_bound)
     return {"printed radius": found.printed, "corrected radius": found.corrected,
             "radius of resolved": found.resolved,
             "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}

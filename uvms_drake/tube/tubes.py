@@ -1,6 +1,6 @@
 """The tubes: bounds on the deviation of the real from the nominal motion, each with its proof.
 
-Both laws of `control.ancillary` lead to a pair of inequalities for E = ‖𝔢‖ (or ‖𝔢_b‖, a block of
+Both laws of `control.laws` lead to a pair of inequalities for E = ‖𝔢‖ (or ‖𝔢_b‖, a block of
 rows of the extended task) and R = ‖𝔯‖,
 
     D⁺E ≤ −a E + g R,        D⁺R ≤ G E − b R + d̃,        g, G ≥ 0.                          (1)
@@ -66,11 +66,6 @@ class Tube:
         if not self.holds:
             return math.inf
         return factor * self.d_bound / (self.a * self.b - self.g * self.G)
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """A (2, 2) = [−a g; G −b] of the comparison system of (E, R)."""
-        return np.array([[-self.a, self.g], [self.G, -self.b]])
 
     def at(self, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns E(t) and R(t), of the shape of `time` [s], which is zero or positive.

@@ -1,0 +1,84 @@
+"""A law of one's own, which nobody has heard of: it runs, and it is certified of nothing."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certify import certify
+from uvms_drake.certificate.table import format_certificate, verdict
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.laws import Resolved
+from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of, task_error
+from uvms_drake.report.figures import draw_deviation
+from uvms_drake.report.summary import format_summary, summarise
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.simulation import simulate
+
+
+@dataclass
+class Sloppy(AncillaryLaw):
+    """u = ū − g(𝔷 + J_x(𝔮̄)ᵀ𝔢_y), and no more than that."""
+
+    gain: float = 20.0
+
+    def command(self, model, now, nominal_acceleration, nominal_input):
+        error = now.zeta[0] - now.zeta[1] + now.J_x[1].T @ task_error(*now.y)
+        u = nominal_input() - self.gain * error
+        M = model.mass_matrix(now.kinematics.at(0))
+        return Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+
+
+@dataclass
+class Derived(Resolved):
+    """Another law than the one it is derived from."""
+
+
+def with_law(name: str, law: AncillaryLaw):
+    scenario = load_scenario(name, ["duration=0.4"])
+    return replace(scenario, ancillary=law)
+
+
+@pytest.mark.parametrize("name", ["girona500_contact", "paper_kinematic_certified"])
+@pytest.mark.parametrize("law", [Sloppy(), Derived()])
+def test_a_law_that_nobody_has_proven_anything_of_is_void_and_says_so(name, law):
+    certificate = certify(with_law(name, law))
+    assert not certificate.certified
+    assert certificate.tube is None
+    kind = type(law).__name__
+    assert verdict(certificate).startswith(
+        f"void: certificate of the law {kind}, none is known; what would help: ")
+    assert verdict(certificate) in format_certificate(certificate)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(with_law("girona500_contact", Sloppy()))
+
+
+def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(record):
+    assert np.max(record.deviation_of("task")) > 0.0
+    np.testing.assert_array_equal(record.tube_bound, np.inf)
+    text = format_summary(summarise(record))
+    assert "law sloppy; |y - y_nominal|" in text
+    assert "no bound along the run" in text
+    draw_deviation(record)
+
+
+def test_its_scenario_is_written_with_its_name_and_its_gains():
+    assert "ancillary: !Sloppy\n  gain: 3.0\n" in dump_scenario(
+        with_law("girona500_contact", Sloppy(3.0)))
+
+
+def test_without_a_velocity_it_cannot_move_the_kinematic_robot():
+    with pytest.raises(InvalidParameter, match="ancillary = 'sloppy': must be a law with a veloc"):
+        simulate(with_law("paper_kinematic", Sloppy()))
+
+
+def test_its_errors_are_those_of_the_extended_task(model, states):
+    state, nominal = states["free"][:2]
+    now = pair_of(model, state, nominal)
+    deviation = Sloppy().deviation(now)
+    np.testing.assert_array_equal(deviation.task, task_error(*now.y))
+    np.testing.assert_array_equal(deviation.r, state[10:] - nominal[10:])
+    assert deviation.norms.shape == (6,)

@@ -1,0 +1,7 @@
+"""The ancillary laws, one in a file: what keeps the real state in a tube about the nominal one."""
+
+from uvms_drake.control.laws.resolved import Resolved
+from uvms_drake.control.laws.transpose import Transpose
+
+Law = Resolved | Transpose
+"""The laws that a scenario's file may name; the first is the one meant without a tag."""

@@ -1,0 +1,187 @@
+"""What an ancillary law is asked: its command, its errors and its bound along the run.
+
+A law is a dataclass of its gains that derives from `AncillaryLaw`. One of `command` and `velocity`
+is all that a closed loop needs. `Law` in `control.laws` names those that a scenario's file may
+name, and `tube.dynamic` and `tube.kinematic` those that have a certificate.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
+
+
+class Pair(NamedTuple):
+    """How the real and the nominal robot move at an instant; the real one is first everywhere."""
+
+    kinematics: Kinematics
+    """Geometry of the two robots, stacks (2,)."""
+    zeta: np.ndarray
+    """ζ, ζ̄ (2, 6+n)."""
+    y: np.ndarray
+    """y, ȳ (2, 6+n)."""
+    J_x: np.ndarray
+    """J_x(𝔮), J_x(𝔮̄) (2, 6+n, 6+n)."""
+    J_x_dot: np.ndarray
+    """Their rates along the two motions (2, 6+n, 6+n)."""
+    inverse: np.ndarray
+    """J_x(𝔮)⁻¹ (6+n, 6+n)."""
+
+
+def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
+    """Returns how the robot moves at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each."""
+    both = np.array([state, nominal_state], dtype=float)
+    config, zeta = both[:, : model.size], both[:, model.size:]
+    kinematics = model.kinematics(config)
+    y, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)
+    return Pair(kinematics, zeta, y, J_x, J_x_dot, np.linalg.inv(J_x[0]))
+
+
+def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
+    """Returns y − ȳ (..., 6 or 6+n) with the differences of Euler angles in [−π, π)."""
+    error = y - y_nominal
+    error[..., 3:6] = wrap_angle(error[..., 3:6])
+    return error
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a law commands; it gives one of u and τ, and the rest follows when it is asked for."""
+
+    u: Callable[[], np.ndarray]
+    """u (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    tau: Callable[[], np.ndarray]
+    """τ = M(𝔮) u (6+n,) [N (3), N m (3+n)]."""
+    M: Callable[[], np.ndarray]
+    """M(𝔮) (6+n, 6+n)."""
+    limited: bool = False
+    """Whether a limit has cut it."""
+
+
+FIELDS = ("task", "position", "orientation", "joints", "z", "r")
+"""2-norms: of what the law feeds back (𝔢_y of `resolved`, 𝔢 of `transpose`), of its rows 𝔢_p [m],
+𝔢_o [rad], 𝔢_q [rad], of 𝔷 = ζ − ζ̄ and of 𝔯 [m/s, rad/s]."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """The real motion relative to the nominal one, at an instant."""
+
+    task: np.ndarray
+    """The error that the law feeds back: 𝔢_y (6+n,), or 𝔢 (6,)."""
+    e_y: np.ndarray
+    """𝔢_y = y − ȳ (6+n,)."""
+    z: np.ndarray
+    """𝔷 = ζ − ζ̄ (6+n,)."""
+    r: np.ndarray
+    """𝔯, the velocity error that the law drives to zero (6+n,)."""
+
+    @cached_property
+    def norms(self) -> np.ndarray:
+        """The norms (6,) that `FIELDS` names."""
+        e_y = self.e_y
+        return np.array([math.sqrt(x @ x) for x in (
+            self.task, e_y[:3], e_y[3:6], e_y[6:], self.z, self.r)])
+
+
+@dataclass(frozen=True)
+class RunBound:
+    """A bound on the deviation along the run: the solution of a differential equation."""
+
+    size: int
+    """Number of its states x."""
+    rate: Callable[[np.ndarray, Pair], np.ndarray]
+    """ẋ (size,) at x (size,)."""
+    bounds: Callable[[np.ndarray, Pair], np.ndarray]
+    """Bounds (6,) of `FIELDS` at x (size,); inf where there is none."""
+    from_deviation: bool = False
+    """Whether x starts at the first `size` of the first deviations instead of at zero."""
+
+
+class AncillaryLaw(ABC):
+    """What feedback, monitor and certificate ask of a law.
+
+    What a law does not answer is answered here without any claim: it has no bound along the run,
+    and its errors are those of the whole extended task.
+    """
+
+    k: float = math.nan
+    """Gain of the velocity error [1/s]; NaN where a law has none."""
+    sigma: float = math.nan
+    """σ, gain of the task error [1/s]; NaN where a law has none."""
+
+    @property
+    def name(self) -> str:
+        """Name in summaries and certificates."""
+        return type(self).__name__.lower()
+
+    @property
+    def protects_joints(self) -> bool:
+        """Whether the law feeds back 𝔢_y, the joints in it, and not 𝔢 of the end-effector alone."""
+        return True
+
+    def check(self, *, kinematic: bool = False) -> None:  # noqa: B027  there may be no gains
+        """Raises `InvalidParameter` for a gain that has no meaning.
+
+        Args:
+            kinematic: Whether the velocity is the input, so that some gains are not read.
+        """
+
+    @abstractmethod
+    def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
+                nominal_input: Callable[[], np.ndarray]) -> Command:
+        """Returns the command.
+
+        Args:
+            model: The prediction model.
+            now: Measured and nominal motion.
+            nominal_acceleration: Gives ζ̄̇ (6+n,) to a law that asks for it.
+            nominal_input: Gives ū (6+n,) to a law that asks for it; it costs an evaluation of f.
+        """
+
+    def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
+                 ) -> np.ndarray:
+        """Returns the command ζ (6+n,) where the velocity is the input; by default there is none.
+
+        Args:
+            model: Supplies J_x.
+            configuration: 𝔮 measured (6+n,).
+            nominal_state: (𝔮̄, ζ̄) (2(6+n),).
+        """
+        raise InvalidParameter("ancillary", self.name, "a law with a velocity (motion: kinematic)")
+
+    def deviation(self, now: Pair) -> Deviation:
+        """Returns the errors in which the law has its tube; by default 𝔢_y, and 𝔷 for 𝔯."""
+        e_y, z = task_error(*now.y), now.zeta[0] - now.zeta[1]
+        return Deviation(e_y, e_y, z, z)
+
+    def run_bound(self, d_bound: float) -> RunBound | None:
+        """Returns the bound along a run of the dynamics, if the law has one.
+
+        Args:
+            d_bound: d̃, bound of ‖d‖₂.
+        """
+        return None
+
+    def kinematic_run_bound(self, w_bound: float) -> RunBound | None:
+        """Returns the bound along a run of χ̇ = J(𝔮)ζ + w, if the law has one.
+
+        Args:
+            w_bound: w̃, bound of ‖w‖₂.
+        """
+        return None
+
+
+def check_gains(law: AncillaryLaw, *, kinematic: bool) -> None:
+    """Raises `InvalidParameter` unless σ, and with dynamics k, are positive."""
+    for key in ("sigma",) if kinematic else ("k", "sigma"):
+        value = getattr(law, key)
+        require(bool(0.0 < value < math.inf), key, value, "positive")

@@ -1,0 +1,133 @@
+"""The law `resolved`: resolved acceleration on the extended task y = (χ, q).
+
+With J_x = [J; 0 I], 𝔢_y = y − ȳ and Euler angles compared modulo 2π,
+
+    ζ_ref = J_x(𝔮)⁻¹ [J_x(𝔮̄) ζ̄ − σ 𝔢_y],   𝔯 = ζ − ζ_ref,   u = ζ̇_ref − f(𝔮, ζ) − k 𝔯,
+
+leaves exactly 𝔢̇_y = −σ 𝔢_y + J_x(𝔮) 𝔯 and 𝔯̇ = −k 𝔯 + d: a cascade without f in it, so a stiff
+surface costs nothing, and ‖𝔢_y‖ ≤ J̄ d̃/(kσ), ‖𝔯‖ ≤ d̃/k for every k, σ > 0. τ = M(𝔮)u is the inverse
+dynamics at ζ̇_ref − k𝔯, so neither f nor M is needed.
+
+Where the velocity is the input, ζ = ζ_ref leaves exactly 𝔢̇_y = −σ 𝔢_y + (w, 0).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+
+from uvms_drake.control.laws.law import (
+    AncillaryLaw,
+    Command,
+    Deviation,
+    Pair,
+    RunBound,
+    check_gains,
+    task_error,
+)
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+@dataclass
+class Resolved(AncillaryLaw):
+    """The law `resolved` and its gains."""
+
+    k: float = 20.0
+    """Gain of the velocity error [1/s]; of no meaning where the velocity is the input."""
+    sigma: float = 5.0
+    """σ, gain of the task error [1/s]."""
+
+    def check(self, *, kinematic: bool = False) -> None:  # noqa: D102  see AncillaryLaw
+        check_gains(self, kinematic=kinematic)
+
+    def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
+                nominal_input: Callable[[], np.ndarray]) -> Command:
+        """Returns τ of the inverse dynamics at ζ̇_ref − k𝔯; it asks for ζ̄̇ only."""
+        (zeta, nominal_zeta), (J, J_nominal) = now.zeta, now.J_x
+        J_dot, J_dot_nominal = now.J_x_dot
+        velocity = J_nominal @ nominal_zeta
+        acceleration = J_dot_nominal @ nominal_zeta + J_nominal @ nominal_acceleration()
+        zeta_ref = now.inverse @ (velocity - self.sigma * task_error(*now.y))
+        error_rate = J @ zeta - velocity
+        zeta_ref_dot = now.inverse @ (acceleration - self.sigma * error_rate - J_dot @ zeta_ref)
+        measured = now.kinematics.at(0)
+        tau = model.inverse_dynamics(measured, zeta, zeta_ref_dot - self.k * (zeta - zeta_ref))
+        M = cache(lambda: model.mass_matrix(measured))
+        return Command(u=lambda: np.linalg.solve(M(), tau), tau=lambda: tau, M=M)
+
+    def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
+                 ) -> np.ndarray:
+        """Returns ζ = J_x(𝔮)⁻¹ [J_x(𝔮̄) ζ̄ − σ 𝔢_y] (6+n,)."""
+        nominal_configuration, nominal_zeta = np.split(nominal_state, 2)
+        error = task_error(model.task_pose(configuration), model.task_pose(nominal_configuration))
+        velocity = model.task_jacobian(nominal_configuration) @ nominal_zeta
+        return np.linalg.solve(model.task_jacobian(configuration), velocity - self.sigma * error)
+
+    def deviation(self, now: Pair) -> Deviation:
+        """Returns the errors; 𝔯 = ζ − J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]."""
+        e_y, z = task_error(*now.y), now.zeta[0] - now.zeta[1]
+        return Deviation(e_y, e_y, z, z - _offset(now) + self.sigma * now.inverse @ e_y)
+
+    def run_bound(self, d_bound: float) -> RunBound:
+        """Returns the bound along a run of the dynamics.
+
+        From zero, for blocks b of rows of J_x,
+
+            Ṙ = −k R + d̃,    Ė_b = −σ E_b + ‖J_b(𝔮(t))‖₂ R,    Ẇ = −(σ − μ(t)) W + R,
+
+        μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs in `tube.tubes`
+        ‖𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ W, and so ‖𝔷‖ ≤ R + σW + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖.
+        The states are R, the E_b of task, position, orientation and joints, and W.
+        """
+        return RunBound(6, partial(self._rate, d_bound), self._bounds)
+
+    def _rate(self, d_bound: float, x: np.ndarray, now: Pair) -> np.ndarray:
+        gains, mu = gains_and_growth(now)
+        x_dot = -self.sigma * x
+        x_dot[0] = d_bound - self.k * x[0]
+        x_dot[1:] += gains * x[0]
+        x_dot[-1] += mu * x[-1]
+        return x_dot
+
+    def _bounds(self, x: np.ndarray, now: Pair) -> np.ndarray:
+        R, blocks, W = x[0], x[1:5], x[5]
+        return np.array([*blocks, R + self.sigma * W + _size(_offset(now)), R])
+
+    def kinematic_run_bound(self, w_bound: float) -> RunBound:
+        """Returns the bound along a run of the kinematics.
+
+        𝔢̇_y = −σ𝔢_y + (w, 0) exactly, so Ė = −σE + w̃ for the task and its blocks, which a constant w
+        takes to their bounds, and without w̃ for the joints. ‖𝔷‖ is compared with
+        σ‖J_x(𝔮)⁻¹‖E + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖, and 𝔯 with zero, which it is where ζ is what
+        the law commands. The states are the E of task, position, orientation and joints.
+        """
+        drive = np.array([w_bound, w_bound, w_bound, 0.0])
+        return RunBound(4, lambda E, now: drive - self.sigma * E, self._kinematic_bounds,
+                        from_deviation=True)
+
+    def _kinematic_bounds(self, E: np.ndarray, now: Pair) -> np.ndarray:
+        smallest = np.linalg.svd(now.J_x[0], compute_uv=False)[-1]
+        return np.array([*E, self.sigma / smallest * E[0] + _size(_offset(now)), 0.0])
+
+
+def gains_and_growth(now: Pair) -> tuple[np.ndarray, float]:
+    """Returns (5,) ‖J_x‖, its blocks' for position, orientation and joints, and 1; and μ [1/s].
+
+    ‖J‖² is the largest eigenvalue of J Jᵀ. The rows of the joints are unit vectors.
+    """
+    squares = now.J_x[0] @ now.J_x[0].T
+    turning = -now.inverse @ now.J_x_dot[0]
+    turning = 0.5 * (turning + turning.T)
+    whole, mu = np.linalg.eigvalsh(np.array([squares, turning]))[:, -1]
+    blocks = np.linalg.eigvalsh(np.array([squares[:3, :3], squares[3:6, 3:6]]))[:, -1]
+    return np.array([*np.sqrt([whole, *blocks]), 1.0, 1.0]), float(mu)
+
+
+def _offset(now: Pair) -> np.ndarray:
+    """Returns ζ_ref − ζ̄ at 𝔢_y = 0, J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄ (6+n,)."""
+    return now.inverse @ (now.J_x[1] @ now.zeta[1]) - now.zeta[1]
+
+
+def _size(x: np.ndarray) -> float:
+    return float(np.sqrt(x @ x))

@@ -1,0 +1,109 @@
+"""The tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖d‖₂ ≤ d̃.
+
+A law has a certificate if it is in `DYNAMIC_TUBES`, by its exact type: what is proven of one law is
+not proven of another one that is derived from it.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.kinematic import attitude_radii, undetermined_joints
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.tube_image import tube_image
+from uvms_drake.tube.tubes import (
+    resolved_tube,
+    smallest_k,
+    transpose_tube,
+    transpose_velocity_radius,
+)
+
+PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
+"""Constants that decide the tube of `resolved`, by block of rows."""
+
+
+def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
+    """Returns what the paper's Lemma assumes, Lipschitz constants in χ with the joints held.
+
+    With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
+    """
+    value = {name: constant.value for name, constant in constants.items()}
+    if joints:
+        return LemmaConstants(
+            J_min=value["Jx_inv_max"] ** -2, J_max=value["Jx_max"], J_dot=value["J_dot_max"],
+            L_c=value["L_c"], L_1=value["L_1"], L_2=value["L_2"])
+    return LemmaConstants(J_min=value["J_min"], J_max=value["J_max"], J_dot=value["J_dot_max"],
+                          L_c=value["L_c_chi"], L_1=value["L_1_chi"], L_2=value["L_2"])
+
+
+def resolved_task_radius(law: Resolved, basis: Basis) -> float:
+    """Returns the bound of ‖𝔢_y‖ under the law `resolved`."""
+    return resolved_tube(law.k, law.sigma, basis.d_bound, basis.value(PROVEN["task"])).e
+
+
+def transpose_task_radius(law: Transpose, basis: Basis) -> float:
+    """Returns the bound of ‖𝔢‖, or of ‖𝔢_y‖ with joints, under the law `transpose`, or inf."""
+    lemma = lemma_constants(basis.constants, joints=law.joints)
+    determined = undetermined_joints(law, basis.model).holds
+    return transpose_tube(lemma, law.k, law.sigma, basis.d_bound).e if determined else np.inf
+
+
+def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
+    """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`."""
+    k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
+    gains = {block: basis.value(name) for block, name in PROVEN.items()}
+    position, orientation = (resolved_tube(k, sigma, d, gains[block]).e
+                             for block in ("position", "orientation"))
+    image = tube_image(
+        basis.model, basis.declared, basis.u_limit, d_bound=d,
+        gains=(gains["position"], gains["orientation"]), k=k, sigma=sigma,
+        samples=settings.tube_samples, safety_factor=settings.safety_factor, seed=settings.seed)
+    tube = TubeRadii(
+        e=resolved_task_radius(law, basis), position=position, orientation=orientation,
+        joints=resolved_tube(k, sigma, d, 1.0).e,
+        z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
+        qdot=image.qdot, roll=image.roll, pitch=image.pitch, u=image.u, tau=image.tau)
+    condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
+    return LawTube(tube, (condition,), tip_speed=2.0 * sigma * position)
+
+
+def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
+    """Returns the tube of the law `transpose`; see `tubes.transpose_tube`.
+
+    In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
+    """
+    model, lemma = basis.model, lemma_constants(basis.constants, joints=law.joints)
+    found = transpose_tube(lemma, law.k, law.sigma, basis.d_bound)
+    z = transpose_velocity_radius(found, law.sigma)
+    u = np.full(model.size, law.k * found.r)
+    joints = found.e if law.joints or model.num_joints == 0 else np.inf
+    roll, pitch = attitude_radii(basis.declared, found.e, joints, model.num_joints)
+    tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
+                     nu2=z, qdot=z, roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
+    return LawTube(tube, (*found.conditions, undetermined_joints(law, model)),
+                   tip_speed=lemma.L_c * tube.e + lemma.J_max * tube.z)  # of 𝔢̇ = 𝔟 + J𝔷
+
+
+DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
+    Resolved: resolved_law_tube, Transpose: transpose_law_tube}
+"""Functions of a law and a `Basis`, by the law's exact type."""
+
+TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
+    Resolved: resolved_task_radius, Transpose: transpose_task_radius}
+"""Likewise of the radius [m, rad] of what the law feeds back alone, which takes no search."""
+
+
+def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+    """Returns what the paper's Lemma gives for the same constants and gains, for comparison."""
+    lemma = lemma_constants(basis.constants)
+    tubes = paper_conditions(lemma, law.k, law.sigma, basis.d_bound)
+    least = smallest_k(lemma)
+    return {"printed radius": tubes.printed.e, "corrected radius": tubes.corrected.e,
+            "comparison system radius":
+                transpose_tube(lemma, law.k, law.sigma, basis.d_bound).e,
+            "smallest k": least.k, "at σ": least.sigma}

@@ -1,0 +1,44 @@
+"""What the tube of an ancillary law is computed from, and what comes out."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.settings import CertificateSettings
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What the tube of a law is computed from, besides the law."""
+
+    model: UvmsModel
+    """The prediction model."""
+    declared: ConstraintSet
+    """The set that the constants are suprema over: the limits of the real robot."""
+    constants: dict[str, Constant]
+    """Constants by name."""
+    d_bound: float
+    """d̃, bound of ‖d‖₂; with kinematic motion w̃, bound of ‖w‖₂."""
+    u_limit: np.ndarray
+    """Limits of |uᵢ| (6+n,); empty with kinematic motion."""
+    settings: CertificateSettings
+    """Numbers of samples, safety factor and seed."""
+
+    def value(self, name: str) -> float:
+        """Returns a constant."""
+        return self.constants[name].value
+
+
+class LawTube(NamedTuple):
+    """The tube of a law, and what it takes."""
+
+    radii: TubeRadii
+    conditions: tuple[Condition, ...]
+    tip_speed: float
+    """Bound of ‖𝔢̇_p‖ [m/s]."""
