@@ -71,7 +71,7 @@ def make_ocp(problem: Problem) -> Ocp:
         return KinematicOcp(load_model(), config, y_des, limits)
     limits["u"] = Accelerations(np.full(10, problem.input_limit))
     ocp = HeldInput(load_model(), config, y_des, limits)
-    ocp.u_ref = U_EQ
+    ocp.task_cost = replace(ocp.task_cost, u_ref=U_EQ)
     return ocp
 
 

@@ -82,6 +82,8 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
     given_up += motion_of(scenario).given_up(mpc)
+    given_up += [(f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
+                 for i, term in enumerate(mpc.terms)]
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None]

@@ -20,6 +20,7 @@ HELP = {
     "ab": "a larger ancillary.k",
     "certificate of the law": "a law whose tube is known, resolved or transpose",
     "n, joints": "ancillary.joints: true, or the law resolved",
+    "mpc.terms": "the task's cost alone",
     "mpc.initial_state": "initial_state: nominal",
     "mpc.terminal_weight": "terminal_weight: null, so that P is computed",
     "mpc.terminal_set": "terminal_set: true",

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.common.errors import require
+from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp, Transitions, weight
 from uvms_drake.control.plan import DynamicPlan
@@ -46,13 +47,14 @@ class DynamicOcp(Ocp[DynamicPlan]):
         super().__init__(model, config, y_des, limits)
         size = model.size
         declared = config.terminal_weight is not None
-        self.Q = np.diag(np.concatenate([weight(config, key, size, zeros=declared)
+        Q = np.diag(np.concatenate([weight(config, key, size, zeros=declared)
                                          for key in ("weight_y", "weight_zeta")]))
-        self.R = np.diag(weight(config, "weight_u", size))
-        require(bool(np.any(self.Q[:size] > 0.0)), "weight_y", config.weight_y, "not all zero")
+        R = np.diag(weight(config, "weight_u", size))
+        require(bool(np.any(Q[:size] > 0.0)), "weight_y", config.weight_y, "not all zero")
         config_des = model.configuration(y_des)
         self.u_eq = model.equilibrium_input(config_des)
-        self.u_ref = np.zeros(size) if config.input_reference == "zero" else self.u_eq
+        self.task_cost = TaskCost(
+            Q, R, y_des, np.zeros(size) if config.input_reference == "zero" else self.u_eq)
         if declared:
             self.terminal = declared_terminal(
                 weight(config, "terminal_weight", 2 * size, zeros=True), size, self._radius)
@@ -61,7 +63,7 @@ class DynamicOcp(Ocp[DynamicPlan]):
         J_x = model.task_jacobian(config_des)
         f_y = f_config[0] @ configuration_rate_matrix(config_des) @ np.linalg.inv(J_x)
         self.terminal = terminal_ingredients(
-            J_x, f_y, f_zeta[0], self.Q, self.R, config.time_step, self._radius)
+            J_x, f_y, f_zeta[0], Q, R, config.time_step, self._radius)
 
     @property
     def state_size(self) -> int:

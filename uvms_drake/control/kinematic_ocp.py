@@ -8,6 +8,7 @@ Joints of weight zero are left to themselves, as the paper leaves them: it weigh
 import numpy as np
 
 from uvms_drake.common.errors import require
+from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp, weight
 from uvms_drake.control.plan import KinematicPlan
@@ -29,15 +30,14 @@ class KinematicOcp(Ocp[KinematicPlan]):
             np.all(weight_y[6:] > 0.0) or np.all(weight_y[6:] == 0.0)))
         require(weighted, "weight_y", weight_y,
                 "6 positive numbers, and for the joints positive ones or zeros only")
-        self.Q = np.diag(weight_y)
-        self.R = np.diag(weight(config, "weight_zeta", model.size))
-        self.u_ref = np.zeros(model.size)
+        Q, R = np.diag(weight_y), np.diag(weight(config, "weight_zeta", model.size))
+        self.task_cost = TaskCost(Q, R, y_des, np.zeros(model.size))
         if config.terminal_weight is not None:
             self.terminal = declared_terminal(
                 weight(config, "terminal_weight", model.size, zeros=True), model.size, self._radius)
             return
         self.terminal = kinematic_terminal_ingredients(
-            model.task_jacobian(model.configuration(y_des)), self.Q, self.R, config.time_step,
+            model.task_jacobian(model.configuration(y_des)), Q, R, config.time_step,
             self._radius)
 
     @property

@@ -2,16 +2,17 @@
 
 With y = (χ, q) the extended task, ξ the error state and u the input of the model,
 
-    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_ref‖²_R) + ‖ξ_N‖²_P + ρ s             (eq:mpc_cost_function)
+    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_ref‖²_R + ...) + ‖ξ_N‖²_P + ρ s       (eq:mpc_cost_function)
     s.t. the model, from the state at the first knot                        (eq:diff_mpc)
          speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the static
          force on the surface and ū in limits                               (eq:mpc_constrained_set)
          ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                            (eq:mpc_terminal_set)
 
-`DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides ζ̄. y
-instead of 𝔮 as the state makes the cost, the joint limits and the terminal set exactly quadratic,
-linear and conic. The terminal constraint is softened by an exact penalty: s is zero whenever that
-is possible, and it is reported, never dropped.
+Limits and terms of the cost are objects, and a user's own stand beside them (`limits`, `costs`).
+`DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides
+ζ̄. y instead of 𝔮 as the state makes the cost, the joint limits and the terminal set exactly
+quadratic, linear and conic. The terminal constraint is softened by an exact penalty: s is zero
+whenever that is possible, and it is reported, never dropped.
 
 A problem values a plan (`evaluate`) and makes the convex program about a plan (`staged_program`);
 `scp` solves it fast, `nlp` is the reference.
@@ -23,10 +24,13 @@ from typing import ClassVar, Generic, NamedTuple
 
 import numpy as np
 
-from uvms_drake.common.errors import require, vector
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.control.costs.level_vehicle import LevelVehicle
+from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.term import CostTerm
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.plan import P, advance_derivatives
-from uvms_drake.control.points import Points, Slopes
+from uvms_drake.control.points import Points, Slopes, check_slopes
 from uvms_drake.control.staged_program import (
     LinearLimits,
     NormLimit,
@@ -40,6 +44,9 @@ from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 INITIAL_STATES = ("nominal", "measured")
 INPUT_REFERENCES = ("equilibrium", "zero")
+
+OwnTerm = LevelVehicle
+"""Terms that the cost may have besides the task's; a union, of several, by their YAML tags."""
 
 
 @dataclass
@@ -72,6 +79,9 @@ class MpcConfig:
     it is left out. A run that has one is not reproducible bit for bit."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
+    terms: list[OwnTerm] = field(default_factory=list)
+    """Further terms of the cost; a script may put any `CostTerm` here. Nothing is certified with
+    one: the proofs are about the task's cost alone."""
 
 
 @dataclass(frozen=True)
@@ -148,12 +158,7 @@ class Ocp(ABC, Generic[P]):
 
     given_speed: ClassVar[int]
     """Knot at which a plan has no ζ̄ to decide."""
-    Q: np.ndarray
-    """Weight of ξ."""
-    R: np.ndarray
-    """Weight of ū − u_ref."""
-    u_ref: np.ndarray
-    """Input that costs nothing (6+n,)."""
+    task_cost: TaskCost
     terminal: Terminal
 
     def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
@@ -178,7 +183,39 @@ class Ocp(ABC, Generic[P]):
         self.ends_at_task = config.input_reference == "equilibrium"
         self.y_des = y_des
         self.limits = limits
+        self.own_terms: list[CostTerm] = list(config.terms)
+        self._check_own()
         self._radius = config.terminal_radius if config.terminal_set else np.inf
+
+    def _check_own(self) -> None:
+        """Raises `TypeError` for a limit or a term whose derivative is not that of its values."""
+        size = self.model.size
+        zeta, u = 0.1 * np.sin(np.arange(2 * size)).reshape(2, size)
+        y = self.y_des + 0.1 * zeta
+        config = self.model.configuration(y)
+        at = Points(self.model, config, y, zeta, u, config_y=configuration_rate_matrix(
+            config) @ np.linalg.inv(self.model.task_jacobian(config)))
+        for limit in self.limits.values():
+            if type(limit).slopes is Limit.slopes and type(limit).cone is Limit.cone:
+                check_slopes(f"limits.{limit.name}", limit.values, at, limit.about)
+        for i, term in enumerate(self.own_terms):
+            with within(f"terms[{i}]"):
+                check_slopes(f"mpc.terms[{i}]", term.residual, at, term.about)
+
+    @property
+    def Q(self) -> np.ndarray:
+        """Weight of ξ."""
+        return self.task_cost.Q
+
+    @property
+    def R(self) -> np.ndarray:
+        """Weight of ū − u_ref."""
+        return self.task_cost.R
+
+    @property
+    def u_ref(self) -> np.ndarray:
+        """Input that costs nothing (6+n,)."""
+        return self.task_cost.u_ref
 
     @property
     @abstractmethod
@@ -226,11 +263,10 @@ class Ocp(ABC, Generic[P]):
         knots = Points(self.model, plan.config, y, self._velocities(plan))
         xi = self.errors(plan, y)
         begin, end = self.inputs(plan)
-        du = begin - self.u_ref
-        stages = np.sum((xi[:-1] @ self.Q) * xi[:-1]) + np.sum((du @ self.R) * du)
+        ends = [knots.subset(slice(-1), begin), knots.subset(slice(1, None), end)]
+        stages = sum(term.value(ends[0]) for term in (self.task_cost, *self.own_terms))
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
         slack = max(0.0, np.sqrt(terminal) - self.terminal.radius)
-        ends = [knots.subset(slice(-1), begin), knots.subset(slice(1, None), end)]
         excess = np.maximum(self._excess(knots, ends), 0.0)
         return Evaluation(
             cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
@@ -275,18 +311,16 @@ class Ocp(ABC, Generic[P]):
             knots: The N+1 knots.
             ends: Beginning of the intervals, and the end where the input is another one there.
         """
-        h, nx = self.time_step, xi.shape[1]
-        u, u_z = ends[0].points.u, ends[0].u_z
-        weighted = 2.0 * h * self.R @ u_z
-        H = np.swapaxes(u_z, 1, 2) @ weighted
-        H[:, :nx, :nx] += 2.0 * h * self.Q
-        g = ((u - self.u_ref)[:, None, :] @ weighted)[:, 0]
-        g[:, :nx] += 2.0 * h * xi[:-1] @ self.Q
-        penalty, root = self.terminal.P, self.terminal.root
+        points, *by_z = ends[0]
+        H, g = self.task_cost.quadratic(points, Slopes(*by_z), self.time_step)
+        for term in self.own_terms:
+            more_H, more_g = term.quadratic(points, Slopes(*by_z), self.time_step)
+            H, g = H + more_H, g + more_g
+        penalty, root, width = self.terminal.P, self.terminal.root, H.shape[-1]
         return StagedProgram(
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
-            linear=self._linear_limits(knots, ends, u_z.shape[-1]),
-            norms=self._norm_limits(knots, u_z.shape[-1]),
+            linear=self._linear_limits(knots, ends, width),
+            norms=self._norm_limits(knots, width),
             terminal=TerminalLimit(root, root @ xi[-1], self.terminal.radius),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
 

@@ -95,7 +95,7 @@ def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> 
     """
     step = 1j * COMPLEX_STEP * np.eye(at.model.size)
     turned = 1j * COMPLEX_STEP * np.swapaxes(at.config_y, -1, -2)
-    config, y, zeta, u = (each if each is UNKNOWN else each[..., None, :]
+    config, y, zeta, u = (each if each is UNKNOWN else np.repeat(each[..., None, :], len(step), -2)
                           for each in (at.config, at.y, at.zeta, at.u))
 
     def by(config: np.ndarray, y: np.ndarray, zeta: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -105,3 +105,27 @@ def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> 
     return Slopes(by(config + turned, y + step, zeta, u),
                   by(config, y, zeta + step, u) if about != "pose" else None,
                   by(config, y, zeta, u + step) if about == "input" else None)
+
+
+def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, about: About
+                 ) -> None:
+    """Raises unless complex steps give the derivative of `values` that a difference gives.
+
+    They do not where it takes an absolute value, a norm or a real part, or has a kink.
+
+    Args:
+        name: What is to blame.
+        values: A function of points.
+        at: One point, with `config_y`.
+        about: What `values` reads.
+    """
+    dy, dzeta, du = 1e-6 * np.cos(np.arange(3 * at.model.size)).reshape(3, -1)
+    ahead, behind = (values(Points(
+        at.model, at.config + sign * at.config_y @ dy, at.y + sign * dy, at.zeta + sign * dzeta,
+        at.u + sign * du)) for sign in (1.0, -1.0))
+    chain = Slopes(dy[:, None], dzeta[:, None], du[:, None])
+    change = slopes(values, at, about).through(chain)[..., 0]
+    scale = 1e-6 + np.max(np.abs(ahead), initial=0.0)
+    if not np.all(np.abs(0.5 * (ahead - behind) - change) <= 1e-4 * np.abs(change) + 1e-11 * scale):
+        raise TypeError(f"{name}: its derivative by complex steps is not that of differences; "
+                        "it must be smooth and allow for complex points")

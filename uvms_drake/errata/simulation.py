@@ -1,6 +1,8 @@
 """Errata of the MPC and of (sec:simulation_results): E6 to E11."""
 
 import math
+from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +84,8 @@ def spring_ocp() -> DynamicOcp:
 
 def rest(ocp: DynamicOcp, u_ref: np.ndarray) -> Rest:
     """Returns where the nominal MPC comes to rest that starts at the task and weighs ū − u_ref."""
-    ocp.u_ref = u_ref
+    ocp = copy(ocp)
+    ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref)
     model, solver = ocp.model, SequentialConvexSolver(ocp)
     start = np.concatenate([model.configuration(ocp.y_des), np.zeros(model.size)])
     plan = ocp.resting_plan(0.0, start)

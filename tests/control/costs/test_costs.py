@@ -1,0 +1,145 @@
+"""Tests of `uvms_drake.control.costs`: the task's cost, a shipped term and one of a script."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from pydrake.solvers import SnoptSolver
+
+from uvms_drake.certificate.certify import assumptions
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.costs.level_vehicle import LevelVehicle
+from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.nlp import NonlinearSolver
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.plan import Plan
+from uvms_drake.control.points import Points, Slopes
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
+from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.simulation import simulate
+
+
+@dataclass
+class Power(CostTerm):
+    """weight ‖τᵢζᵢ‖²: nonlinear in all that there is, and a script's own."""
+
+    about: ClassVar = "input"
+
+    weight: float = 1e-3
+
+    def residual(self, at: Points) -> np.ndarray:
+        return np.sqrt(self.weight) * at.tau * at.zeta
+
+
+class Slow(CostTerm):
+    """‖𝔭̇‖², of the end-effector."""
+
+    about: ClassVar = "speed"
+
+    def residual(self, at: Points) -> np.ndarray:
+        return 3.0 * (at.model.kinematics(at.config).J_chi[..., :3, :] @ at.zeta[..., None])[..., 0]
+
+
+class Unsigned(CostTerm):
+    """What complex steps cannot see through."""
+
+    def residual(self, at: Points) -> np.ndarray:
+        return np.abs(at.config[..., :3])
+
+
+def with_terms(name: str, *terms: CostTerm) -> tuple[Scenario, Ocp, Plan]:
+    """Returns a scenario with a short horizon, its problem, and a first guess."""
+    scenario = load_scenario(name, ["mpc.horizon=5"])
+    scenario = replace(scenario, mpc=replace(scenario.mpc, terms=list(terms)))
+    ocp = make_ocp(scenario)
+    return scenario, ocp, ocp.resting_plan(0.0, start_state(scenario, ocp)[: ocp.state_size])
+
+
+def moving(guess: Plan) -> Plan:
+    rng = np.random.default_rng(0)
+    return guess.redone(guess.start, 0.1 * rng.normal(size=guess.decision.shape))
+
+
+CASES = [("girona500_contact", LevelVehicle(4000.0)), ("girona500_contact", Power()),
+         ("girona500_contact", Slow()), ("paper_kinematic_certified", LevelVehicle(40.0)),
+         ("paper_kinematic_certified", Slow())]
+
+
+@pytest.mark.parametrize(("name", "term"), CASES)
+def test_a_term_adds_its_squares_to_the_cost(name, term):
+    """Summed up interval by interval."""
+    _, ocp, guess = with_terms(name, term)
+    plan, bare = moving(guess), make_ocp(load_scenario(name, ["mpc.horizon=5"]))
+    expected = 0.0
+    for k, u in enumerate(ocp.inputs(plan)[0]):
+        r = term.residual(Points(ocp.model, plan.config[k], ocp.model.task_pose(plan.config[k]),
+                                 plan.zeta[k], u))
+        expected += ocp.time_step * (r @ r)
+    assert expected > 1e-4
+    assert ocp.evaluate(plan).cost - bare.evaluate(plan).cost == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("name", "term"), CASES)
+def test_the_program_has_the_slope_of_the_cost(name, term, derivative):
+    _, ocp, guess = with_terms(name, term)
+    plan = moving(guess)
+    program, change = ocp.staged_program(plan), np.random.default_rng(1).normal(
+        size=plan.decision.shape)
+    x, slope = np.zeros(program.A.shape[1]), 0.0
+    for k in range(len(change)):
+        slope += program.g[k] @ np.concatenate([x, change[k]])
+        x = program.A[k] @ x + program.B[k] @ change[k]
+    slope += program.g_end @ x
+    found = derivative(lambda s: ocp.evaluate(plan.redone(
+        plan.start, plan.decision + s * change)).cost - 100.0 * ocp.evaluate(plan.redone(
+            plan.start, plan.decision + s * change)).terminal_slack, 1e-4)
+    assert found == pytest.approx(slope, rel=1e-6)
+
+
+def test_the_closed_form_of_the_task_is_the_model_of_its_residual():
+    _, ocp, guess = with_terms("girona500_contact")
+    plan = moving(guess)
+    program, model = ocp.staged_program(plan), ocp.linearise(plan)
+    points, *chain = ocp.linearised_inputs(plan, model, program.A, program.B)[0]
+    for found, expected in zip(
+            CostTerm.quadratic(ocp.task_cost, points, Slopes(*chain), 0.2),
+            ocp.task_cost.quadratic(points, Slopes(*chain), 0.2), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "term"), CASES[:1] + CASES[2:])
+def test_fast_solver_and_reference_agree(name, term):
+    _, ocp, guess = with_terms(name, term)
+    bare = make_ocp(load_scenario(name, ["mpc.horizon=5"]))
+    one = SequentialConvexSolver(ocp).solve(guess, 100, 1e-12)
+    other = NonlinearSolver(ocp, SnoptSolver()).solve(guess)
+    assert other.converged
+    assert one.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-4)
+    without = SequentialConvexSolver(bare).solve(guess, 100, 1e-12).plan
+    assert one.evaluation.cost < ocp.evaluate(without).cost - 1e-4, "it does something"
+
+
+def test_with_a_term_of_ones_own_there_is_no_certificate():
+    scenario, *_ = with_terms("girona500_contact", LevelVehicle(), Power())
+    assert [condition.name for condition in assumptions(scenario) if not condition.holds] == [
+        "mpc.terms[0], LevelVehicle, which the terminal set leaves out",
+        "mpc.terms[1], Power, which the terminal set leaves out"]
+
+
+def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
+    scenario = load_scenario("girona500_contact", [
+        "duration=0.4", "mpc.terms=[!LevelVehicle {weight: 200}]"])
+    path = tmp_path / "again.yaml"
+    path.write_text(dump_scenario(scenario))
+    assert load_scenario(str(path)).mpc.terms == [LevelVehicle(200.0)]
+    assert np.all(simulate(scenario).mpc_status == 0.0)
+
+
+def test_a_term_that_cannot_be_differentiated_is_named():
+    with pytest.raises(TypeError, match=r"mpc\.terms\[0\].*complex"):
+        with_terms("girona500_contact", Unsigned())
+    with pytest.raises(InvalidParameter, match=r"mpc\.terms\[1\]\.weight"):
+        with_terms("girona500_contact", LevelVehicle(), LevelVehicle(-1.0))

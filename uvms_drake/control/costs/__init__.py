@@ -1,0 +1,1 @@
+"""Terms of the nominal MPC's cost, one kind a file."""

@@ -1,0 +1,22 @@
+"""A cost of roll and pitch of the vehicle, which the task's cost leaves free."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.points import Points
+
+
+@dataclass
+class LevelVehicle(CostTerm):
+    """weight (φ² + θ²): the arm reaches, and the vehicle stays level."""
+
+    weight: float = 1.0
+    """Cost of 1 rad² for 1 s."""
+
+    def residual(self, at: Points) -> np.ndarray:
+        """Returns √weight (φ, θ)."""
+        require(0.0 <= self.weight < np.inf, "weight", self.weight, "zero or positive")
+        return np.sqrt(self.weight) * at.config[..., 3:5]

@@ -1,0 +1,41 @@
+"""What a term of the nominal MPC's stage cost is.
+
+A term of one's own is a subclass with a `residual` r, in `MpcConfig.terms`: it adds h‖r‖² at the
+beginning of every interval. What `evaluate` and the convex programs have of it are the same
+function: its value, and its Gauss–Newton model about a plan. To have it in YAML files, put it into
+`ocp.OwnTerm`. No proof here covers it: with one, there is no certificate.
+"""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.control.points import About, Points, Slopes, slopes
+
+
+class CostTerm(ABC):
+    """h‖r‖² at N points, the beginnings of the intervals."""
+
+    about: ClassVar[About] = "pose"
+    """What `residual` reads."""
+
+    @abstractmethod
+    def residual(self, at: Points) -> np.ndarray:
+        """Returns r (..., m); also of complex points."""
+
+    def value(self, at: Points) -> float:
+        """Returns Σ‖r‖²."""
+        return float(np.sum(self.residual(at) ** 2))
+
+    def quadratic(self, at: Points, chain: Slopes, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """Returns H (N, w, w) and g (N, w) of h Σ‖r‖² ≈ a constant + Σ(½ zᵀHz + gᵀz).
+
+        Args:
+            at: The points, with `config_y`.
+            chain: How y, ζ and u change there with z (w,).
+            h: [s].
+        """
+        weighted = 2.0 * h * (by_z := slopes(self.residual, at, self.about).through(chain))
+        return (np.swapaxes(by_z, 1, 2) @ weighted,
+                (self.residual(at)[:, None, :] @ weighted)[:, 0])
