@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.terminal_checks import check_terminal
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import (
@@ -16,7 +17,6 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.gain_front import format_front, front
-from uvms_drake.tube.terminal_set import check_terminal
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 

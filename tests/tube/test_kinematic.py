@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.terminal_checks import check_penalty, check_terminal
 from support.tiny_robots import tiny_robot
 
 from uvms_drake.certificate.certificate import (
@@ -45,8 +46,6 @@ from uvms_drake.tube.kinematic import (
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.terminal_set import (
     boundary_samples,
-    check_penalty,
-    check_terminal,
     largest_radius,
     linear_radius,
     terminal_loop,
@@ -367,7 +366,7 @@ def test_from_its_boundary_the_terminal_controller_keeps_every_limit_and_pays_it
 def test_a_wider_set_is_refused_for_a_limit_that_the_problem_finds_broken_too(wide, found):
     radius, check = found
     assert check.holds and check.limiting in ("pitch", "roll", "decrease")
-    assert radius < linear_radius(wide)
+    assert radius < linear_radius(terminal_loop(wide))
     wider = check_terminal(wide, 1.3 * radius)
     assert not wider.holds
     config = wide.model.configuration(wide.y_des + wider.worst["pitch"])

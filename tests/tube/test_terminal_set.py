@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.limits import bounded
+from support.terminal_checks import check_penalty, check_terminal
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
@@ -24,8 +25,6 @@ from uvms_drake.tube import terminal_set
 from uvms_drake.tube.terminal_set import (
     TerminalCheck,
     boundary_samples,
-    check_penalty,
-    check_terminal,
     largest_radius,
     linear_radius,
     terminal_loop,
@@ -88,7 +87,7 @@ def found(robot) -> tuple[float, TerminalCheck]:
 
 def test_there_is_a_terminal_set_and_what_limits_it_is_named(robot, found):
     radius, check = found
-    assert 0.0 < radius < linear_radius(robot)
+    assert 0.0 < radius < linear_radius(terminal_loop(robot))
     assert check.holds and check.failures == () and check.radius == radius
     assert check.limiting.startswith("u[")
     assert 0.0 <= check.margins[check.limiting] < 0.02
@@ -192,7 +191,9 @@ def test_the_penalty_of_the_paper_fails_whatever_the_controller(robot):
         check = check_penalty(robot, 0.5 * np.eye(20), gain)
         assert set(check.failures) == {"decrease", "decrease at rest"}
         assert check.margins["decrease"] < -1.0 and check.margins["decrease at rest"] < -1.0
-        assert check.radius == pytest.approx(linear_radius(robot, 0.5 * np.eye(20)))
+        assert check.radius == pytest.approx(linear_radius(
+            terminal_loop(changed(robot, terminal=dataclasses.replace(
+                robot.terminal, P=0.5 * np.eye(20))))))
 
 
 def test_the_own_penalty_passes_as_one_from_elsewhere(robot, found):
@@ -215,7 +216,7 @@ def test_an_equilibrium_beyond_a_joint_limit_leaves_no_set(robot):
     upper = robot.limits["q"].upper.copy()
     upper[1] = robot.y_des[7] - 0.01
     tight = changed(robot, limits=bounded(robot, q_upper=upper))
-    assert linear_radius(tight) < 0.0
+    assert linear_radius(terminal_loop(tight)) < 0.0
     radius, check = largest_radius(tight)
     assert radius == 0.0 and check.failures == ("q[1]",)
 
@@ -253,7 +254,7 @@ def toy(monkeypatch) -> SimpleNamespace:
 
 def test_of_a_linear_system_the_set_is_as_large_as_the_linear_limits_allow(toy):
     radius, check = largest_radius(toy)
-    assert radius == linear_radius(toy)
+    assert radius == linear_radius(terminal_loop(toy))
     assert check.holds
     assert check.margins["decrease"] == pytest.approx(1.0, rel=1e-6)
     assert check.margins["decrease at rest"] == pytest.approx(1.0, rel=1e-6)
@@ -271,7 +272,8 @@ def test_the_linear_radius_is_where_the_set_touches_a_limit(toy, name, bound, co
     toy.limits = bounded(toy, **{**wide, name: bound})
     rows = np.zeros((5000, 14))
     rows[:, columns] = np.random.default_rng(4).normal(size=(5000, len(columns)))
-    xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
+    xi = linear_radius(terminal_loop(toy)) * boundary_samples(
+        toy.terminal.P, 1, np.random.default_rng(5), rows)
     largest = np.max(np.linalg.norm(xi[:, columns], axis=1))
     assert largest == pytest.approx(np.abs(bound).item(), rel=1e-3)
 
@@ -289,7 +291,8 @@ def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
     G = law.force_jacobian()
     rows = np.zeros((5000, 14))
     rows[:, :6] = np.random.default_rng(4).normal(size=(5000, len(G))) @ G
-    xi = linear_radius(toy) * boundary_samples(toy.terminal.P, 1, np.random.default_rng(5), rows)
+    xi = linear_radius(terminal_loop(toy)) * boundary_samples(
+        toy.terminal.P, 1, np.random.default_rng(5), rows)
     largest = np.max(law.static_force(xi[:, :6]))
     at_rest = law.static_force(np.zeros(6))
     assert 0.5 < at_rest < 15.0
@@ -302,7 +305,7 @@ def test_a_linear_input_limit_is_found_to_the_tolerance(toy):
     """Its support function is the answer: ε = limit/‖row‖_{P⁻¹}."""
     loop = terminal_loop(toy)
     reach = np.sqrt(np.sum((loop.rows @ np.linalg.inv(toy.terminal.P)) * loop.rows, axis=1))
-    expected = 0.5 * linear_radius(toy)
+    expected = 0.5 * linear_radius(terminal_loop(toy))
     toy.limits = bounded(toy, u=expected * np.maximum(reach[:7], reach[7:14]))
     radius, check = largest_radius(toy, tolerance=1e-3)
     assert radius == pytest.approx(expected, rel=1e-3) and radius <= expected

@@ -16,13 +16,13 @@ counterexample that finds none, not a proof.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
+from uvms_drake.common.differentiable import differentiable
 from uvms_drake.common.errors import require
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
@@ -90,9 +90,9 @@ class TerminalLoop(ABC):
     names: tuple[str, ...]
     """Conditions on the nonlinear map, in the order of `margins`."""
 
-    def __init__(self, ocp: Any, size: int, P: np.ndarray | None, gain: np.ndarray | None):
+    def __init__(self, ocp: Any, size: int):
         self.ocp = ocp
-        self.P = ocp.terminal.P if P is None else P
+        self.P, self.gain = ocp.terminal.P, ocp.terminal.gain
         least = float(np.linalg.eigvalsh(self.P)[0])
         require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
         self.inverse = np.linalg.inv(self.P)
@@ -110,10 +110,8 @@ class TerminalLoop(ABC):
         moved = (item.imag.T / COMPLEX_STEP for item in (
             after, w, self._limited("values", begin, end)))
         (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
-        if gain is None:
-            gain = ocp.terminal.gain if P is None else _greedy(A, B, C, D, ocp, P)
-        self.gain = gain
-        self.closed, self.input_rows, self.rows = A + B @ gain, C + D @ gain, E + F @ gain
+        self.closed, self.input_rows, self.rows = (
+            by_xi + by_decision @ self.gain for by_xi, by_decision in ((A, B), (C, D), (E, F)))
 
     @abstractmethod
     def move(self, xi: np.ndarray, decision: np.ndarray
@@ -184,10 +182,9 @@ class TerminalLoop(ABC):
 class DynamicLoop(TerminalLoop):
     """ξ = (y − y_des, ζ̄), the decision is ζ̄̇."""
 
-    def __init__(self, ocp: DynamicOcp, P: np.ndarray | None = None,
-                 gain: np.ndarray | None = None):
+    def __init__(self, ocp: DynamicOcp):
         self.size = ocp.model.size
-        super().__init__(ocp, 2 * self.size, P, gain)
+        super().__init__(ocp, 2 * self.size)
 
     def move(self, xi: np.ndarray, decision: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
@@ -210,9 +207,8 @@ class DynamicLoop(TerminalLoop):
 class KinematicLoop(TerminalLoop):
     """ξ = y − y_des, the decision is ζ̄."""
 
-    def __init__(self, ocp: KinematicOcp, P: np.ndarray | None = None,
-                 gain: np.ndarray | None = None):
-        super().__init__(ocp, ocp.model.size, P, gain)
+    def __init__(self, ocp: KinematicOcp):
+        super().__init__(ocp, ocp.model.size)
 
     def move(self, xi: np.ndarray, decision: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
@@ -229,12 +225,11 @@ class KinematicLoop(TerminalLoop):
         return Slopes(np.eye(self.ocp.model.size), self.gain)
 
 
-def terminal_loop(ocp: Ocp, P: np.ndarray | None = None, gain: np.ndarray | None = None
-                  ) -> TerminalLoop:
-    """Returns the loop of a problem, with the problem's own P and controller or other ones."""
+def terminal_loop(ocp: Ocp) -> TerminalLoop:
+    """Returns the loop of a problem, with its own P and controller."""
     if isinstance(ocp, KinematicOcp):
-        return KinematicLoop(ocp, P, gain)
-    return DynamicLoop(cast(DynamicOcp, ocp), P, gain)
+        return KinematicLoop(ocp)
+    return DynamicLoop(cast(DynamicOcp, ocp))
 
 
 def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
@@ -251,27 +246,10 @@ def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
     return states / np.sqrt(_square(states, P))[:, None]
 
 
-def linear_radius(ocp: Ocp, P: np.ndarray | None = None) -> float:
+def linear_radius(loop: TerminalLoop) -> float:
     """Returns the largest ε within the limits that have a closed form; negative for none."""
-    return _linear_radius(terminal_loop(ocp, P))
-
-
-def _linear_radius(loop: TerminalLoop) -> float:
     return min(room / reach for room, reach, _ in loop.closed_form_limits().values()
                if reach > 0.0)
-
-
-def check_terminal(ocp: Ocp, radius: float, samples: int = 4000, seed: int = 0) -> TerminalCheck:
-    """Returns whether ‖ξ‖_P ≤ `radius` is a terminal set of `ocp`, with its own P and controller.
-
-    Args:
-        ocp: The problem.
-        radius: ε.
-        samples: Number of random states; half on the boundary, half on shells inside.
-        seed: Of the samples.
-    """
-    loop = terminal_loop(ocp)
-    return _check(loop, radius, _unit_states(loop, samples, seed))
 
 
 def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: float = 0.01
@@ -288,14 +266,14 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
         tolerance: Relative, of ε.
     """
     loop = terminal_loop(ocp)
-    states = _unit_states(loop, samples, seed)
-    radius = upper = _linear_radius(loop)
+    states = unit_states(loop, samples, seed)
+    radius = upper = linear_radius(loop)
     lower = SMALLEST * (upper if upper > 0.0 else 1.0)
-    best = _check(loop, lower, states)
+    best = check_radius(loop, lower, states)
     if not best.holds:
         return 0.0, best
     while upper - lower > tolerance * upper:
-        check = _check(loop, radius, states)
+        check = check_radius(loop, radius, states)
         if check.holds:
             lower, best = radius, check
         else:
@@ -306,37 +284,7 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
     return lower, best
 
 
-def check_penalty(ocp: Ocp, P: np.ndarray, gain: np.ndarray | None = None,
-                  radius: float | None = None, samples: int = 4000, seed: int = 0) -> TerminalCheck:
-    """Returns whether V = ‖ξ‖²_P decreases as it must, for a P that comes from elsewhere.
-
-    Without a `gain` the controller is the one that minimises V⁺ + ℓ of the linearisation at every
-    ξ. If even that has a negative margin at rest, there are ξ for which no ζ̄̇ is good enough: no
-    controller whatsoever makes P a terminal penalty.
-
-    Args:
-        ocp: The problem.
-        P: Penalty (2(6+n), 2(6+n)), positive definite.
-        gain: Of the terminal controller ζ̄̇ = gain · ξ.
-        radius: ε; the largest within the linear limits if none is given.
-        samples: Number of random states.
-        seed: Of the samples.
-    """
-    loop = terminal_loop(ocp, P, gain)
-    radius = radius or _linear_radius(loop)
-    check = _check(loop, radius, _unit_states(loop, samples, seed))
-    margins = {name: check.margins[name] for name in (DECREASE, AT_REST)}
-    return replace(check, margins=margins, worst={DECREASE: check.worst[DECREASE]})
-
-
-def _greedy(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, ocp: Ocp, P: np.ndarray
-            ) -> np.ndarray:
-    """Returns the gain of the decision d that minimises ‖Aξ + Bd‖²_P + h‖Cξ + Dd‖²_R."""
-    weight = ocp.time_step * D.T @ ocp.R
-    return -np.linalg.solve(weight @ D + B.T @ P @ B, weight @ C + B.T @ P @ A)
-
-
-def _unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
+def unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
     """Returns states (m, 2(6+n)) with ‖ξ‖_P ≤ 1: boundary, support points, and shells inside."""
     rng, half = np.random.default_rng(seed), samples // 2
     boundary = boundary_samples(loop.P, half, rng, loop.rows)
@@ -345,7 +293,7 @@ def _unit_states(loop: TerminalLoop, samples: int, seed: int) -> np.ndarray:
     return np.concatenate([boundary, rng.permutation(shells)[:, None] * inside])
 
 
-def _check(loop: TerminalLoop, radius: float, states: np.ndarray) -> TerminalCheck:
+def check_radius(loop: TerminalLoop, radius: float, states: np.ndarray) -> TerminalCheck:
     """Returns the check of ε = `radius` from states (m, 2(6+n)) with ‖ξ‖_P ≤ 1."""
     xi = radius * states
     found = loop.margins(xi)
@@ -372,16 +320,14 @@ def _refine(loop: TerminalLoop, radius: float, column: int, start: np.ndarray
     """Returns a ξ in F with a locally smallest margin of condition `column`, and the margin."""
     root = radius * np.linalg.inv(np.linalg.cholesky(loop.P)).T  # ξ = root · s, ‖s‖ ≤ 1
 
-    def margin(x: np.ndarray):  # with its gradient, if Drake's solvers ask for it
-        s = ExtractValue(x).ravel() if x.dtype == object else x
-        values = loop.margins((s + 1j * COMPLEX_STEP * np.eye(len(s))) @ root.T)[:, column]
-        if x.dtype != object:
-            return values[0].real
-        return AutoDiffXd(values[0].real, values.imag / COMPLEX_STEP @ ExtractGradient(x))
+    def margin(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values = loop.margins((x + 1j * COMPLEX_STEP * np.eye(len(x))) @ root.T)[:, column]
+        return values[:1].real, values.imag[None] / COMPLEX_STEP
 
+    cost = differentiable(margin)
     prog = MathematicalProgram()
     s = prog.NewContinuousVariables(len(start), "s")
-    prog.AddCost(margin, vars=s)
+    prog.AddCost(lambda x: cost(x)[0], vars=s)
     prog.AddQuadraticConstraint(2.0 * np.eye(len(s)), np.zeros(len(s)), INNERMOST**2, 1.0, s)
     found = SnoptSolver().Solve(prog, np.linalg.solve(root, start), None).GetSolution(s)
     state = root @ found / max(1.0, float(np.linalg.norm(found)))
