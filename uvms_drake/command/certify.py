@@ -8,6 +8,7 @@ import numpy as np
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.command.progress import announce_certifying
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario import load_scenario, reported_in, scenario_source
 
@@ -43,11 +44,12 @@ def certify_scenario(args: argparse.Namespace) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, [CERTIFICATE_FILE]) as output:
         with reported_in(scenario_source(args.scenario, args.overrides)):
-            certificate = certified_once(scenario)
+            certificate = certified_once(scenario, announce_certifying)
         write_certificate(certificate, output.folder)
     print(format_certificate(certificate))
     print(f"written to {path}: {CERTIFICATE_FILE}", file=sys.stderr)
     if args.front:
+        print("computing what other gains would give ...", file=sys.stderr)
         print(f"\n{format_front(front(scenario))}")
     if args.propose is not None:
         law, error = propose_gains(scenario, args.propose)
@@ -58,5 +60,6 @@ def certify_scenario(args: argparse.Namespace) -> int:
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     if args.laws:
+        print("computing what both laws would give ...", file=sys.stderr)
         print(f"\n{format_laws(compare_laws(scenario))}")
     return 0 if certificate.certified else 1

@@ -33,6 +33,7 @@ def list_errata(args: argparse.Namespace) -> int:
         print(f"drawing {what} ...", file=sys.stderr)
 
     LOGGER.setLevel(logging.ERROR)  # What is drawn goes wrong on purpose.
+    print("computing the errata ...", file=sys.stderr)
     if args.output is None:
         errata = all_errata()
     else:

@@ -5,8 +5,11 @@ arrays and tags, what would have been right; and it lets NaN and ragged arrays t
 `yaml_dump_typed` refuses an object whose type the field does not name, as one of a user's own.
 """
 
+import ast
 import dataclasses
 import difflib
+import inspect
+import itertools
 import math
 import textwrap
 import types
@@ -155,6 +158,23 @@ def field_types(schema: typing.Any) -> dict[str, typing.Any]:
         hints = typing.get_type_hints(schema)
         return {f.name: hints[f.name] for f in dataclasses.fields(schema)}
     return {f.name: f.type for f in schema.__fields__}
+
+
+def field_docs(schema: type) -> dict[str, str]:
+    """Returns the docstring below each field of a struct by name, in one line; some have none.
+
+    Python throws these away, so that they are read from the source.
+    """
+    docs = dict.fromkeys(field_types(schema), "")
+    for owner in filter(dataclasses.is_dataclass, reversed(schema.__mro__)):
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
+        assert isinstance(definition, ast.ClassDef)
+        for item, after in itertools.pairwise(definition.body):
+            match item, after:
+                case (ast.AnnAssign(target=ast.Name(id=name)),
+                      ast.Expr(value=ast.Constant(value=str(text)))) if name in docs:
+                    docs[name] = " ".join(text.split())
+    return docs
 
 
 def _conform_union(options: tuple[typing.Any, ...], value: object, key: str) -> typing.Any:

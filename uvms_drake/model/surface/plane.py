@@ -13,6 +13,10 @@ BOUND_SHARE = 0.2
 """Probability with which a sampled depth is one of the two bounds."""
 
 
+LARGEST_DISSIPATION = 1000.0
+"""a [s/m]; materials have less than 10."""
+
+
 def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
     """Returns s(δ) [m], a twice continuously differentiable max(δ, 0).
 
@@ -73,6 +77,8 @@ class UnilateralPlane(Surface):
             require(bool(0.0 < value < np.inf), key, value, "positive")
         require(bool(0.0 <= self.dissipation < np.inf), "dissipation", self.dissipation,
                 "zero or positive")
+        require(self.dissipation <= LARGEST_DISSIPATION, "dissipation", self.dissipation,
+                f"at most {LARGEST_DISSIPATION:g} s/m: a touch of 1 mm/s would double the force")
         return replace(self, point=vector("point", self.point, 3), normal=normal)
 
     def depth(self, position: np.ndarray) -> np.ndarray:

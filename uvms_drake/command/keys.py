@@ -1,0 +1,65 @@
+"""The sub-command `keys`: lists the keys of a scenario with type, default and meaning."""
+
+import argparse
+import dataclasses
+import typing
+from collections.abc import Iterator
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.common.schema import field_docs, field_types
+from uvms_drake.station.scenario import Scenario
+
+
+def add_keys(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    keys = commands.add_parser(
+        "keys", help="list the keys of a scenario with default, unit and meaning",
+        allow_abbrev=False)
+    keys.set_defaults(command=list_keys)
+    keys.add_argument("prefix", nargs="?", default="", metavar="PREFIX",
+                      help="only those that begin with it, such as mpc or surface.stiffness")
+
+
+def list_keys(args: argparse.Namespace) -> int:
+    """Prints the keys that begin with a prefix, a line each."""
+    lines = [line for key, line in keys_of(Scenario()) if key.startswith(args.prefix)]
+    require(bool(lines), "PREFIX", args.prefix, "the beginning of a key, or left out for all")
+    print("\n".join(lines))
+    return 0
+
+
+def keys_of(defaults: typing.Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yields every key of a struct and of those inside of it, and the line that explains it.
+
+    Args:
+        defaults: The struct, with its defaults.
+        prefix: Stands in front of its keys.
+    """
+    types = field_types(type(defaults))
+    for name, doc in field_docs(type(defaults)).items():
+        key, value, options = f"{prefix}{name}", getattr(defaults, name), _structs(types[name])
+        tags = [f"!{option.__name__}" for option in options]
+        shown = "" if type(value) in options else f" = {_shown(value)}"
+        said = f" {' | '.join(tags)}" if len(tags) > 1 else ""
+        yield key, f"{key}{shown}{said}{'  # ' if doc else ''}{doc}"
+        for option, tag in zip(options, tags, strict=True):
+            inside = value if type(value) is option else option()
+            yield from keys_of(inside, f"{key}{tag if said else ''}.")
+
+
+def _structs(field: typing.Any) -> list[type]:
+    """Returns the structs that a field of this type, or an element of it, can hold."""
+    if typing.get_args(field):
+        return [struct for option in typing.get_args(field) for struct in _structs(option)]
+    is_struct = dataclasses.is_dataclass(field) or hasattr(field, "__fields__")
+    return [field] if is_struct else []
+
+
+def _shown(value: object) -> str:
+    """Returns a default as a scenario has it."""
+    if isinstance(value, np.ndarray):
+        return str(value.tolist())
+    words = {None: "null", True: "true", False: "false"}
+    return words[value] if value is None or isinstance(value, bool) else str(value)
