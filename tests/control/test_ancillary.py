@@ -9,9 +9,10 @@ from support import dh
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ancillary import AncillaryFeedback, limited_input
 from uvms_drake.control.laws import Resolved, Transpose
-from uvms_drake.control.laws.law import pair_of, task_error
+from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
@@ -176,7 +177,7 @@ def test_the_difference_of_euler_angles_is_the_shorter_one():
     expected = np.zeros(10)
     expected[3:6] = 6.2 - 2 * np.pi, 2 * np.pi - 6.2, 0.1
     expected[9] = 6.2
-    np.testing.assert_allclose(task_error(y, y_nominal), expected, atol=1e-12)
+    np.testing.assert_allclose(pose_difference(y, y_nominal), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])

@@ -7,9 +7,9 @@ from pydrake.systems.framework import DiagramBuilder
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.laws import Resolved, Transpose
-from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.problem import make_kinematic_ocp
 from uvms_drake.station.scenario import load_scenario
@@ -38,7 +38,7 @@ def error_rate(model, config, nominal_state, zeta, derivative) -> np.ndarray:
     def error(t: float) -> np.ndarray:
         real = model.task_pose(config + t * configuration_rate(config, zeta))
         ideal = model.task_pose(nominal + t * configuration_rate(nominal, nominal_zeta))
-        return task_error(real, ideal)
+        return pose_difference(real, ideal)
 
     return derivative(error, 1e-5)
 
@@ -46,7 +46,7 @@ def error_rate(model, config, nominal_state, zeta, derivative) -> np.ndarray:
 def test_the_resolved_law_leaves_a_linear_error_equation(ocp, states, derivative):
     config, nominal_state = states
     zeta = Resolved(sigma=SIGMA).velocity(ocp.model, config, nominal_state)
-    error = task_error(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))
+    error = pose_difference(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))
     np.testing.assert_allclose(
         error_rate(ocp.model, config, nominal_state, zeta, derivative), -SIGMA * error, atol=1e-7)
 
@@ -55,7 +55,8 @@ def test_the_transpose_law_leaves_what_the_paper_derives(ocp, states, derivative
     config, nominal_state = states
     zeta = Transpose(sigma=SIGMA).velocity(ocp.model, config, nominal_state)
     J, J_bar = (ocp.model.task_jacobian(q)[:6] for q in (config, nominal_state[:10]))
-    error = task_error(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))[:6]
+    error = pose_difference(
+        ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))[:6]
     expected = (J - J_bar) @ zeta - SIGMA * J_bar @ J_bar.T @ error
     np.testing.assert_allclose(
         error_rate(ocp.model, config, nominal_state, zeta, derivative)[:6], expected, atol=1e-7)
@@ -65,7 +66,7 @@ def test_with_joints_the_transpose_law_acts_on_the_whole_configuration(ocp, stat
     config, nominal_state = states
     zeta = Transpose(sigma=SIGMA, joints=True).velocity(ocp.model, config, nominal_state)
     J, J_bar = (ocp.model.task_jacobian(q) for q in (config, nominal_state[:10]))
-    error = task_error(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))
+    error = pose_difference(ocp.model.task_pose(config), ocp.model.task_pose(nominal_state[:10]))
     expected = (J - J_bar) @ zeta - SIGMA * J_bar @ J_bar.T @ error
     np.testing.assert_allclose(
         error_rate(ocp.model, config, nominal_state, zeta, derivative), expected, atol=1e-7)

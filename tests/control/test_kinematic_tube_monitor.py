@@ -11,8 +11,9 @@ from support.scripts import Script, report_of, use_fixed_steps
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved, Transpose
-from uvms_drake.control.laws.law import pair_of, task_error
+from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.tube_monitor import FIELDS, NOT_STARTED, TUBE_REPORT, TubeMonitor
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.adversary import TaskAdversary
 from uvms_drake.plant.disturbance import (
@@ -42,7 +43,7 @@ def commanded(model, law, config, nominal_state) -> np.ndarray:
     """ζ of the laws, as their definitions have it."""
     nominal, nominal_zeta = np.split(nominal_state, 2)
     J, J_nominal = model.task_jacobian(config), model.task_jacobian(nominal)
-    e_y = task_error(model.task_pose(config), model.task_pose(nominal))
+    e_y = pose_difference(model.task_pose(config), model.task_pose(nominal))
     if isinstance(law, Resolved):
         return np.linalg.solve(J, J_nominal @ nominal_zeta - law.sigma * e_y)
     return nominal_zeta - law.sigma * J_nominal[:6].T @ e_y[:6]
@@ -126,7 +127,7 @@ def test_the_rates_bound_how_fast_the_error_grows(model, states, name):
         config = nominal_state[:10] + 0.02 * rng.normal(size=10)
         zeta = commanded(model, law, config, nominal_state)
         J, J_nominal = (model.task_jacobian(q)[:6] for q in (config, nominal_state[:10]))
-        e = task_error(model.task_pose(config), model.task_pose(nominal_state[:10]))[:6]
+        e = pose_difference(model.task_pose(config), model.task_pose(nominal_state[:10]))[:6]
         size = np.linalg.norm(e)
         decay, drive = rate_of(model, law, np.concatenate([config, zeta]), nominal_state)
         bound = -decay * size + drive

@@ -7,7 +7,7 @@ import pytest
 
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.control.laws.law import task_error
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import load_scenario
@@ -24,15 +24,15 @@ def printed() -> Record:
 
 
 def test_it_goes_from_the_printed_start_to_the_printed_task(printed):
-    np.testing.assert_allclose(task_error(printed.chi[0], CHI_0), 0.0, atol=2e-3)
+    np.testing.assert_allclose(pose_difference(printed.chi[0], CHI_0), 0.0, atol=2e-3)
     np.testing.assert_allclose(printed.chi_des, CHI_DES, atol=1e-9)
     w = 0.2 * np.sin(printed.time)[:, None] * np.ones(6)
     np.testing.assert_allclose(printed.disturbance, w, atol=1e-12)
 
 
 def test_the_errors_converge_within_6_seconds_to_within_the_tube(printed):
-    error = np.linalg.norm(task_error(printed.chi, CHI_DES), axis=1)
-    nominal = np.linalg.norm(task_error(printed.chi_nominal, CHI_DES), axis=1)
+    error = np.linalg.norm(pose_difference(printed.chi, CHI_DES), axis=1)
+    nominal = np.linalg.norm(pose_difference(printed.chi_nominal, CHI_DES), axis=1)
     assert error[0] > 2.0
     assert nominal[-1] < 0.03
     assert np.max(error[printed.time > 4.0]) < 0.3  # the printed radius
@@ -69,7 +69,7 @@ def test_the_certified_variant_stays_in_its_tube(disturbance, reached):
     assert reached < summary["tube"]["worst_e"] / summary["tube"]["bound_e"] <= 1.001
     assert min(row["margin"] for row in summary["constraints"].values()) > 0.0
     assert summary["mpc"]["worst_terminal_slack"] < 1e-6
-    nominal = task_error(record.chi_nominal[-1], CHI_DES)
+    nominal = pose_difference(record.chi_nominal[-1], CHI_DES)
     assert np.linalg.norm(nominal) < 0.03
 
 

@@ -5,8 +5,8 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.signals import constraint_signals
@@ -113,7 +113,7 @@ def test_every_sample_of_the_mpc_is_in_the_logs_once(main):
 def test_the_real_state_stays_in_the_declared_tube(main):
     tube = main.scenario.tube
     config, zeta = main.config - main.nominal_config, main.zeta - main.nominal_zeta
-    chi = task_error(main.chi, main.chi_nominal)
+    chi = pose_difference(main.chi, main.chi_nominal)
     for name, vectors in (
         ("e", np.hstack([chi, config[:, 6:]])), ("z", zeta),
         ("position", chi[:, :3]), ("orientation", chi[:, 3:]), ("joints", config[:, 6:]),

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.record import LOG_FILE, save_record
@@ -60,7 +60,7 @@ def test_the_record_has_all_signals_at_all_samples(record):
 
 
 def test_the_deviation_is_that_of_pose_joints_and_velocity(record):
-    pose = task_error(record.chi, record.chi_nominal)
+    pose = pose_difference(record.chi, record.chi_nominal)
     joints = (record.config - record.nominal_config)[:, 6:]
     for part, error in (
             ("task", np.hstack([pose, joints])), ("position", pose[:, :3]),

@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from uvms_drake.control.laws.law import task_error
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import load_scenario
@@ -41,15 +41,15 @@ class Choice(NamedTuple):
 
 
 def _task_error_norm(record: Record) -> np.ndarray:
-    return np.linalg.norm(task_error(record.chi, record.chi_des), axis=1)
+    return np.linalg.norm(pose_difference(record.chi, record.chi_des), axis=1)
 
 
 def _nominal_task_error_norm(record: Record) -> np.ndarray:
-    return np.linalg.norm(task_error(record.chi_nominal, record.chi_des), axis=1)
+    return np.linalg.norm(pose_difference(record.chi_nominal, record.chi_des), axis=1)
 
 
 def _deviation(record: Record) -> np.ndarray:
-    return np.linalg.norm(task_error(record.chi, record.chi_nominal), axis=1)
+    return np.linalg.norm(pose_difference(record.chi, record.chi_nominal), axis=1)
 
 
 def _joint_deviation(record: Record) -> np.ndarray:

@@ -12,7 +12,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, ValueProducer
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    ValueProducer,
+)
 
 from uvms_drake.model.euler import rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
@@ -104,19 +110,19 @@ class CompliantSurface(LeafSystem):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         return system
 
-    def _calc_touch(self, context, touch):
+    def _calc_touch(self, context: Context, touch: AbstractValue) -> None:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
         self._plant.SetPositionsAndVelocities(self._workspace, plant_state)
         chi, J = pose_and_jacobian(self._plant, self._workspace, self._tip)
         chi_dot = J @ self._plant.GetVelocities(self._workspace)
         touch.set_value((chi, J, self._law.force(chi, chi_dot)))
 
-    def _calc_generalized_force(self, context, output):
+    def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
         _, J, force = self._touch.Eval(context)
         output.SetFromVector(-force @ J)
 
-    def _calc_force(self, context, output):
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._touch.Eval(context)[2])
 
-    def _calc_penetration(self, context, output):
+    def _calc_penetration(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._law.penetration(self._touch.Eval(context)[0])])

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighten
 from uvms_drake.control.limits.inputs import input_names
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.figure_style import (
     BLACK,
@@ -67,8 +67,8 @@ def figures_of(scenario: Scenario) -> list[str]:
 def draw_task_error(record: Record) -> Figure:
     """Draws χ − χ_des, real and nominal, with the tube; on the right close to zero."""
     figure, axes = panels(2, 3.2, columns=2)
-    real = task_error(record.chi, record.chi_des)
-    nominal = task_error(record.chi_nominal, record.chi_des)
+    real = pose_difference(record.chi, record.chi_des)
+    nominal = pose_difference(record.chi_nominal, record.chi_des)
     tube = resolved_radii(record.scenario.tube)
     rows = ((slice(0, 3), ("$x$", "$y$", "$z$"), "position", "m"),
             (slice(3, 6), (r"$\phi$", r"$\theta$", r"$\psi$"), "orientation", "rad"))

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from uvms_drake.control.laws.law import task_error
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.figure_style import BLACK, LIMIT, XYZ, legend_above, panels
 from uvms_drake.station.record import Record
 
@@ -47,8 +47,8 @@ def draw_input_norms(record: Record) -> Figure:
 
 def _draw_errors(record: Record, part: slice, names: tuple[str, ...], label: str) -> Figure:
     figure, (axis,) = panels(1, HEIGHT)
-    real = task_error(record.chi, record.chi_des)[:, part]
-    nominal = task_error(record.chi_nominal, record.chi_des)[:, part]
+    real = pose_difference(record.chi, record.chi_des)[:, part]
+    nominal = pose_difference(record.chi_nominal, record.chi_des)[:, part]
     for color, name, e, e_bar in zip(XYZ, names, real.T, nominal.T, strict=True):
         axis.plot(record.time, e, color=color, label=name)
         axis.plot(record.time, e_bar, color=color, linestyle="--", linewidth=0.8)

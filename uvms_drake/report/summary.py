@@ -11,9 +11,9 @@ import numpy as np
 
 import uvms_drake
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.laws.law import task_error
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -78,7 +78,7 @@ def summarise_mpc(record: Record) -> dict[str, object]:
 
 def summarise_task_error(record: Record) -> dict[str, object]:
     """Returns χ − χ_des at both ends [m, rad]."""
-    error = task_error(record.chi[[0, -1]], record.chi_des)
+    error = pose_difference(record.chi[[0, -1]], record.chi_des)
     return {"initial": error[0], "final": error[1], "final_norm": np.linalg.norm(error[1])}
 
 

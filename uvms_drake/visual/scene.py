@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from uvms_drake.control.laws.law import task_error
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
@@ -184,7 +184,7 @@ class Scene:
             self._trail.clear()
         self._time = time
         self._robot.show(config)
-        self._ghost.show(config + self._enlarged * _difference(nominal, config))
+        self._ghost.show(config + self._enlarged * pose_difference(nominal, config))
         self._trail.show(tip)
         self._path.show(moment.path)
         self._tube.show(tip, nominal_tip)
@@ -215,8 +215,3 @@ def _facing(direction: np.ndarray) -> RotationMatrix:
     x = np.cross(y, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
     return RotationMatrix(np.column_stack([x, y, np.cross(x, y)]))
-
-
-def _difference(config: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Returns 𝔮 − 𝔮' (6+n,), angles of the vehicle by the shorter way round."""
-    return np.concatenate([task_error(config[:6], other[:6]), config[6:] - other[6:]])

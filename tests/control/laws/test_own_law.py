@@ -9,7 +9,8 @@ from uvms_drake.certificate.certify import certify
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved
-from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of, task_error
+from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.figures import draw_deviation
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.scenario import dump_scenario, load_scenario
@@ -23,7 +24,7 @@ class Sloppy(AncillaryLaw):
     gain: float = 20.0
 
     def command(self, model, now, nominal_acceleration, nominal_input):
-        error = now.zeta[0] - now.zeta[1] + now.J_x[1].T @ task_error(*now.y)
+        error = now.zeta[0] - now.zeta[1] + now.J_x[1].T @ pose_difference(*now.y)
         u = nominal_input() - self.gain * error
         M = model.mass_matrix(now.kinematics.at(0))
         return Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
@@ -79,6 +80,6 @@ def test_its_errors_are_those_of_the_extended_task(model, states):
     state, nominal = states["free"][:2]
     now = pair_of(model, state, nominal)
     deviation = Sloppy().deviation(now)
-    np.testing.assert_array_equal(deviation.task, task_error(*now.y))
+    np.testing.assert_array_equal(deviation.task, pose_difference(*now.y))
     np.testing.assert_array_equal(deviation.r, state[10:] - nominal[10:])
     assert deviation.norms.shape == (6,)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
@@ -43,13 +43,6 @@ def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> P
     kinematics = model.kinematics(config)
     y, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)
     return Pair(kinematics, zeta, y, J_x, J_x_dot, np.linalg.inv(J_x[0]))
-
-
-def task_error(y: np.ndarray, y_nominal: np.ndarray) -> np.ndarray:
-    """Returns y − ȳ (..., 6 or 6+n) with the differences of Euler angles in [−π, π)."""
-    error = y - y_nominal
-    error[..., 3:6] = wrap_angle(error[..., 3:6])
-    return error
 
 
 @dataclass(frozen=True)
@@ -160,7 +153,7 @@ class AncillaryLaw(ABC):
 
     def deviation(self, now: Pair) -> Deviation:
         """Returns the errors in which the law has its tube; by default 𝔢_y, and 𝔷 for 𝔯."""
-        e_y, z = task_error(*now.y), now.zeta[0] - now.zeta[1]
+        e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
         return Deviation(e_y, e_y, z, z)
 
     def run_bound(self, d_bound: float) -> RunBound | None:

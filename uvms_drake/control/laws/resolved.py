@@ -24,8 +24,8 @@ from uvms_drake.control.laws.law import (
     Pair,
     RunBound,
     check_gains,
-    task_error,
 )
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -48,7 +48,7 @@ class Resolved(AncillaryLaw):
         J_dot, J_dot_nominal = now.J_x_dot
         velocity = J_nominal @ nominal_zeta
         acceleration = J_dot_nominal @ nominal_zeta + J_nominal @ nominal_acceleration()
-        zeta_ref = now.inverse @ (velocity - self.sigma * task_error(*now.y))
+        zeta_ref = now.inverse @ (velocity - self.sigma * pose_difference(*now.y))
         error_rate = J @ zeta - velocity
         zeta_ref_dot = now.inverse @ (acceleration - self.sigma * error_rate - J_dot @ zeta_ref)
         measured = now.kinematics.at(0)
@@ -60,13 +60,14 @@ class Resolved(AncillaryLaw):
                  ) -> np.ndarray:
         """Returns ζ = J_x(𝔮)⁻¹ [J_x(𝔮̄) ζ̄ − σ 𝔢_y] (6+n,)."""
         nominal_configuration, nominal_zeta = np.split(nominal_state, 2)
-        error = task_error(model.task_pose(configuration), model.task_pose(nominal_configuration))
+        error = pose_difference(
+            model.task_pose(configuration), model.task_pose(nominal_configuration))
         velocity = model.task_jacobian(nominal_configuration) @ nominal_zeta
         return np.linalg.solve(model.task_jacobian(configuration), velocity - self.sigma * error)
 
     def deviation(self, now: Pair) -> Deviation:
         """Returns the errors; 𝔯 = ζ − J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]."""
-        e_y, z = task_error(*now.y), now.zeta[0] - now.zeta[1]
+        e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
         return Deviation(e_y, e_y, z, z - _offset(now) + self.sigma * now.inverse @ e_y)
 
     def run_bound(self, d_bound: float) -> RunBound:

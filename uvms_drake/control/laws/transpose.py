@@ -25,8 +25,8 @@ from uvms_drake.control.laws.law import (
     Pair,
     RunBound,
     check_gains,
-    task_error,
 )
+from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -57,7 +57,7 @@ class Transpose(AncillaryLaw):
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
         """Returns u = ū − k𝔷 − kσJ(𝔮̄)ᵀ𝔢; it asks for ū only."""
-        error = task_error(*now.y)[self._rows]
+        error = pose_difference(*now.y)[self._rows]
         z = now.zeta[0] - now.zeta[1]
         u = nominal_input() - self.k * z - self.k * self.sigma * now.J_x[1, self._rows].T @ error
         M = cache(lambda: model.mass_matrix(now.kinematics.at(0)))
@@ -67,13 +67,14 @@ class Transpose(AncillaryLaw):
                  ) -> np.ndarray:
         """Returns ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢 (6+n,)."""
         nominal_configuration, nominal_zeta = np.split(nominal_state, 2)
-        error = task_error(model.task_pose(configuration), model.task_pose(nominal_configuration))
+        error = pose_difference(
+            model.task_pose(configuration), model.task_pose(nominal_configuration))
         J_nominal = model.task_jacobian(nominal_configuration)[self._rows]
         return nominal_zeta - self.sigma * J_nominal.T @ error[self._rows]
 
     def deviation(self, now: Pair) -> Deviation:
         """Returns the errors; 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢."""
-        e_y, z = task_error(*now.y), now.zeta[0] - now.zeta[1]
+        e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
         task = e_y[self._rows]
         return Deviation(task, e_y, z, z + self.sigma * now.J_x[1, self._rows].T @ task)
 
