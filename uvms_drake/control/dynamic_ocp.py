@@ -42,28 +42,28 @@ class DynamicOcp(Ocp[DynamicPlan]):
 
     given_speed = 0
 
-    def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
+    def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
-        super().__init__(model, config, y_des, limits)
+        super().__init__(model, mpc, y_des, limits)
         size = model.size
-        declared = config.terminal_weight is not None
-        Q = np.diag(np.concatenate([weight(config, key, size, zeros=declared)
+        declared = mpc.terminal_weight is not None
+        Q = np.diag(np.concatenate([weight(mpc, key, size, zeros=declared)
                                          for key in ("weight_y", "weight_zeta")]))
-        R = np.diag(weight(config, "weight_u", size))
-        require(bool(np.any(Q[:size] > 0.0)), "weight_y", config.weight_y, "not all zero")
+        R = np.diag(weight(mpc, "weight_u", size))
+        require(bool(np.any(Q[:size] > 0.0)), "weight_y", mpc.weight_y, "not all zero")
         config_des = model.configuration(y_des)
         self.u_eq = model.equilibrium_input(config_des)
         self.task_cost = TaskCost(
-            Q, R, y_des, np.zeros(size) if config.input_reference == "zero" else self.u_eq)
+            Q, R, y_des, np.zeros(size) if mpc.input_reference == "zero" else self.u_eq)
         if declared:
             self.terminal = declared_terminal(
-                weight(config, "terminal_weight", 2 * size, zeros=True), size, self._radius)
+                weight(mpc, "terminal_weight", 2 * size, zeros=True), size, self._radius)
             return
         _, f_config, f_zeta = model.drift_derivatives(config_des[None], np.zeros((1, size)))
         J_x = model.task_jacobian(config_des)
         f_y = f_config[0] @ configuration_rate_matrix(config_des) @ np.linalg.inv(J_x)
         self.terminal = terminal_ingredients(
-            J_x, f_y, f_zeta[0], Q, R, config.time_step, self._radius)
+            J_x, f_y, f_zeta[0], Q, R, mpc.time_step, self._radius)
 
     @property
     def state_size(self) -> int:

@@ -22,22 +22,22 @@ class KinematicOcp(Ocp[KinematicPlan]):
 
     given_speed = -1
 
-    def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
+    def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
-        super().__init__(model, config, y_des, limits)
-        weight_y = weight(config, "weight_y", model.size, zeros=True)
+        super().__init__(model, mpc, y_des, limits)
+        weight_y = weight(mpc, "weight_y", model.size, zeros=True)
         weighted = bool(np.all(weight_y[:6] > 0.0) and (
             np.all(weight_y[6:] > 0.0) or np.all(weight_y[6:] == 0.0)))
         require(weighted, "weight_y", weight_y,
                 "6 positive numbers, and for the joints positive ones or zeros only")
-        Q, R = np.diag(weight_y), np.diag(weight(config, "weight_zeta", model.size))
+        Q, R = np.diag(weight_y), np.diag(weight(mpc, "weight_zeta", model.size))
         self.task_cost = TaskCost(Q, R, y_des, np.zeros(model.size))
-        if config.terminal_weight is not None:
+        if mpc.terminal_weight is not None:
             self.terminal = declared_terminal(
-                weight(config, "terminal_weight", model.size, zeros=True), model.size, self._radius)
+                weight(mpc, "terminal_weight", model.size, zeros=True), model.size, self._radius)
             return
         self.terminal = kinematic_terminal_ingredients(
-            model.task_jacobian(model.configuration(y_des)), Q, R, config.time_step,
+            model.task_jacobian(model.configuration(y_des)), Q, R, mpc.time_step,
             self._radius)
 
     @property

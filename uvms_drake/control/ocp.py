@@ -151,7 +151,7 @@ class Ocp(ABC, Generic[P]):
 
     Args:
         model: Kinematics and dynamics.
-        config: Horizon and weights.
+        mpc: Horizon and weights.
         y_des: The extended task (χ_des, q_des) (6+n,).
         limits: Those that are left to the nominal trajectory, by name.
     """
@@ -161,31 +161,31 @@ class Ocp(ABC, Generic[P]):
     task_cost: TaskCost
     terminal: Terminal
 
-    def __init__(self, model: UvmsModel, config: MpcConfig, y_des: np.ndarray,
+    def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
-        require(config.horizon >= 1, "horizon", config.horizon, "a positive integer")
-        require(0.0 < config.time_step < np.inf, "time_step", config.time_step, "positive")
-        require(config.iterations >= 1, "iterations", config.iterations, "a positive integer")
-        require(config.terminal_radius > 0.0, "terminal_radius", config.terminal_radius, "positive")
-        require(config.deadline is None or 0.0 < config.deadline < np.inf, "deadline",
-                config.deadline, "positive")
+        require(mpc.horizon >= 1, "horizon", mpc.horizon, "a positive integer")
+        require(0.0 < mpc.time_step < np.inf, "time_step", mpc.time_step, "positive")
+        require(mpc.iterations >= 1, "iterations", mpc.iterations, "a positive integer")
+        require(mpc.terminal_radius > 0.0, "terminal_radius", mpc.terminal_radius, "positive")
+        require(mpc.deadline is None or 0.0 < mpc.deadline < np.inf, "deadline",
+                mpc.deadline, "positive")
         for key, choices in (("initial_state", INITIAL_STATES),
                              ("input_reference", INPUT_REFERENCES)):
-            require(getattr(config, key) in choices, key, getattr(config, key),
+            require(getattr(mpc, key) in choices, key, getattr(mpc, key),
                     f"one of {', '.join(choices)}")
         self.model = model
-        self.starts_at_measured = config.initial_state == "measured"
-        self.horizon = config.horizon
-        self.time_step = config.time_step
-        self.iterations = config.iterations
-        self.deadline = config.deadline
+        self.starts_at_measured = mpc.initial_state == "measured"
+        self.horizon = mpc.horizon
+        self.time_step = mpc.time_step
+        self.iterations = mpc.iterations
+        self.deadline = mpc.deadline
         # A plan about another equilibrium than the task's is not held back at its terminal set.
-        self.ends_at_task = config.input_reference == "equilibrium"
+        self.ends_at_task = mpc.input_reference == "equilibrium"
         self.y_des = y_des
         self.limits = limits
-        self.own_terms: list[CostTerm] = list(config.terms)
+        self.own_terms: list[CostTerm] = list(mpc.terms)
         self._check_own()
-        self._radius = config.terminal_radius if config.terminal_set else np.inf
+        self._radius = mpc.terminal_radius if mpc.terminal_set else np.inf
 
     def _check_own(self) -> None:
         """Raises `TypeError` for a limit or a term whose derivative is not that of its values."""
@@ -379,9 +379,9 @@ class Ocp(ABC, Generic[P]):
         return self.given_speed if limit.about == "speed" else 0
 
 
-def weight(config: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:
+def weight(mpc: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:
     """Returns a weight of an `MpcConfig`: `size` positive numbers, or `zeros` among them too."""
-    values = vector(key, getattr(config, key), size)
+    values = vector(key, getattr(mpc, key), size)
     usual = (values >= SMALLEST_WEIGHT) & (values <= LARGEST_WEIGHT)
     require(bool(np.all(usual | (values == 0.0) if zeros else usual)), key, values,
             f"{size} positive numbers{' or zeros' if zeros else ''}, from {SMALLEST_WEIGHT:g} to "
