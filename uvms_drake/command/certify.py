@@ -33,7 +33,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
 
 def certify_scenario(args: argparse.Namespace) -> int:
     """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
-    from uvms_drake.certificate.certify import certified_once
+    from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.table import format_certificate
     from uvms_drake.station.step import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
@@ -44,6 +44,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, [CERTIFICATE_FILE]) as output:
         with reported_in(scenario_source(args.scenario, args.overrides)):
+            check_inputs(scenario)  # Before anything is announced.
             certificate = certified_once(scenario, announce_certifying)
         write_certificate(certificate, output.folder)
     print(format_certificate(certificate))
