@@ -14,9 +14,9 @@ from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import SinusoidalDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.scenario import load_scenario
@@ -37,7 +37,7 @@ def main() -> None:
     settings = load_scenario("girona500_contact")
 
     # The controller's model, task and tightened limits.
-    model = UvmsModel.load(ROBOT, check_surface(WALL))
+    model = ContactModel.load(ROBOT, check_surface(WALL))
     y_des = np.concatenate([model.surface.pose_for(FORCE, POSE), POSTURE])
     limits = tighten(make_limits(
         settings.limits, model.q_lower, model.q_upper, model.surface), settings.tube)

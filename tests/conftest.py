@@ -11,10 +11,10 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms, add_uvms
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
@@ -37,9 +37,9 @@ def plane() -> UnilateralPlane:
 
 
 @pytest.fixture(scope="session")
-def model(uvms: Uvms, plane: UnilateralPlane) -> UvmsModel:
+def model(uvms: Uvms, plane: UnilateralPlane) -> ContactModel:
     """The prediction model in front of a wall of 1000 N/m."""
-    return UvmsModel(uvms, check_surface(plane))
+    return ContactModel(uvms, check_surface(plane))
 
 
 @pytest.fixture(scope="session")
@@ -57,7 +57,7 @@ def derivative() -> Callable:
 
 
 @pytest.fixture(scope="session")
-def states(model: UvmsModel) -> dict[str, np.ndarray]:
+def states(model: ContactModel) -> dict[str, np.ndarray]:
     """States (𝔮, ζ) (8, 20) with the tip away from the wall, in its soft skin, and deep in it."""
     rng = np.random.default_rng(seed=10)
     out = {}

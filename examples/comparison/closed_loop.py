@@ -1,6 +1,6 @@
 """A controller and the plant in closed loop, with the wall time of every controller step.
 
-The plant is the same for every controller: one RK4 step of this package's `UvmsModel` in NumPy,
+The plant is the same for every controller: one RK4 step of this package's `ContactModel` in NumPy,
 with the input held. Its drag is exact, |v|; what a controller makes of |v| is its own affair.
 """
 

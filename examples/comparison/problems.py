@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.model.uvms_model import UvmsModel
 
 ROBOT = Path(__file__).parent / "models" / "ocp_robot"
 
@@ -101,10 +101,10 @@ OCP_D = Problem(name="ocp-d", start=np.concatenate([CONFIG_START, np.zeros(10)])
 
 
 @cache
-def load_model() -> UvmsModel:
+def load_model() -> ContactModel:
     """Returns this package's model of the robot on the spring.
 
     Its drag has |v| where the specification has √(v² + 10⁻⁴).
     """
-    return UvmsModel.load(str(ROBOT), check_surface(
+    return ContactModel.load(str(ROBOT), check_surface(
         BilateralSpring(stiffness=np.eye(6), equilibrium=CHI_EQ)))

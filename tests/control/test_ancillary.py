@@ -12,10 +12,11 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
+from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
@@ -159,7 +160,7 @@ def turned(state: np.ndarray, angle: float) -> np.ndarray:
 def test_errors_across_the_jump_of_the_yaw_angle_are_small(uvms, states, law, sign):
     """Real yaw π − ε against nominal −π + ε gives the input of −ε against ε, from behind."""
     floor = UnilateralPlane(point=np.array([0.0, 0.0, 50.0]), normal=np.array([0.0, 0.0, -1.0]))
-    model = UvmsModel(uvms, check_surface(floor))  # The same seen from north and from south.
+    model = ContactModel(uvms, check_surface(floor))  # The same seen from north and from south.
     for real, ideal, nominal, _ in pairs(model, states, "free"):
         real, ideal = real.copy(), ideal.copy()
         real[5] += -0.02 * sign - dh.chi(real[:10])[5]

@@ -14,6 +14,7 @@ from pydrake.multibody.tree import MultibodyForces
 from support import dh
 from support.tiny_robots import drill, oblique, turret
 
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, HydrodynamicParameters
 from uvms_drake.model.surface.law import check_surface
@@ -163,7 +164,7 @@ def test_the_extended_task_determines_the_configuration(model):
 
 def test_without_water_mass_matrix_and_inverse_dynamics_are_drakes(uvms):
     plant = uvms.plant
-    dry = UvmsModel(replace(uvms, hydrodynamics=HydrodynamicParameters()), FAR_AWAY)
+    dry = ContactModel(replace(uvms, hydrodynamics=HydrodynamicParameters()), FAR_AWAY)
     context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
     coordinates = Coordinates(uvms)
     rng = np.random.default_rng(7)
@@ -194,7 +195,7 @@ SPRING = BilateralSpring(
                          ids=["plane", "spring"])
 def test_model_and_plant_accelerate_alike(uvms, states, surface, where):
     """ζ̇ = f + M⁻¹τ with all of the water, off, in the skin of and deep in the surface."""
-    plant, model = Plant(surface), UvmsModel(uvms, check_surface(surface))
+    plant, model = Plant(surface), ContactModel(uvms, check_surface(surface))
     rng = np.random.default_rng(8)
     for state in states[where]:
         tau = rng.uniform(-1.0, 1.0, size=10) * np.repeat([50.0, 20.0, 5.0], [3, 3, 4])
@@ -227,7 +228,7 @@ def test_the_derivatives_of_f_are_those_of_differences(model, states, derivative
         np.testing.assert_allclose(f_zeta[..., j], by_zeta, rtol=1e-6, atol=1e-8 * scale)
 
 
-def complex_derivatives(model: UvmsModel, config: np.ndarray, zeta: np.ndarray):
+def complex_derivatives(model: ContactModel, config: np.ndarray, zeta: np.ndarray):
     """Returns ∂f/∂𝔮 and ∂f/∂ζ (m, 6+n, 6+n), one column at a time, by complex steps."""
     f = model.drift(config, zeta)
     M = model.mass_matrix(model.kinematics(config))
@@ -240,13 +241,13 @@ def complex_derivatives(model: UvmsModel, config: np.ndarray, zeta: np.ndarray):
     return np.split(np.concatenate(columns, axis=-1), 2, axis=-1)
 
 
-def tilted(surface) -> UvmsModel:
+def tilted(surface) -> ContactModel:
     """Returns the robot where gravity has all three components."""
     plant = MultibodyPlant(time_step=0.1)
     uvms = add_uvms(plant, "girona500_arm5e")
     plant.mutable_gravity_field().set_gravity_vector([2.0, -3.0, 8.0])
     plant.Finalize()
-    return UvmsModel(uvms, surface)
+    return ContactModel(uvms, surface)
 
 
 @pytest.mark.parametrize("where", ["free", "skin", "deep"])
@@ -254,7 +255,7 @@ def tilted(surface) -> UvmsModel:
 def test_the_derivatives_of_f_are_those_of_complex_steps(uvms, model, states, kind, where):
     if kind != "plane":
         surface = check_surface(SPRING)
-        model = UvmsModel(uvms, surface) if kind == "spring" else tilted(surface)
+        model = ContactModel(uvms, surface) if kind == "spring" else tilted(surface)
     config, zeta = np.split(states[where], 2, axis=1)
     _, f_config, f_zeta = model.drift_derivatives(config, zeta)
     for value, expected in zip(
@@ -321,7 +322,7 @@ def test_turning_and_shifting_the_whole_world_about_the_vertical_changes_nothing
     R = RotationMatrix.MakeZRotation(turn).matrix()
     wall = UnilateralPlane(stiffness=1000.0, normal=np.array([-0.8, 0.36, 0.48]))
     carried = replace(wall, point=shift, normal=R @ wall.normal)
-    here, there = (UvmsModel(uvms, check_surface(each)) for each in (wall, carried))
+    here, there = (ContactModel(uvms, check_surface(each)) for each in (wall, carried))
     for state in [*states["free"], *states["deep"]]:
         config, zeta = np.split(state, 2)
         config = config - np.concatenate([dh.chi(config)[:3] - 0.01 * np.eye(3)[0], np.zeros(7)])
@@ -344,7 +345,7 @@ def test_kinetic_energy_grows_by_the_power_of_the_forces(derivative):
     water = uvms.hydrodynamics
     bodies = {name: BodyHydrodynamics(added_mass=body.added_mass)
               for name, body in water.bodies.items()}
-    model = UvmsModel(replace(uvms, hydrodynamics=replace(water, bodies=bodies)), FAR_AWAY)
+    model = ContactModel(replace(uvms, hydrodynamics=replace(water, bodies=bodies)), FAR_AWAY)
     rng = np.random.default_rng(11)
     for config in dh.random_configurations(seed=11, count=10):
         zeta = rng.normal(size=10)
@@ -372,7 +373,7 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
         "bodies: {vehicle: {displaced_volume: 0.04, added_mass: [{matrix: [9, 9, 30, 1, 1, 1]}]}}")
     (folder / "package.xml").write_text(
         '<?xml version="1.0"?><package format="2"><name>bare</name></package>')
-    bare = UvmsModel.load(str(folder), check_surface(UnilateralPlane()))
+    bare = ContactModel.load(str(folder), check_surface(UnilateralPlane()))
     config = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     expected = np.array([0.0, 0.0, (50.0 - 40.0) * 9.81 / (50.0 + 30.0), 0.0, 0.0, 0.0])
     np.testing.assert_allclose(bare.drift(config, np.zeros(6)), expected, atol=1e-12)
@@ -385,3 +386,27 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
     ahead, behind = (bare.task_jacobian(moved(config, zeta, s)) for s in (1e-5, -1e-5))
     np.testing.assert_allclose(
         bare.task_motion(config, zeta)[2], (ahead - behind) / 2e-5, atol=1e-8)
+
+
+def test_a_force_that_is_given_counts_as_that_of_the_surface(uvms, model, states):
+    """As a force sensor would: robot and water alone, and 𝔉 as numbers."""
+    config, zeta = np.split(states["deep"], 2, axis=1)
+    alone, kinematics = UvmsModel(uvms), model.kinematics(config)
+    chi_dot = np.einsum("kij,kj->ki", kinematics.J_chi, zeta)
+    force = model.surface.force(kinematics.chi, chi_dot)
+    assert np.min(np.linalg.norm(force, axis=1)) > 5.0
+    expected = model.inverse_dynamics(kinematics, zeta, zeta)
+    np.testing.assert_allclose(
+        alone.inverse_dynamics(kinematics, zeta, zeta, force), expected, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(
+        alone.inverse_dynamics(kinematics, zeta, zeta)
+        + np.einsum("kij,ki->kj", kinematics.J_chi, force), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_without_a_surface_f_is_that_of_the_water(uvms, model, states):
+    config, zeta = np.split(states["free"], 2, axis=1)
+    alone = UvmsModel(uvms)
+    np.testing.assert_array_equal(alone.drift(config, zeta), model.drift(config, zeta))
+    for a, b in zip(alone.drift_derivatives(config, zeta), model.drift_derivatives(config, zeta),
+                    strict=True):
+        np.testing.assert_array_equal(a, b)

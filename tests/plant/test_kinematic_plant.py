@@ -9,10 +9,11 @@ from pydrake.systems.primitives import LogVectorOutput, MatrixGain
 from support import dh
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
+from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import (
     ConstantDisturbance,
     RandomDisturbance,
@@ -229,7 +230,7 @@ def test_a_motion_with_w_is_the_same_from_any_place_and_heading():
 
 def test_a_vehicle_without_an_arm(bare):
     uvms, surface = make(None, bare), check_surface(UnilateralPlane())
-    model = UvmsModel.load(bare, surface)
+    model = ContactModel.load(bare, surface)
     rng = np.random.default_rng(2)
     config, zeta, w = START[:6], rng.normal(size=6), rng.normal(size=6)
     kinematics = uvms.GetSubsystemByName("kinematics")

@@ -9,9 +9,9 @@ from pydrake.systems.framework import LeafSystem
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.record import LOG_FILE, save_record
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.simulation import _run, make_record, simulate
@@ -81,7 +81,7 @@ def test_another_surface_is_in_the_effective_disturbance():
         *SHORT, "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]", "surface_error.stiffness=1.2",
         "surface_error.shift=[-0.002, 0, 0]", "surface_error.turn=[0, 0.05, 0.02]"])
     record = simulate(scenario)
-    model = UvmsModel.load(scenario.model, check_surface(scenario.surface))
+    model = ContactModel.load(scenario.model, check_surface(scenario.surface))
     kinematics = model.kinematics(record.config)
     chi_dot = (kinematics.J_chi @ record.zeta[..., None])[..., 0]
     unknown = record.force - model.surface.force(record.chi, chi_dot)
@@ -107,7 +107,7 @@ def test_the_joint_limits_are_those_in_force(record):
     np.testing.assert_array_equal(record.joint_upper, limits.q_upper)
     wide = replace(record.scenario, limits=replace(limits, q_lower=None))
     recorded = make_record(wide, logs_of(record), 1.0, certified=False)
-    robot = UvmsModel.load(wide.model, check_surface(wide.surface))
+    robot = ContactModel.load(wide.model, check_surface(wide.surface))
     np.testing.assert_array_equal(recorded.joint_lower, robot.q_lower)
     np.testing.assert_array_equal(recorded.joint_upper, limits.q_upper)
     assert np.all(recorded.joint_lower < record.joint_lower)

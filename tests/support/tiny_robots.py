@@ -5,17 +5,17 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia, UnitInertia
 
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.model.uvms_model import UvmsModel
 
 INERTIA = SpatialInertia(mass=2.0, p_PScm_E=np.zeros(3), G_SP_E=UnitInertia.SolidSphere(0.2))
 
 
 def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0, 0.0)
-               ) -> UvmsModel:
+               ) -> ContactModel:
     """Returns the model of an arm with the given joint axes and anchors, each in its inner link.
 
     Args:
@@ -39,15 +39,15 @@ def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0
         "tip", link.body_frame(), RigidTransform(RollPitchYaw(tip_rpy), tip), instance))
     plant.Finalize()
     uvms = Uvms(plant, instance, vehicle, tuple(joints), frame, HydrodynamicParameters())
-    return UvmsModel(uvms, check_surface(UnilateralPlane()))
+    return ContactModel(uvms, check_surface(UnilateralPlane()))
 
 
-def turret(length: float) -> UvmsModel:
+def turret(length: float) -> ContactModel:
     """A yaw joint at the vehicle's origin, the tip `length` [m] away from it."""
     return tiny_robot([[0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], (length, 0.0, 0.0))
 
 
-def drill() -> UvmsModel:
+def drill() -> ContactModel:
     """A joint that turns the tool about its own axis, everything at the vehicle's origin."""
     return tiny_robot([[1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], (0.0, 0.0, 0.0))
 
@@ -63,7 +63,7 @@ def drill_attitude_norm(pitch: float) -> float:
     return float(np.sqrt(0.5 * (trace + np.sqrt(trace**2 - 4.0 * determinant))))
 
 
-def oblique() -> UvmsModel:
+def oblique() -> ContactModel:
     """Two skew joints and a tip that is on neither axis: nothing about it is special."""
     return tiny_robot(
         [[0.0, 0.6, 0.8], [0.8, 0.0, 0.6]], [[0.3, 0.1, 0.2], [0.4, 0.0, -0.1]],

@@ -8,9 +8,9 @@ from support import dh
 from support.tiny_robots import drill, tiny_robot
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 
 BOUNDS = ConstraintSet(
@@ -25,10 +25,10 @@ def drawn(model) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def in_spring(uvms) -> UvmsModel:
+def in_spring(uvms) -> ContactModel:
     stiffness = np.diag([500.0, 300.0, 400.0, 5.0, 4.0, 3.0])
     stiffness[0, 4] = stiffness[4, 0] = 20.0
-    return UvmsModel(uvms, check_surface(BilateralSpring(stiffness, np.full(6, 0.3))))
+    return ContactModel(uvms, check_surface(BilateralSpring(stiffness, np.full(6, 0.3))))
 
 
 def test_samples_keep_every_bound_by_an_independent_kinematics(drawn):

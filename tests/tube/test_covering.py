@@ -8,7 +8,7 @@ import pytest
 from support.tiny_robots import drill, drill_attitude_norm, oblique, turret
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.boxes import BLOCKS, JacobianBoxes
 from uvms_drake.tube.constants import sampled_values
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -47,7 +47,7 @@ def coordinates(model, bounds: ConstraintSet, boxes: JacobianBoxes, count: int
     return config, x
 
 
-def arm_and_bounds(robot: str, model) -> tuple[UvmsModel, ConstraintSet]:
+def arm_and_bounds(robot: str, model) -> tuple[ContactModel, ConstraintSet]:
     """Returns a robot and a set for it."""
     return {
         "girona": lambda: (model, BOUNDS),

@@ -26,9 +26,10 @@ from uvms_drake.control.limits import make_limits, resolved_radii, tighten
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
+from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.problem import make_kinematic_ocp, start_state
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.compare_laws import compare_laws
@@ -216,7 +217,7 @@ def test_fresh_searches_come_close_to_the_radii_and_not_beyond(
     assert 0.75 * radius < np.max(reached) < radius
 
 
-def attacks(model: UvmsModel, w_bound: float) -> dict:
+def attacks(model: ContactModel, w_bound: float) -> dict:
     """Returns w(t, 𝔮, 𝔢) of 2-norm `w_bound` at most, by name."""
     lead = np.array([0.6, -0.2, 0.5, 0.3, -0.4, 0.2])
     lead /= np.linalg.norm(lead)
@@ -239,7 +240,7 @@ def attacks(model: UvmsModel, w_bound: float) -> dict:
     }
 
 
-def closed_loop(model: UvmsModel, plan: KinematicPlan, law: AncillaryLaw, attack
+def closed_loop(model: ContactModel, plan: KinematicPlan, law: AncillaryLaw, attack
                 ) -> SimpleNamespace:
     """Integrates 𝔮̇ = Γ(𝔮)(ζ + [J_v⁻¹w; 0]), which is χ̇ = Jζ + w and q̇ as commanded."""
     config = plan.config[0].copy()

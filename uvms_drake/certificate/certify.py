@@ -26,8 +26,8 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import start_state
@@ -67,7 +67,7 @@ def certify(scenario: Scenario) -> Certificate:
     if not draft.certified:
         return draft
     draft = draft.adding(room_of(scenario, found.radii, model))
-    return _with_terminal_set(draft, found, scenario) if draft.certified else draft
+    return _with_terminal_set(draft, found, scenario, model) if draft.certified else draft
 
 
 def assumptions(scenario: Scenario) -> list[Condition]:
@@ -90,7 +90,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 
-def check_inputs(scenario: Scenario) -> UvmsModel:
+def check_inputs(scenario: Scenario) -> ContactModel:
     """Returns the controller's model, if the scenario would have a meaning without any tube.
 
     Raises:
@@ -100,7 +100,7 @@ def check_inputs(scenario: Scenario) -> UvmsModel:
         check_settings(scenario.certificate)
     with within("surface"):
         surface = check_surface(scenario.surface)
-    model = UvmsModel.load(scenario.model, surface)
+    model = ContactModel.load(scenario.model, surface)
     vector("current", scenario.current, 3)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     dynamic = motion_of(scenario).has_forces
@@ -130,7 +130,7 @@ def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: No
     return replace(Certificate.from_data(data), scenario=scenario.name)
 
 
-def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
+def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits = scenario.limits
     require(not motion_of(scenario).has_forces or limits.static_force is not None,
@@ -143,7 +143,7 @@ def declared_set(scenario: Scenario, model: UvmsModel) -> ConstraintSet:
         force_max=UNLIMITED if limits.static_force is None else limits.static_force)
 
 
-def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
+def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSet
                  ) -> dict[str, Constant]:
     """Returns the estimated and the proven constants by name, from the cache if they are there.
 
@@ -162,7 +162,7 @@ def constants_of(scenario: Scenario, model: UvmsModel, declared: ConstraintSet
     return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}
 
 
-def basis_of(scenario: Scenario, model: UvmsModel) -> Basis:
+def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
     """Returns what the tube of a scenario's law is computed from, its constants from the cache."""
     declared = declared_set(scenario, model)
     return Basis(
@@ -171,7 +171,7 @@ def basis_of(scenario: Scenario, model: UvmsModel) -> Basis:
         settings=scenario.certificate)
 
 
-def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condition]:
+def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
     """Returns a condition for every limit: the tube must leave something of it.
 
     Limits of one number come first, as they do among the settings.
@@ -188,10 +188,11 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: UvmsModel) -> list[Condi
     return conditions
 
 
-def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario) -> Certificate:
+def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
+                       model: ContactModel) -> Certificate:
     settings = scenario.certificate
     try:
-        ocp = make_ocp(draft.applied_to(scenario))
+        ocp = make_ocp(draft.applied_to(scenario), model)
         start = start_state(draft.applied_to(scenario), ocp)
     except InvalidParameter as error:
         return draft.adding([Condition(f"left by the tube, {error}", 1.0, "<=", 0.0)])
@@ -201,13 +202,13 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario) -
     worst = min(check.margins.values())
     draft = replace(draft, terminal=terminal,
                     bounds=ultimate_bounds(
-                        found.radii, ocp.model.surface, ocp.y_des[:6], found.tip_speed))
+                        found.radii, model.surface, ocp.y_des[:6], found.tip_speed))
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])
     if not draft.certified:
         return draft
-    ocp = make_ocp(draft.applied_to(scenario))  # With the terminal set.
+    ocp = make_ocp(draft.applied_to(scenario), model)  # With the terminal set.
     return draft.adding(first_plan(ocp, start)[1])
 
 

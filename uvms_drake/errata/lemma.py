@@ -17,8 +17,8 @@ from uvms_drake.errata.paper import (
     numbers,
     robot,
 )
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import pose_difference
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000
@@ -30,7 +30,7 @@ D_BOUND = 0.1
 # Input and law -----------------------------------------------------------------------------------
 
 
-def acceleration_input(model: UvmsModel | None = None, tolerance: float = 1e-10) -> Erratum:
+def acceleration_input(model: ContactModel | None = None, tolerance: float = 1e-10) -> Erratum:
     """E1: (eq:dynamics) has f with M⁻¹ inside and 𝔲 without, so 𝔲 is no force.
 
     The inverse dynamics, which does not use M, gives the τ at which ζ̇ = f + u. The acceleration of

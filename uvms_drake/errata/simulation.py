@@ -3,7 +3,7 @@
 import math
 from copy import copy
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -43,9 +43,9 @@ from uvms_drake.errata.paper import (
     numbers,
     robot,
 )
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import pose_difference, wrap_angle
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import kinematic_tubes
 
@@ -74,7 +74,7 @@ class Rest(NamedTuple):
 def spring_ocp() -> DynamicOcp:
     """Returns the nominal problem of the scenario with the paper's surface law."""
     scenario = load_scenario("girona500_bilateral")
-    model = UvmsModel.load(scenario.model, check_surface(scenario.surface))
+    model = ContactModel.load(scenario.model, check_surface(scenario.surface))
     y_des = np.concatenate([model.surface.pose_for(np.asarray(scenario.task.force), None),
                             scenario.task.posture])
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface),
@@ -94,7 +94,7 @@ def rest(ocp: DynamicOcp, u_ref: np.ndarray) -> Rest:
         guess = ocp.continued(plan)
         plan = solver.solve(guess, 1).plan or guess
     chi = np.array([model.task_pose(plan.config[0])[:6], ocp.y_des[:6]])
-    force = model.surface.force(chi, np.zeros_like(chi))[:, :3]
+    force = cast(ContactModel, model).surface.force(chi, np.zeros_like(chi))[:, :3]
     return Rest(float(np.linalg.norm(chi[0, :3] - chi[1, :3])),
                 float(np.linalg.norm(force[0] - force[1])), float(np.linalg.norm(plan.zeta[0])))
 

@@ -4,7 +4,7 @@ It holds the numbers of a `MultibodyPlant` and of a hydrodynamics file (`Links`)
 every function takes stacks of any leading shape, so that a whole prediction horizon is one call,
 and complex numbers, so that a derivative is one more call (see `euler`).
 
-    M(𝔮) ζ̇ + C(𝔮, ζ) ζ + D(𝔮, ζ) ζ + g(𝔮) + J(𝔮)ᵀ𝔉(χ, χ̇) = τ                    (eq:dynamics)
+    M(𝔮) ζ̇ + C(𝔮, ζ) ζ + D(𝔮, ζ) ζ + g(𝔮) + J(𝔮)ᵀ𝔉 = τ                          (eq:dynamics)
 
 A rigid body with added mass is a body with a general 6×6 inertia I = M_RB + M_A, and its equation
 of motion in its own axes is f = I ν̇ + ν ×* I ν (Kirchhoff; Fossen 2021, §6.3 and §8.1). With the
@@ -35,8 +35,7 @@ from uvms_drake.model.spatial import (
     motion_matrix,
     times,
 )
-from uvms_drake.model.surface.law import Surface
-from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
+from uvms_drake.model.tip import complex_step, pose_rate_matrix
 from uvms_drake.model.uvms import Uvms, add_uvms
 
 
@@ -70,10 +69,13 @@ class Kinematics(NamedTuple):
 
 
 class UvmsModel:
-    """Kinematics and dynamics of a UVMS in still water and in contact with a surface."""
+    """Kinematics and dynamics of a UVMS in still water.
 
-    def __init__(self, uvms: Uvms, surface: Surface):
-        self.surface = surface
+    It is the robot alone: without contact, or with a force 𝔉 that is given. A `ContactModel` is
+    one that knows the surface.
+    """
+
+    def __init__(self, uvms: Uvms):
         self.num_joints = n = len(uvms.joints)
         self.size = 6 + n
         """6 + n."""
@@ -86,14 +88,6 @@ class UvmsModel:
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
         self._rotor_inertia = np.concatenate([np.zeros(6), self._links.rotor_inertia])
         self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
-
-    @staticmethod
-    def load(model: str, surface: Surface) -> "UvmsModel":
-        """Returns the model of a shipped robot or a robot's folder, read by a plant of its own."""
-        plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
-        uvms = add_uvms(plant, model)
-        plant.Finalize()
-        return UvmsModel(uvms, surface)
 
     # Kinematics
 
@@ -216,18 +210,37 @@ class UvmsModel:
         g = (g_B[..., None, None, :] @ kinematics.R_BL)[..., 0, :]
         return _Motion(V_B, A_B, screw_rate, times(X, V_B), times(X, A_B), g)
 
-    def _forces(self, kinematics: Kinematics, motion: "_Motion") -> np.ndarray:
-        """Returns fₖ (..., n+1, 6): what moves link k so, against water and surface."""
+    def contact_force(self, kinematics: Kinematics, V_E: np.ndarray) -> np.ndarray:
+        """Returns 𝔉 (..., 6) that the end-effector exerts at its velocity V_E (..., 6): none."""
+        return np.zeros_like(V_E)
+
+    def contact_gradients(self, kinematics: Kinematics, V_E: np.ndarray
+                          ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the derivatives (..., 6, 6) of A(𝔬)ᵀ𝔉 by V_E and along motions, as of `tip`."""
+        return np.zeros((*V_E.shape, 6)), np.zeros((*V_E.shape, 6))
+
+    def _forces(self, kinematics: Kinematics, motion: "_Motion", contact: np.ndarray | None = None
+                ) -> np.ndarray:
+        """Returns fₖ (..., n+1, 6): what moves link k so, against water and contact."""
         force = self._links.links_force(motion.V, motion.A, motion.g)
-        force[..., -1, :] += tip_force(
-            self.surface, kinematics.chi, kinematics.A_E, motion.V[..., -1, :])
+        if contact is None:
+            contact = self.contact_force(kinematics, motion.V[..., -1, :])
+        force[..., -1, :] += (contact[..., None, :] @ kinematics.A_E)[..., 0, :]
         return force
 
     def inverse_dynamics(
-        self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray
+        self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray,
+        contact: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Returns τ (..., 6+n), the generalised force at which ζ̇ is the acceleration."""
-        force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot))
+        """Returns τ (..., 6+n), the generalised force at which ζ̇ is the acceleration.
+
+        Args:
+            kinematics: The geometry at 𝔮.
+            zeta: ζ (..., 6+n).
+            zeta_dot: ζ̇ (..., 6+n).
+            contact: 𝔉 (..., 6), if it is known otherwise than by `contact_force`.
+        """
+        force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot), contact)
         tau = (force.reshape(*zeta.shape[:-1], 1, -1) @ _stacked(kinematics.J_links))[..., 0, :]
         return tau + self._joint_damping * zeta + self._rotor_inertia * zeta_dot
 
@@ -283,8 +296,7 @@ class UvmsModel:
         size, J, screw = self.size, kinematics.J_links, kinematics.screw
         motion = self._motion(kinematics, zeta, zeta_dot)
         N, K = self._links.force_gradients(motion.V, motion.g)
-        by_velocity, by_motion = tip_force_gradients(
-            self.surface, kinematics.chi, kinematics.A_E, motion.V[..., -1, :])
+        by_velocity, by_motion = self.contact_gradients(kinematics, motion.V[..., -1, :])
         N[..., -1, :, :] += by_velocity
         K[..., -1, :, :] += by_motion
 
@@ -314,6 +326,14 @@ class UvmsModel:
     def equilibrium_input(self, config: np.ndarray) -> np.ndarray:
         """Returns u_eq = −f(𝔮, 0) (..., 6+n), the input that holds 𝔮 at rest."""
         return -self.drift(config, np.zeros_like(config))
+
+
+def read_uvms(model: str) -> Uvms:
+    """Returns a shipped robot or a robot's folder, in a plant of its own."""
+    plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
+    uvms = add_uvms(plant, model)
+    plant.Finalize()
+    return uvms
 
 
 def configuration_rate(config: np.ndarray, zeta: np.ndarray) -> np.ndarray:

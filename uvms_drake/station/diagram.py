@@ -14,13 +14,13 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.nominal_mpc import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
 from uvms_drake.control.tube_monitor import TubeMonitor
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import Signals
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
 from uvms_drake.station.motions import make_ocp, motion_of
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
@@ -43,7 +43,7 @@ tenth of the tube's smallest radius, see `monitor_floor`."""
 
 
 def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
-                 certified: bool = False, model: UvmsModel | None = None) -> Diagram:
+                 certified: bool = False, model: ContactModel | None = None) -> Diagram:
     """Returns the closed loop as a Diagram named "station", which starts as the scenario says.
 
     ::
@@ -83,6 +83,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         scenario.disturbance.check()
 
     # Plant and controller.
+    model = model or load_model(scenario)
     ocp = make_ocp(scenario, model)
     start = start_state(scenario, ocp)[: ocp.model.size]
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
@@ -141,7 +142,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder.ExportOutput(monitor.GetOutputPort(name), f"tube_{name}")
     if meshcat is not None:
         Illustration.AddToBuilder(
-            builder, meshcat, setting_of(scenario, ocp.model, certified=certified),
+            builder, meshcat, setting_of(scenario, model, certified=certified),
             plan=controller.GetOutputPort("plan"),
             **{port: signals[name] for port, name in ILLUSTRATED.items() if name in signals})
     station = builder.Build()

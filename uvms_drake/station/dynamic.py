@@ -1,6 +1,7 @@
 """Dynamic motion: forces move the robot, d is added to its acceleration."""
 
 from functools import partial
+from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -14,6 +15,7 @@ from uvms_drake.control.nominal_mpc import Targets
 from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
@@ -59,7 +61,7 @@ class Dynamic(Motion):
         """Returns the number of components of d."""
         return size
 
-    def make_ocp(self, scenario: Scenario, model: UvmsModel) -> DynamicOcp:
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> DynamicOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
         return make_dynamic_ocp(scenario, model)
 
@@ -75,7 +77,7 @@ class Dynamic(Motion):
         assert isinstance(ocp, DynamicOcp)
         cut = scenario.simulator.integration_scheme not in IMPLICIT
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
-                          partial(retargeted_ocp, scenario, model=ocp.model))
+                          partial(retargeted_ocp, scenario, model=cast(ContactModel, ocp.model)))
         with within("ancillary"):
             return make_tube_mpc(
                 ocp, scenario.ancillary, targets, scenario.limits if cut else None)
@@ -99,7 +101,7 @@ class Dynamic(Motion):
         errors = {name: monitor.GetOutputPort(name) for name in ("e_y", "r")}
         return disturbance.add_to(builder, model, seed, {**signals, **errors})
 
-    def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the effective disturbance."""
         return logs | {"effective_disturbance": effective_disturbance(
@@ -110,7 +112,7 @@ class Dynamic(Motion):
         return [("mpc.input_reference, not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]
 
-    def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
+    def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
                   ) -> dict[str, Constant]:
         """Returns all constants; those that decide the tube of `resolved` are proven."""
         return estimate_constants(
@@ -138,7 +140,7 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
         error=scenario.model_error)
 
 
-def effective_disturbance(model: UvmsModel, state: np.ndarray, u: np.ndarray,
+def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
                           acceleration: np.ndarray) -> np.ndarray:
     """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
 

@@ -10,6 +10,7 @@ from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
@@ -50,7 +51,7 @@ class Kinematic(Motion):
         """Returns the number of components of w."""
         return 6
 
-    def make_ocp(self, scenario: Scenario, model: UvmsModel) -> KinematicOcp:
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> KinematicOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
         return make_kinematic_ocp(scenario, model)
 
@@ -75,7 +76,7 @@ class Kinematic(Motion):
         return disturbance.add_to_kinematic(
             builder, seed, {**signals, "e": monitor.GetOutputPort("e")})
 
-    def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the force that the surface's law gives for the pose at rest."""
         chi = model.task_pose(logs["state"][:, : model.size])[:, :6]
@@ -92,7 +93,7 @@ class Kinematic(Motion):
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
         return [("joints of weight zero, which no terminal set holds", free)]
 
-    def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
+    def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
                   ) -> dict[str, Constant]:
         """Returns the constants of the law `transpose`; `resolved` needs none."""
         return estimate_constants(

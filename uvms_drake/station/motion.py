@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp import MpcConfig, Ocp
 from uvms_drake.control.tube_monitor import TubeMonitor
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
@@ -64,7 +65,7 @@ class Motion(ABC):
         """Returns the number of components of the disturbance, `size` = 6 + n."""
 
     @abstractmethod
-    def make_ocp(self, scenario: Scenario, model: UvmsModel) -> Ocp:
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> Ocp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
 
     @abstractmethod
@@ -86,7 +87,7 @@ class Motion(ABC):
         """Adds the source of d or w and returns its port; see `Disturbance`."""
 
     @abstractmethod
-    def completed(self, scenario: Scenario, model: UvmsModel, logs: dict[str, np.ndarray]
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with what of a `Record` follows from them with this motion alone."""
 
@@ -95,7 +96,7 @@ class Motion(ABC):
         """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
 
     @abstractmethod
-    def constants(self, model: UvmsModel, declared: ConstraintSet, settings: CertificateSettings
+    def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
                   ) -> dict[str, Constant]:
         """Returns the constants that the tubes of this motion are computed from, by name."""
 

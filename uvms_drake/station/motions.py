@@ -3,7 +3,7 @@
 from uvms_drake.common.errors import require
 from uvms_drake.control.limits import Limit, make_limits
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.dynamic import Dynamic
 from uvms_drake.station.kinematic import Kinematic
 from uvms_drake.station.motion import Motion
@@ -19,7 +19,7 @@ def motion_of(scenario: Scenario) -> Motion:
     return MOTIONS[scenario.motion]
 
 
-def make_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Ocp:
+def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:
     """Returns the nominal MPC's problem.
 
     Args:
@@ -32,7 +32,7 @@ def make_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Ocp:
     return motion_of(scenario).make_ocp(scenario, model or load_model(scenario))
 
 
-def limits_of(scenario: Scenario, model: UvmsModel) -> dict[str, Limit]:
+def limits_of(scenario: Scenario, model: ContactModel) -> dict[str, Limit]:
     """Returns the limits of the real robot by name; the model is the controller's."""
     return make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface,
                        accelerations=motion_of(scenario).has_forces)

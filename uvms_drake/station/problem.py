@@ -10,20 +10,20 @@ from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import Limit, make_limits, tighten
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.points import Points
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
 
-def load_model(scenario: Scenario) -> UvmsModel:
+def load_model(scenario: Scenario) -> ContactModel:
     """Returns the controller's model of robot and surface."""
     with within("surface"):
         surface = check_surface(scenario.surface)
-    return UvmsModel.load(scenario.model, surface)
+    return ContactModel.load(scenario.model, surface)
 
 
-def make_kinematic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> KinematicOcp:
+def make_kinematic_ocp(scenario: Scenario, model: ContactModel | None = None) -> KinematicOcp:
     """Returns the problem of a scenario with kinematic motion; see `motions.make_ocp`."""
     model = model or load_model(scenario)
     y_des, limits = _task(scenario, model, accelerations=False)
@@ -31,7 +31,7 @@ def make_kinematic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Ki
         return KinematicOcp(model, scenario.mpc, y_des, limits)
 
 
-def make_dynamic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> DynamicOcp:
+def make_dynamic_ocp(scenario: Scenario, model: ContactModel | None = None) -> DynamicOcp:
     """Returns the problem of a scenario with dynamic motion; see `motions.make_ocp`."""
     model = model or load_model(scenario)
     y_des, limits = _task(scenario, model, accelerations=True)
@@ -42,7 +42,7 @@ def make_dynamic_ocp(scenario: Scenario, model: UvmsModel | None = None) -> Dyna
     return ocp
 
 
-def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: UvmsModel | None = None
+def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: ContactModel | None = None
                    ) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
@@ -58,7 +58,7 @@ def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: UvmsModel | Non
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)), model)
 
 
-def _task(scenario: Scenario, model: UvmsModel, *, accelerations: bool
+def _task(scenario: Scenario, model: ContactModel, *, accelerations: bool
           ) -> tuple[np.ndarray, dict[str, Limit]]:
     """Returns y_des (6+n,) and the limits that the tube leaves."""
     surface = model.surface

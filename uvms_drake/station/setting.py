@@ -3,7 +3,7 @@
 import numpy as np
 
 from uvms_drake.control.limits import resolved_radii, tighten
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import limits_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
@@ -11,7 +11,7 @@ from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting
 
 
-def setting_of(scenario: Scenario, model: UvmsModel | None = None, *, certified: bool = False
+def setting_of(scenario: Scenario, model: ContactModel | None = None, *, certified: bool = False
                ) -> Setting:
     """Returns what stays the same in a `Scene` of a run.
 

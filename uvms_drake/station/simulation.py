@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import joint_limits
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model
@@ -110,7 +110,7 @@ def _monitor(station: Diagram, progress: Callable[[float], None] | None,
 
 
 def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float,
-                certified: bool, model: UvmsModel | None = None) -> Record:
+                certified: bool, model: ContactModel | None = None) -> Record:
     """Returns the record of a station's logs, with what follows from them added.
 
     Args:

@@ -28,8 +28,8 @@ from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import start_state
@@ -364,7 +364,7 @@ def measure_derivative(scenario: Scenario, effort: Effort) -> DerivativeTimes:
 def penetrations(scenario: Scenario, states: np.ndarray) -> np.ndarray:
     """Returns how deep the tip is in the surface [m] in states (𝔮, ζ) (K, 2(6+n))."""
     surface = check_surface(scenario.surface)
-    model = UvmsModel.load(scenario.model, surface)
+    model = ContactModel.load(scenario.model, surface)
     return surface.penetration(model.task_pose(states[:, : model.size])[:, :6])
 
 

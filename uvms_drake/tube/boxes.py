@@ -41,9 +41,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.spatial import cross, skew, times
-from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 
 SAME_AXIS = 1e-9
@@ -89,7 +89,7 @@ class JacobianBoxes:
         block: One of `BLOCKS`.
     """
 
-    def __init__(self, model: UvmsModel, constraint_set: ConstraintSet, block: str):
+    def __init__(self, model: ContactModel, constraint_set: ConstraintSet, block: str):
         self._model = model
         self._block = block
         roll, pitch = constraint_set.roll, constraint_set.pitch

@@ -32,8 +32,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate_matrix
+from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate_matrix
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.local_search import DIFFERENCE, climb
 
@@ -77,13 +78,13 @@ class Constant:
 Matrices = dict[str, np.ndarray]
 
 
-def jacobian_matrices(model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+def jacobian_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
     """Returns J (m, 6, 6+n) and J_x (m, 6+n, 6+n) at m states (m, 6+n)."""
     J_x = model.task_jacobian(config)
     return {"J": J_x[:, :6], "J_x": J_x}
 
 
-def rate_matrices(model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+def rate_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
     """Returns J̇ and ∂(J ζ)/∂y (m, 6, 6+n) at m states; the other rows of J_x have neither."""
     _, J_x, J_x_dot = model.task_motion(config, zeta)
     # J does not depend on where the vehicle is, so three columns of ∂(Jζ)/∂𝔮 are zero.
@@ -94,7 +95,7 @@ def rate_matrices(model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> Mat
     return {"J_dot": J_x_dot[:, :6], "c_y": by_config @ _config_by_y(config, J_x)}
 
 
-def drift_matrices(model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+def drift_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
     """Returns ∂f/∂y and ∂f/∂ζ (m, 6+n, 6+n) at m states."""
     _, by_config, by_zeta = model.drift_derivatives(config, zeta)
     J_x = model.task_jacobian(config)
@@ -106,7 +107,7 @@ def _config_by_y(config: np.ndarray, J_x: np.ndarray) -> np.ndarray:
     return configuration_rate_matrix(config) @ np.linalg.inv(J_x)
 
 
-def product(model: UvmsModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
+def product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
             v: np.ndarray) -> np.ndarray:
     """Returns A v (m, r) at m states for one of the matrices above and one vector v (6+n,).
 
@@ -130,7 +131,7 @@ def product(model: UvmsModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
 class _Quantity(NamedTuple):
     """A constant as the extreme singular value of a matrix function."""
 
-    group: Callable[[UvmsModel, np.ndarray, np.ndarray], Matrices]
+    group: Callable[[ContactModel, np.ndarray, np.ndarray], Matrices]
     matrix: str
     sign: float = 1.0
     """1: the supremum of the largest singular value; −1: the infimum of the smallest."""
@@ -146,7 +147,7 @@ class _Quantity(NamedTuple):
         A = matrices[self.matrix][:, self.rows, self.columns]
         return np.linalg.svd(A, compute_uv=False)[:, 0 if self.sign > 0.0 else -1]
 
-    def value_and_gradient(self, model: UvmsModel, config: np.ndarray,
+    def value_and_gradient(self, model: ContactModel, config: np.ndarray,
                            zeta: np.ndarray) -> tuple[float, np.ndarray]:
         """Returns ± the singular value and its derivative ± uᵀ(dA)v in (𝔮, ζ) (2(6+n),)."""
         A = self.group(model, config[None], zeta[None])[self.matrix][0]
@@ -178,7 +179,7 @@ QUANTITIES = {
 }
 
 
-def sampled_values(model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
+def sampled_values(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
                    names: tuple[str, ...] = tuple(QUANTITIES)) -> dict[str, np.ndarray]:
     """Returns what each constant bounds, e.g. ‖J‖ for J_max, (m,) by name at m states (m, 6+n)."""
     wanted = {name: QUANTITIES[name] for name in names}
@@ -192,7 +193,7 @@ def sampled_values(model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
     return {name: np.concatenate(values) for name, values in parts.items()}
 
 
-def estimate_constants(model: UvmsModel, constraint_set: ConstraintSet,
+def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
                        names: tuple[str, ...] = tuple(QUANTITIES), *, samples: int = 4000,
                        safety_factor: float = 1.05, seed: int = 0) -> dict[str, Constant]:
     """Returns the constants of this file by name; the same for the same arguments.
@@ -226,7 +227,7 @@ def estimate_constants(model: UvmsModel, constraint_set: ConstraintSet,
     return out
 
 
-def _local_maxima(model: UvmsModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
+def _local_maxima(model: ContactModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
                   zeta: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Returns where local searches end that start from the worst of the samples (m, 6+n)."""
     quantity = QUANTITIES[name]

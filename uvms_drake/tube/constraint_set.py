@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.spatial import in_ball
-from uvms_drake.model.uvms_model import UvmsModel
 
 BOUND_SHARE = 0.2
 """Probability with which a sampled coordinate is put on one of its two bounds."""
@@ -76,7 +76,7 @@ class ConstraintSet:
         return (np.concatenate([-attitude, self.q_lower]),
                 np.concatenate([attitude, self.q_upper]))
 
-    def scale(self, model: UvmsModel) -> np.ndarray:
+    def scale(self, model: ContactModel) -> np.ndarray:
         """Returns about how far each coordinate of (𝔮, ζ) can move in the set (2(6+n),)."""
         lower, upper = self.box
         position = model.surface.contact_reach(self.force_max)
@@ -84,7 +84,7 @@ class ConstraintSet:
             np.full(3, position), np.maximum(0.5 * (upper - lower), 1e-3),
             np.full(3, self.nu1), np.full(3, self.nu2), np.full(model.num_joints, self.qdot)])
 
-    def normalised(self, model: UvmsModel, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+    def normalised(self, model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
         """Returns (m, 5) what is bounded beyond `box`; a state is feasible iff all in [−1, 1].
 
         Tip pitch over its bound; `Surface.contact_measure`; ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the squares of
@@ -99,7 +99,7 @@ class ConstraintSet:
             np.sum(zeta[:, 6:] ** 2, axis=1) / self.qdot**2,
         ], axis=1)
 
-    def contains(self, model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
+    def contains(self, model: ContactModel, config: np.ndarray, zeta: np.ndarray,
                  tolerance: float = 1e-7) -> np.ndarray:
         """Returns whether each of m states is in the set, to within `tolerance` of a bound."""
         lower, upper = self.box
@@ -108,7 +108,7 @@ class ConstraintSet:
         rest = np.abs(self.normalised(model, config, zeta))
         return inside & np.all(rest <= 1.0 + tolerance, axis=1)
 
-    def sample(self, model: UvmsModel, count: int,
+    def sample(self, model: ContactModel, count: int,
                rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Returns `count` states 𝔮, ζ (count, 6+n) of the set: interior, faces, edges and corners.
 
@@ -138,7 +138,7 @@ class ConstraintSet:
             in_ball(rng, count, model.num_joints, self.qdot)], axis=1)
         return config, zeta
 
-    def _attitudes_and_joints(self, model: UvmsModel, count: int,
+    def _attitudes_and_joints(self, model: ContactModel, count: int,
                               rng: np.random.Generator) -> np.ndarray:
         lower, upper = self.box
         x = rng.uniform(lower, upper, size=(count, len(lower)))
@@ -157,11 +157,11 @@ class ConstraintSet:
             low, high = np.where(keeps, middle, low), np.where(keeps, high, middle)
         return rng.permutation(np.concatenate([good, start + low * (end - start)]))
 
-    def _pitch_is_kept(self, model: UvmsModel, x: np.ndarray) -> np.ndarray:
+    def _pitch_is_kept(self, model: ContactModel, x: np.ndarray) -> np.ndarray:
         config = np.concatenate([np.zeros((len(x), 3)), x], axis=1)
         return np.abs(model.kinematics(config).chi[:, 4]) <= self.tip_pitch
 
-    def _positions(self, model: UvmsModel, config: np.ndarray,
+    def _positions(self, model: ContactModel, config: np.ndarray,
                    rng: np.random.Generator) -> np.ndarray:
         """Returns positions of the vehicle (m, 3) that put the tip where the contact wants it."""
         kinematics = model.kinematics(config)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.boxes import JacobianBoxes
 from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -37,7 +37,7 @@ class Covering(NamedTuple):
     """How many were evaluated."""
 
 
-def prove_constants(model: UvmsModel, constraint_set: ConstraintSet,
+def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
                     names: tuple[str, ...] = ("J_position_max", "J_attitude_max", "Jx_max"), *,
                     rel_gap: float = 0.03, max_boxes: int = 40_000, samples: int = 1000,
                     seed: int = 0) -> dict[str, Constant]:

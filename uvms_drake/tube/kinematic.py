@@ -34,8 +34,9 @@ import numpy as np
 from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
+from uvms_drake.model.uvms_model import COMPLEX_STEP
 from uvms_drake.tube.conditions import Condition, kinematic_tubes
 from uvms_drake.tube.constants import START_RANKS
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -81,7 +82,7 @@ KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
 """Functions of a law and a `Basis`, by the law's exact type; see `dynamic.DYNAMIC_TUBES`."""
 
 
-def undetermined_joints(law: Transpose, model: UvmsModel) -> Condition:
+def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
     """Returns that no joint is out of the reach of the tube of the law `transpose`."""
     free = 0 if law.joints else model.num_joints
     return Condition("n, joints that χ does not determine (the tube is in χ alone)",
@@ -113,7 +114,7 @@ def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
             "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}
 
 
-def deviation(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
+def deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
               sigma: float) -> np.ndarray:
     """Returns ν − ν̄ of (1) (..., 6).
 
@@ -132,7 +133,7 @@ def deviation(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, error: np.
     return np.linalg.solve(J[..., :6], rate[..., None])[..., 0] - zeta[..., :6]
 
 
-def worst_errors(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, block: slice,
+def worst_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, block: slice,
                  radius: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns the largest ‖(ν − ν̄)_block‖ (m,) over ‖𝔢‖ ≤ `radius` and its 𝔢 (m, 6).
 
@@ -161,7 +162,7 @@ def worst_errors(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, block: 
     return best[sign, state], best_error[sign, state]
 
 
-def velocity_radii(model: UvmsModel, declared: ConstraintSet, *, radius: float, sigma: float,
+def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: float, sigma: float,
                    samples: int, safety_factor: float, seed: int) -> tuple[float, float]:
     """Returns bounds of ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖; infinite if the tube leaves nothing to sample.
 
@@ -192,7 +193,7 @@ def velocity_radii(model: UvmsModel, declared: ConstraintSet, *, radius: float, 
     return nu1, nu2
 
 
-def _largest(model: UvmsModel, block: slice, radius: float, sigma: float, config: np.ndarray,
+def _largest(model: ContactModel, block: slice, radius: float, sigma: float, config: np.ndarray,
              zeta: np.ndarray) -> tuple[float, np.ndarray]:
     """Returns the largest norm over 𝔢 and its derivative by (𝔮̄, ζ̄); the worst 𝔢 can be held."""
     value, error = worst_errors(model, config[None], zeta[None], block, radius, sigma)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -17,7 +17,7 @@ from uvms_drake.tube.settings import CertificateSettings
 class Basis:
     """What the tube of a law is computed from, besides the law."""
 
-    model: UvmsModel
+    model: ContactModel
     """The prediction model."""
     declared: ConstraintSet
     """The set that the constants are suprema over: the limits of the real robot."""

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
 from uvms_drake.common.differentiable import differentiable
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 
 DIFFERENCE = 1e-6
@@ -23,7 +23,7 @@ ValueAndGradient = Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray]]
 class _Search:
     """The problem in coordinates s about the start, x = start + scale s, and its best state."""
 
-    def __init__(self, function: ValueAndGradient, model: UvmsModel,
+    def __init__(self, function: ValueAndGradient, model: ContactModel,
                  constraint_set: ConstraintSet, start: np.ndarray):
         self._function = function
         self._model = model
@@ -56,7 +56,7 @@ class _Search:
         return values[0], (plus - minus).T / (2.0 * DIFFERENCE)
 
 
-def climb(function: ValueAndGradient, model: UvmsModel, constraint_set: ConstraintSet,
+def climb(function: ValueAndGradient, model: ContactModel, constraint_set: ConstraintSet,
           config: np.ndarray, zeta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Returns value, 𝔮 and ζ (6+n,) of the best state met on the way to a local maximum.
 

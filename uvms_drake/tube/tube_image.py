@@ -30,9 +30,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel, configuration_rate
+from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.tubes import joint_rate_radius
 
@@ -90,7 +91,7 @@ def input_gain(k: float, sigma: float) -> float:
     return float(2.0 * part - 1.0)
 
 
-def rest(model: UvmsModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
+def rest(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
          nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
          ) -> np.ndarray:
     """Returns the rests of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
@@ -130,7 +131,7 @@ def rest(model: UvmsModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
                            times(M, u_rest + nominal_u) - tau_bar], axis=-1)
 
 
-def _jacobian_rate_times(model: UvmsModel, config: np.ndarray, zeta: np.ndarray,
+def _jacobian_rate_times(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
                          vector: np.ndarray) -> np.ndarray:
     """Returns J̇_x(𝔮; ζ) w by a central difference, which takes complex arguments too."""
     step = 1e-4
@@ -144,7 +145,7 @@ def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linalg.solve(A, b[..., None])[..., 0]
 
 
-def tube_image(model: UvmsModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,
+def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,
                d_bound: float, gains: tuple[float, float], k: float, sigma: float,
                samples: int, safety_factor: float, seed: int) -> TubeImage:
     """Returns the deviations over the constraint set; infinite if σ ≤ ω.
@@ -197,7 +198,7 @@ def tube_image(model: UvmsModel, constraint_set: ConstraintSet, u_limits: np.nda
         tau=tau_rest + safety_factor * inertia * u, omega=float(omega), samples=total)
 
 
-def _motion_and_inertia(model: UvmsModel, nominal: _Nominal) -> tuple[float, np.ndarray]:
+def _motion_and_inertia(model: ContactModel, nominal: _Nominal) -> tuple[float, np.ndarray]:
     """Returns the largest ‖J_x⁻¹J̇_x‖ [1/s] and the largest norm of each row of M (6+n,)."""
     _, J, J_dot = model.task_motion(nominal.config, nominal.zeta)
     motion = np.linalg.norm(np.linalg.solve(J, J_dot), 2, axis=(1, 2))
@@ -205,7 +206,7 @@ def _motion_and_inertia(model: UvmsModel, nominal: _Nominal) -> tuple[float, np.
     return float(np.max(motion)), np.max(rows, axis=0)
 
 
-def _between(model: UvmsModel, a: _Nominal, b: _Nominal, spread: float) -> _Nominal:
+def _between(model: ContactModel, a: _Nominal, b: _Nominal, spread: float) -> _Nominal:
     """Returns states a fraction `spread` of the way from `a` to `b`, straight in (y, ζ, ū).
 
     Joint limits, tip pitch, depth in a plane and speeds are convex there; the vehicle's attitude
@@ -220,7 +221,7 @@ def _fields(nominal: _Nominal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nominal.config, nominal.zeta, nominal.u
 
 
-def _support(model: UvmsModel, nominal: _Nominal, balls: tuple[float, ...], k: float,
+def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k: float,
              sigma: float) -> np.ndarray:
     """Returns the largest rest of ν₁, ν₂, φ, θ, uᵢ and τᵢ (m, 4 + 2(6+n)) over the tube.
 

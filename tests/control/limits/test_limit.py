@@ -8,9 +8,10 @@ import pytest
 
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits, tighten
 from uvms_drake.control.points import Points
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
+from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 PLANE = check_surface(UnilateralPlane())
 
@@ -32,11 +33,11 @@ class Power(Limit):
 
 
 @pytest.fixture(scope="module")
-def model() -> UvmsModel:
-    return UvmsModel.load("girona500_arm5e", PLANE)
+def model() -> ContactModel:
+    return ContactModel.load("girona500_arm5e", PLANE)
 
 
-def points(model: UvmsModel, y: np.ndarray, zeta: np.ndarray, u: np.ndarray) -> Points:
+def points(model: ContactModel, y: np.ndarray, zeta: np.ndarray, u: np.ndarray) -> Points:
     config = np.array([model.configuration(row) for row in y])
     J_x = model.task_motion(config, np.zeros_like(config))[1]
     return Points(model, config, y, zeta, u,

@@ -1,0 +1,36 @@
+"""The prediction model of a UVMS in contact with a surface whose law is known."""
+
+import numpy as np
+
+from uvms_drake.model.spatial import times
+from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.tip import tip_force_gradients
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel, read_uvms
+
+
+class ContactModel(UvmsModel):
+    """A `UvmsModel` with 𝔉(χ, χ̇) by the law of a surface, which f then contains.
+
+    Args:
+        uvms: The robot and its water.
+        surface: What is pressed, as `check_surface` returns it.
+    """
+
+    def __init__(self, uvms: Uvms, surface: Surface):
+        super().__init__(uvms)
+        self.surface = surface
+
+    @staticmethod
+    def load(model: str, surface: Surface) -> "ContactModel":
+        """Returns the model of a shipped robot or a robot's folder, in front of a surface."""
+        return ContactModel(read_uvms(model), surface)
+
+    def contact_force(self, kinematics: Kinematics, V_E: np.ndarray) -> np.ndarray:
+        """Returns 𝔉(χ, A V_E) (..., 6)."""
+        return self.surface.force(kinematics.chi, times(kinematics.A_E, V_E))
+
+    def contact_gradients(self, kinematics: Kinematics, V_E: np.ndarray
+                          ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the derivatives (..., 6, 6) of A(𝔬)ᵀ𝔉 by V_E and along motions, real."""
+        return tip_force_gradients(self.surface, kinematics.chi, kinematics.A_E, V_E)
