@@ -21,8 +21,8 @@ CONSTRAINTS = [
     "q4_max", "roll", "pitch", "tip_pitch", "static_force", "u_surge", "u_sway", "u_heave",
     "u_roll", "u_pitch", "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
 TUBE = {
-    "certified", "law", "bound_e", "worst_e", "bound_z", "worst_z", "exits", "first_exit_s",
-    "exits_along_the_run", "worst_ratio", "disturbance_excesses"}
+    "certified", "law", "error", "bound_e", "worst_e", "bound_z", "worst_z", "exits",
+    "first_exit_s", "exits_along_the_run", "worst_ratio", "disturbance_excesses"}
 
 
 def reporting(**values):
