@@ -50,6 +50,9 @@ from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
 MOTIONS = ("dynamic", "kinematic")
+
+AnyDisturbance = (
+    SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
 LONGEST_NAME = 100
 """Of a scenario [bytes in UTF-8]; file systems allow 255 for a file, its folder's suffix too."""
 
@@ -107,8 +110,7 @@ class Scenario:
     surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """How the simulated surface differs from `surface`, which the controller knows."""
-    disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
-                  | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
+    disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
     sensing: list[AnySensing] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
     actuation: list[AnyActuation] = field(default_factory=list)
@@ -126,11 +128,6 @@ class Scenario:
     log_period: float = 0.02
     """Between two samples of every logged signal [s]."""
     visual: VisualConfig = field(default_factory=VisualConfig)
-
-    @property
-    def kinematic(self) -> bool:
-        """Whether the velocity is the input."""
-        return self.motion == "kinematic"
 
     @property
     def law(self) -> str:
