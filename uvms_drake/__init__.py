@@ -1,3 +1,86 @@
-"""Robust interaction control of underwater vehicle-manipulator systems, on Drake."""
+"""Robust interaction control of underwater vehicle-manipulator systems, on Drake.
+
+::
+
+                 ┌────────────┐ (ξ̄, ū)  ┌───────────────────┐ τ
+        task ───▶│ NominalMpc ├────────▶│ AncillaryFeedback ├──▶ actuation ──▶ ┌──────┐
+                 └──────▲─────┘         └─────────▲─────────┘                  │ uvms │──▶ force
+                        └────────────┬────────────┘                            └──┬───┘
+                                     └──────────────── sensing ◀──────────────────┘ (𝔮, ζ)
+
+What a script needs is here, by `import uvms_drake as uv`; a name is loaded when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from uvms_drake.certificate.certificate import Certificate as Certificate
+    from uvms_drake.certificate.certify import certify as certify
+    from uvms_drake.control.costs.term import CostTerm as CostTerm
+    from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
+    from uvms_drake.control.limits.limit import Limit as Limit
+    from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
+    from uvms_drake.model.part import Part as Part
+    from uvms_drake.model.part import Signals as Signals
+    from uvms_drake.model.surface.law import Surface as Surface
+    from uvms_drake.model.surface.plane import UnilateralPlane as UnilateralPlane
+    from uvms_drake.model.surface.spring import BilateralSpring as BilateralSpring
+    from uvms_drake.model.uvms_model import UvmsModel as UvmsModel
+    from uvms_drake.plant.disturbance import Disturbance as Disturbance
+    from uvms_drake.plant.uvms_plant import make_uvms_plant as make_uvms_plant
+    from uvms_drake.plant.uvms_plant import set_state as set_state
+    from uvms_drake.report.figures import make_figures as make_figures
+    from uvms_drake.report.summary import summarise as summarise
+    from uvms_drake.station.diagram import make_station as make_station
+    from uvms_drake.station.motions import make_ocp as make_ocp
+    from uvms_drake.station.problem import start_state as start_state
+    from uvms_drake.station.record import Record as Record
+    from uvms_drake.station.scenario import Scenario as Scenario
+    from uvms_drake.station.scenario import load_scenario as load_scenario
+    from uvms_drake.station.simulation import simulate as simulate
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "AncillaryLaw": "control.laws.law",
+    "BilateralSpring": "model.surface.spring",
+    "Certificate": "certificate.certificate",
+    "certify": "certificate.certify",
+    "CostTerm": "control.costs.term",
+    "Disturbance": "plant.disturbance",
+    "Limit": "control.limits.limit",
+    "load_scenario": "station.scenario",
+    "make_figures": "report.figures",
+    "make_ocp": "station.motions",
+    "make_station": "station.diagram",
+    "make_tube_mpc": "control.tube_mpc",
+    "make_uvms_plant": "plant.uvms_plant",
+    "Part": "model.part",
+    "Record": "station.record",
+    "Scenario": "station.scenario",
+    "set_state": "plant.uvms_plant",
+    "Signals": "model.part",
+    "simulate": "station.simulation",
+    "start_state": "station.problem",
+    "summarise": "report.summary",
+    "Surface": "model.surface.law",
+    "UnilateralPlane": "model.surface.plane",
+    "UvmsModel": "model.uvms_model",
+}
+"""Module of each name below this package."""
+
+__all__ = list(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Returns a name of `__all__`, from the module that owns it."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'uvms_drake' has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"uvms_drake.{_HOME[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """Returns what the package offers."""
+    return sorted([*globals(), *_HOME])

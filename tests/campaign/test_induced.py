@@ -60,7 +60,8 @@ ALL_OF_IT = {
 @pytest.mark.parametrize("words", ALL_OF_IT)
 def test_what_the_readme_says_takes_all_of_the_bound(first, words):
     ocp, plan = first
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    path = Path(__file__).parents[2] / "uvms_drake" / "campaign" / "README.md"
+    readme = path.read_text(encoding="utf-8")
     assert words in " ".join(readme.split())
     bound = load_scenario("girona500_contact").disturbance.bound
     induced = predicted_disturbance(

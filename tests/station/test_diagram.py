@@ -280,16 +280,6 @@ def test_the_start_is_the_scenarios_at_rest():
     np.testing.assert_array_equal(state[10:], 0.0)
 
 
-@pytest.mark.parametrize(("name", "port", "at_rest"), [
-    ("girona500_contact", "state", 10), ("paper_kinematic", "configuration", 0)])
-def test_a_default_context_is_where_the_scenario_starts(name, port, at_rest):
-    scenario = load_scenario(name, SHORT)
-    uvms = make_station(scenario).GetSubsystemByName("uvms")
-    expected = [*scenario.start.eta, *scenario.start.q, *np.zeros(at_rest)]
-    np.testing.assert_allclose(
-        uvms.GetOutputPort(port).Eval(uvms.CreateDefaultContext()), expected, atol=1e-12)
-
-
 def test_plant_and_controller_have_models_of_their_own():
     """A mismatch put into the controller's model leaves the plant as it is."""
     scenario = load_scenario("girona500_contact", SHORT)

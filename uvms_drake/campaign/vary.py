@@ -30,7 +30,7 @@ from uvms_drake.plant.disturbance import (
 )
 from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import start_state
-from uvms_drake.station.scenario import AnyDisturbance, Scenario, Start
+from uvms_drake.station.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
 """How far the vehicle starts from the scenario's start, at most [m, rad]."""
@@ -43,6 +43,9 @@ UNKNOWNS_LIKELY = 0.5
 FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
 """Probability that samples are disturbed at all, and that a sample is then."""
 ATTEMPTS = 100
+
+Disturbance = (
+    SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
 
 
 class Variation(NamedTuple):
@@ -103,7 +106,7 @@ def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
     return Start(eta=eta, q=q + rng.uniform() * (posture - q))
 
 
-def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> AnyDisturbance:
+def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Disturbance:
     """Returns a disturbance of the full bound: an adversary of any kind, or a random one.
 
     Where no forces act the only adversary is `along_task_error`.

@@ -27,9 +27,10 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
-from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
@@ -97,7 +98,9 @@ def check_inputs(scenario: Scenario) -> ContactModel:
     """
     with within("certificate"):
         check_settings(scenario.certificate)
-    model = load_model(scenario)
+    with within("surface"):
+        surface = check_surface(scenario.surface)
+    model = ContactModel.load(scenario.model, surface)
     vector("current", scenario.current, 3)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     dynamic = motion_of(scenario).has_forces
@@ -187,7 +190,6 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
 
 def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                        model: ContactModel) -> Certificate:
-    """Returns the certificate with terminal set, ultimate bounds and first plan."""
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario), model)

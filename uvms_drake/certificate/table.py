@@ -44,10 +44,6 @@ HELP = {
 }
 """What would make a failed condition hold, by how its name begins."""
 
-COUNTS = ("certificate of the law", "faults", "sensing[", "actuation[", "mpc.",
-          "joints of weight zero", "n, joints", "left by the tube", "first plan, none", "limits.")
-"""How the names of conditions begin that say it all: the number is a yes or no, or a count."""
-
 UNITS = {
     "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
     "Jx_inv_max": "-", "J_dot_max": "1/s", "L_c": "1/s", "L_c_chi": "1/s", "L_1": "1/s²",
@@ -95,7 +91,7 @@ def verdict(certificate: Certificate) -> str:
 
 
 def _what(condition: Condition) -> str:
-    if condition.name.startswith(COUNTS):
+    if condition.is_count:
         return condition.name
     by = f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
     return f"{condition}{by}"
@@ -116,6 +112,8 @@ def _constant_row(constant: Constant) -> str:
 
 def _condition_row(condition: Condition) -> str:
     mark = "holds" if condition.holds else "DOES NOT HOLD"
+    if condition.is_count:
+        return f"  {condition!s:<76}  {mark}"
     return (f"  {condition.name:<52}{condition.left:>11.4g} {condition.relation:<2}"
             f"{condition.right:>11.4g}  {mark}")
 

@@ -50,9 +50,6 @@ from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
 MOTIONS = ("dynamic", "kinematic")
-
-AnyDisturbance = (
-    SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
 LONGEST_NAME = 100
 """Of a scenario [bytes in UTF-8]; file systems allow 255 for a file, its folder's suffix too."""
 
@@ -65,6 +62,11 @@ class Start:
     """η = (x, y, z, φ, θ, ψ) of the vehicle in Σ_I [m, rad]."""
     q: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Joint angles [rad]."""
+
+    @property
+    def config(self) -> np.ndarray:
+        """𝔮 = (η, q) (6+n,) [m, rad]."""
+        return np.concatenate([self.eta, self.q])
 
 
 @dataclass
@@ -110,7 +112,8 @@ class Scenario:
     surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """How the simulated surface differs from `surface`, which the controller knows."""
-    disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
+    disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
+                  | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
     sensing: list[AnySensing] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
     actuation: list[AnyActuation] = field(default_factory=list)
@@ -128,6 +131,11 @@ class Scenario:
     log_period: float = 0.02
     """Between two samples of every logged signal [s]."""
     visual: VisualConfig = field(default_factory=VisualConfig)
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether the velocity is the input."""
+        return self.motion == "kinematic"
 
     @property
     def law(self) -> str:

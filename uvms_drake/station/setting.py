@@ -24,7 +24,7 @@ def setting_of(scenario: Scenario, model: ContactModel | None = None, *, certifi
     force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
     return Setting(
         robot=scenario.model, model=model, surface=model.surface,
-        start=np.concatenate([scenario.start.eta, scenario.start.q]), force=force,
+        start=scenario.start.config, force=force,
         goal=model.surface.pose_for(force, scenario.task.pose),
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),

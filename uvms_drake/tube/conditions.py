@@ -33,7 +33,14 @@ class Condition:
         """How far the sides are apart, negative if it is not met; in the unit of the sides."""
         return self.left - self.right if self.relation.startswith(">") else self.right - self.left
 
+    @property
+    def is_count(self) -> bool:
+        """Whether the number is a yes or no, or a count of what should not be: the name says it."""
+        return self.relation == "<=" and self.right == 0.0 and float(self.left).is_integer()
+
     def __str__(self) -> str:
+        if self.is_count:
+            return f"none of this: {self.name}" if self.holds else self.name
         return (f"{self.name}: {self.left:.4g} {self.relation} {self.right:.4g} "
                 f"{'holds' if self.holds else 'does not hold'}")
 

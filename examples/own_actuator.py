@@ -1,0 +1,57 @@
+"""Actuator parts between controller and plant: thrusters that lag, behind a command that is held.
+
+The lag is a part of one's own, made of Drake's FirstOrderLowPassFilter; the hold is a part that
+comes with the project, made of Drake's ZeroOrderHold. What each takes of the theory it says itself.
+"""
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import FirstOrderLowPassFilter
+
+import uvms_drake as uv
+from uvms_drake.actuation.zero_order_hold import ZeroOrderHold
+
+FASTEST = 1e-3  # s, of the joints, which do not lag here
+
+
+@dataclass
+class ThrusterLag(uv.Part):
+    """The vehicle's wrench follows its command with a lag of first order."""
+
+    time_constant: float = 0.05
+    """Time constant of the thrusters [s]."""
+
+    def assumption(self) -> str:
+        """Returns what the proofs take for granted."""
+        return "the proofs take actuators for ideal"
+
+    def add_to(self, builder: DiagramBuilder, model: uv.UvmsModel, port: OutputPort,
+               signals: uv.Signals) -> OutputPort:
+        """Adds Drake's filter."""
+        lags = np.repeat([self.time_constant, FASTEST], [6, model.num_joints])
+        lag = builder.AddNamedSystem("lag", FirstOrderLowPassFilter(lags))
+        builder.Connect(port, lag.get_input_port())
+        signals["exerted"] = lag.get_output_port()
+        return lag.get_output_port()
+
+
+def main() -> None:
+    """Presses on the wall with thrusters that lag."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
+    arguments = parser.parse_args()
+    scenario = uv.load_scenario("girona500_contact", [
+        f"duration={arguments.duration}", "simulator.max_step_size=0.001"])
+    scenario.actuation = [ZeroOrderHold(period=0.02), ThrusterLag()]
+    broken = [item.name for item in uv.certify(scenario).conditions if not item.holds]
+    print(*broken, sep="\n")
+
+    record = uv.simulate(scenario)
+    print(f"force at the end: {record.force[-1, 0]:.2f} N, desired {scenario.task.force[0]:.2f} N")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""A feedback law of one's own: proportional and derivative in the coordinates of the robot.
+
+It is a dataclass of its gains with one method, the command. No theory is known for it, so there is
+no certificate, and the certificate says so; the scenario runs all the same, and is watched.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+import uvms_drake as uv
+from uvms_drake.control.laws.law import Command, Pair, task_error
+
+
+@dataclass
+class ProportionalDerivative(uv.AncillaryLaw):
+    """u = ū − derivative (ζ − ζ̄) − proportional J_x(𝔮)⁻¹(y − ȳ)."""
+
+    proportional: float = 100.0
+    """Gain of the pose and joint errors [1/s²]."""
+    derivative: float = 25.0
+    """Gain of the velocity error [1/s]."""
+
+    def command(self, model: uv.UvmsModel, now: Pair,
+                nominal_acceleration: Callable[[], np.ndarray],
+                nominal_input: Callable[[], np.ndarray]) -> Command:
+        """Returns the acceleration u, and the force M(𝔮)u."""
+        off = now.inverse @ task_error(*now.y)
+        faster = now.zeta[0] - now.zeta[1]
+        u = nominal_input() - self.derivative * faster - self.proportional * off
+        M = model.mass_matrix(now.kinematics.at(0))
+        return Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+
+
+def main() -> None:
+    """Presses on the wall with the law."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
+    arguments = parser.parse_args()
+    scenario = uv.load_scenario("girona500_contact", [f"duration={arguments.duration}"])
+    scenario.ancillary = ProportionalDerivative()
+    print(f"certificate: {uv.certify(scenario).failed}")
+
+    record = uv.simulate(scenario)
+    print(f"largest deviation from the plan: {np.max(record.deviation_of('task')):.4f} m, rad")
+    print(f"force at the end: {record.force[-1, 0]:.2f} N, desired {scenario.task.force[0]:.2f} N")
+
+
+if __name__ == "__main__":
+    main()

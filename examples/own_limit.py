@@ -1,0 +1,56 @@
+"""A limit of one's own: the vehicle keeps its distance from a pillar beside its way to the wall.
+
+A limit says which values of a motion are bounded; the nominal MPC, tables and figures ask it.
+This one does not say what the tube takes of it (`tube_takes`), so there is no certificate.
+"""
+
+import argparse
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import uvms_drake as uv
+from uvms_drake.control.points import Points
+
+FAR = 100.0  # m
+
+
+@dataclass
+class KeepAway(uv.Limit):
+    """The vehicle's origin is at least `distance` away from a vertical line."""
+
+    name = "pillar"
+    place: np.ndarray = field(default_factory=lambda: np.array([-1.2, -0.25]))
+    """Place of the line (2,) in Σ_I [m]."""
+    distance: float = 0.22
+    """Smallest distance [m]."""
+
+    def values(self, at: Points) -> np.ndarray:
+        """Returns the distance (..., 1) [m], of complex numbers too."""
+        away = at.config[..., :2] - self.place
+        return np.sqrt(np.sum(away**2, axis=-1, keepdims=True))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the smallest and the largest distance."""
+        return np.array([self.distance]), np.array([FAR])
+
+
+def main() -> None:
+    """Presses on the wall, with and without the limit."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, default=5.0, help="simulated time [s]")
+    arguments = parser.parse_args()
+    pillar = KeepAway()
+    for limits in ([], [pillar]):
+        scenario = uv.load_scenario("girona500_contact", [f"duration={arguments.duration}"])
+        scenario.limits.more = limits
+        if limits:
+            print(f"certificate: {uv.certify(scenario).failed}")
+        record = uv.simulate(scenario)
+        away = np.linalg.norm(record.nominal_config[:, :2] - pillar.place, axis=1)
+        print(f"{'with' if limits else 'without'} the limit: {np.min(away):.3f} m from the pillar")
+    print(f"force at the end: {record.force[-1, 0]:.2f} N, desired {scenario.task.force[0]:.2f} N")
+
+
+if __name__ == "__main__":
+    main()
