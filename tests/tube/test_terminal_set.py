@@ -41,7 +41,7 @@ def inflated(ocp: DynamicOcp, inflation: float) -> SimpleNamespace:
 
 def changed(ocp: DynamicOcp, **values: object) -> SimpleNamespace:
     """Returns a copy of the problem with other values."""
-    return SimpleNamespace(**{**vars(ocp), **values})
+    return SimpleNamespace(**{**vars(ocp), "Q": ocp.Q, "R": ocp.R, **values})
 
 
 def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
