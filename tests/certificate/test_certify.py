@@ -1,6 +1,6 @@
 """Tests of `uvms_drake.certificate.certify`, `table` and `front` on the shipped scenarios."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,6 +14,8 @@ from uvms_drake.certificate.certify import (
 )
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.gain_front import format_front, front
@@ -199,3 +201,20 @@ def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):
         shift[:, block] *= (radius / np.linalg.norm(shift[:, block], axis=1))[:, None]
     reached = np.max(np.linalg.norm((shift @ K)[:, :3], axis=1))
     assert 0.8 * bound < reached <= bound
+
+
+@dataclass
+class Puzzling(UnilateralPlane):
+    """A plane of which nobody says how hard it may be touched."""
+
+    contact_measure = Surface.contact_measure
+    contact_reach = Surface.contact_reach
+
+
+def test_a_surface_that_does_not_say_what_the_theory_needs_is_void_and_says_so():
+    scenario = load_scenario("girona500_contact", ["certificate.constant_samples=16"])
+    certificate = certify(replace(scenario, surface=Puzzling(**vars(scenario.surface))))
+    assert not certificate.certified
+    assert verdict(certificate) == (
+        "void: certificate of the surface Puzzling, it must be one that has `contact_reach`; "
+        "what would help: that method, see `Surface`")

@@ -75,7 +75,7 @@ class Certificate:
     tube: TubeRadii | None = None
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
-    """See `reach.ultimate_bounds`."""
+    """See `tube.ultimate_bounds`."""
     paper: dict[str, float] = field(default_factory=dict)
     """Radii of the paper's Lemma with the same constants, for comparison; inf where it is void."""
 

@@ -27,7 +27,7 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.law import NotOffered, check_surface
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import start_state
@@ -59,15 +59,20 @@ def certify(scenario: Scenario) -> Certificate:
     if type(law) not in motion.tubes:
         return draft.adding([Condition(
             f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0)])
-    basis = basis_of(scenario, model)
-    found = motion.tubes[type(law)](law, basis)
-    draft = replace(
-        draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
-        tube=found.radii, conditions=(*found.conditions, *assumptions(scenario)))
-    if not draft.certified:
-        return draft
-    draft = draft.adding(room_of(scenario, found.radii, model))
-    return _with_terminal_set(draft, found, scenario, model) if draft.certified else draft
+    try:
+        basis = basis_of(scenario, model)
+        found = motion.tubes[type(law)](law, basis)
+        draft = replace(
+            draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
+            tube=found.radii, conditions=(*found.conditions, *assumptions(scenario)))
+        if not draft.certified:
+            return draft
+        draft = draft.adding(room_of(scenario, found.radii, model))
+        return _with_terminal_set(draft, found, scenario, model) if draft.certified else draft
+    except NotOffered as error:
+        return draft.adding([Condition(
+            f"certificate of the surface {error.value}, it must be {error.allowed}",
+            1.0, "<=", 0.0)])
 
 
 def assumptions(scenario: Scenario) -> list[Condition]:

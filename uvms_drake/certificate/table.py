@@ -19,6 +19,7 @@ HELP = {
     "b = ": "a larger ancillary.k",
     "ab": "a larger ancillary.k",
     "certificate of the law": "a law whose tube is known, resolved or transpose",
+    "certificate of the surface": "that method, see `Surface`",
     "n, joints": "ancillary.joints: true, or the law resolved",
     "mpc.terms": "the task's cost alone",
     "mpc.initial_state": "initial_state: nominal",
