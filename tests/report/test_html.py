@@ -135,7 +135,7 @@ def test_a_run_without_a_certificate_is_loaded_without(record, tmp_path):
     ("log.npz", b"PK\x03\x04", r"\(.*zip.*\)"),
     ("timing.npz", None, r"\(timing.npz: No such"),
     ("scenario.yaml", None, r"\(.*scenario.yaml"),
-    ("scenario.yaml", b"seed: x", r"\(.*scenario.yaml: seed = 'x'")])
+    ("scenario.yaml", b"seed: x", r"\(seed = 'x': .*scenario.yaml")])
 def test_a_folder_that_is_no_run_is_refused_in_a_line(record, tmp_path, name, content, message):
     save_record(record, tmp_path)
     (tmp_path / name).unlink()

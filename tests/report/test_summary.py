@@ -8,8 +8,10 @@ import pytest
 from support.synthetic import desiring, synthetic_record
 
 from uvms_drake.control.laws import Transpose
+from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.report import signals
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import EVENT_LINES, format_summary, summarise
 
@@ -153,8 +155,10 @@ def test_joints_have_a_lower_and_an_upper_limit():
     assert constraints["q1_max"]["margin"] > 0.0
 
 
-def test_a_joint_without_limits_has_no_constraint():
-    record = synthetic_record(joint_upper=np.array([1.46, 1.3114, 0.73, np.inf]))
+def test_a_joint_without_limits_has_no_constraint(monkeypatch):
+    lower, upper = np.array([-0.52, -0.14, -0.9, -3.1]), np.array([1.46, 1.3114, 0.73, np.inf])
+    monkeypatch.setattr(signals, "limits_of", lambda *_: {"q": Joints(lower, upper)})
+    record = synthetic_record()
     constraints = summarise(record)["constraints"]
     assert "q4_max" not in constraints
     assert "q4_min" in constraints

@@ -88,7 +88,7 @@ def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
         q = vector("q", scenario.start.q, ocp.model.num_joints)
         config = np.concatenate([eta, q])
         _check_pose(ocp.limits, Points(ocp.model, config, ocp.model.task_pose(config)), {
-            "force": ("eta", eta), "joints": ("q", q), "pose": ("eta", eta)})
+            "joints": ("q", q), "pose": ("eta", eta), "force": ("eta", eta)})
     return np.concatenate([config, np.zeros_like(config)])
 
 
@@ -99,9 +99,8 @@ def _check_pose(limits: dict[str, Limit], at: Points,
     Args:
         limits: Those that the tube leaves.
         at: The pose.
-        owners: Key and value that are to blame, by the `owner` of a limit.
+        owners: Key and value that are to blame, by the `owner` of a limit; the first one first.
     """
-    for limit in limits.values():
-        if limit.about == "pose":
-            require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner],
-                    limit.complaint(at))
+    of_pose = [limit for limit in limits.values() if limit.about == "pose"]
+    for limit in sorted(of_pose, key=lambda limit: list(owners).index(limit.owner)):
+        require(bool(np.all(limit.excess(at) <= 0.0)), *owners[limit.owner], limit.complaint(at))
