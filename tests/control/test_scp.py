@@ -209,7 +209,7 @@ def test_limits_on_attitude_and_joints_are_kept_at_the_cost_of_the_nonlinear_pro
         bound = abs(start) + furthest
     else:
         joint = ANGLES[kind] - 6
-        bound = getattr(short_ocp.limits, kind).copy()
+        bound = getattr(short_ocp.limits["q"], kind.removeprefix("q_")).copy()
         bound[joint] = start - furthest if kind == "q_lower" else start + furthest
     limited = solve_both_ways(with_limits(short_ocp, **{kind: bound}), guess)
     assert np.max(gone(limited.plan)) == pytest.approx(furthest, abs=1e-6)
