@@ -1,1 +1,1 @@
-"""Many runs of one scenario inside its declared bounds: how close did anything come to a limit?"""
+"""Many drawn runs of one scenario, and what they came to; it knows no command line."""

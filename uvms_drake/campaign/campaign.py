@@ -1,7 +1,7 @@
-"""What a campaign is: a certified scenario, a seed, and the surfaces and forces that it may draw.
+"""A campaign as data: a certified scenario, a seed, and the surfaces and forces that it may draw.
 
-Everything that a run depends on is in here, as text and numbers: it goes to a worker as it is, and
-two campaigns are the same if their `identity` is.
+Everything that a run depends on is in here, as text and numbers: it is sent to workers, and two
+campaigns are the same if their `identity` is.
 """
 
 import hashlib
@@ -35,9 +35,9 @@ class Target:
     wall: int | None
     """Index of the surface; None for the scenario's own, without a certificate."""
     factor: float
-    """𝔉_des over the scenario's own."""
+    """Desired force as a multiple of the scenario's own."""
     radius: float
-    """ε of its terminal set, checked as that of a certificate."""
+    """Radius ε of its terminal set, checked as that of a certificate."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Campaign:
     """Whether the tube is that of a certificate that holds; it is declared otherwise."""
     seed: int
     model_error: float
-    """Largest relative error of the model that is drawn; zero for none, of anything."""
+    """Largest relative error of the model that is drawn; zero if nothing is unknown."""
     outside: bool
     """Whether something outside of the bounds happens in every run, see `outside`."""
     walls: tuple[Wall, ...]
@@ -63,7 +63,7 @@ class Campaign:
 
     @property
     def base(self) -> Scenario:
-        """Returns the scenario that is varied; it must not be changed."""
+        """Scenario that is varied; it must not be changed."""
         return _parsed(self.scenario)
 
     def declared(self, target: Target) -> Scenario:
@@ -72,7 +72,7 @@ class Campaign:
 
     @property
     def identity(self) -> str:
-        """Returns a SHA-256 of everything."""
+        """SHA-256 of everything."""
         text = json.dumps(asdict(self), sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""What the controller does not know amounts to a disturbance; an estimate before a run."""
+"""Estimates, before a run, the disturbance that model errors and a current amount to."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from uvms_drake.station.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario import Scenario
 
 WITHIN = 3
-"""Points of a plan on each of its intervals, the last of them the knot."""
+"""Number of points of a plan on each of its intervals, the last of them the knot."""
 
 
 def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: DynamicOcp) -> float:

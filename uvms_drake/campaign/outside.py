@@ -24,13 +24,13 @@ from uvms_drake.station.scenario import Scenario
 
 FAULT_SECONDS = 0.5
 EARLIEST, LATEST = 0.1, 0.7
-"""When a fault begins, over the duration of a run."""
+"""Range of the instant at which a fault begins, over the duration of a run."""
 SHIFT, TURN, CURRENT = 0.02, 0.05, 0.3
 """Largest error of the surface's pose [m, rad], and largest current [m/s]."""
 STIFFER = 10.0
-"""The surface's stiffness over the one that the controller believes in."""
+"""Stiffness of the surface over the one that the controller knows."""
 FACTORS = (1.5, 2.0, 5.0)
-"""Of the disturbance, over d̃."""
+"""Sizes of the disturbance over d̃."""
 
 Step = Callable[[Scenario, float, np.random.Generator], Scenario]
 
@@ -81,7 +81,7 @@ def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
 
 STUCK = "joint stuck"
 MEASURED_WRONG = ("state frozen", "state lost")
-"""The law then acts on something else than the deviation, so the tube does not scale."""
+"""Kinds in which the law does not act on the deviation itself, so the tube does not scale."""
 
 _ALL_MOTIONS: dict[str, Step] = {
     "state frozen": _frozen, "state lost": _lost,

@@ -15,11 +15,11 @@ from uvms_drake.campaign.run import run_one
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""So that a worker takes one core; BLAS reads it when it is loaded."""
+"""Environment variables that keep a worker to one core; BLAS reads them when it is loaded."""
 NAMED = 8
-"""Runs that are named in an error."""
+"""Largest number of runs that an error names."""
 RESTARTS = 3
-"""How often in a row the workers may die without a single run coming back."""
+"""Number of times in a row that the workers may die without a single run coming back."""
 CONNECT_SECONDS = 10
 RUNS_PER_WORKER = 40
 """Runs after which a worker is replaced. Drake's Python bindings never free a LeafSystem that is
@@ -30,7 +30,7 @@ class Pool(NamedTuple):
     """Workers that can be replaced by new ones."""
 
     open: Callable[[], AbstractContextManager[Executor]]
-    """Starts the workers."""
+    """Function that starts the workers."""
     runs: int | None = None
     """Number of runs after which all of them are replaced; never, if None."""
 
@@ -39,9 +39,9 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
             ) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yields (index, what `run_one` returns) for each index once, in the order they come back.
 
-    A run raises nothing, so that an error is the workers'. Then new workers repeat the runs that
-    have not come back. They begin with those that were last, so that a run that takes its worker
-    with it comes last.
+    `run_one` returns errors of a run instead of raising them, so an exception here means that a
+    worker died, or has other code. New workers then repeat the missing runs in another order: if
+    one run kills its worker each time, the others are done before it.
 
     Raises:
         RunFailed: The workers die again and again.
@@ -51,6 +51,7 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
         before, reason = len(waiting), ""
         with pool.open() as executor:
             futures: dict[Future, int] = {}
+            # Submit, beginning after the run that was first in the round before.
             try:
                 order = sorted(waiting, key=lambda index: (index < first, index))
                 first = order[1] if len(order) > 1 else 0
@@ -58,6 +59,7 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
                     futures[executor.submit(run_one, campaign, index)] = index
             except BrokenProcessPool as error:  # One has died already; the others are looked at.
                 reason = str(error)
+            # Collect the runs that came back.
             for future in as_completed(futures):
                 try:
                     result = future.result()
@@ -66,6 +68,7 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
                     continue
                 waiting.discard(futures[future])
                 yield futures[future], result
+        # Give up after several rounds without any.
         fruitless = fruitless + 1 if len(waiting) == before else 0
         if fruitless > RESTARTS:
             named = ", ".join(str(index) for index in sorted(waiting)[:NAMED])

@@ -22,8 +22,8 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.simulation import simulate
 
 PROPORTION = 1.05
-"""How far the deviation may be beyond D/d̃ times its bound: a tolerance, since D is known at the
-logged samples only."""
+"""Largest deviation over D/d̃ times its bound: a tolerance, since D is known at the logged samples
+only."""
 STEP_EDGES_MS = np.logspace(-1.0, 4.0, 101)
 """Edges of the histogram of the MPC's steps [ms]."""
 

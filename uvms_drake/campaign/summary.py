@@ -13,7 +13,7 @@ from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.run import STEP_EDGES_MS
 
 WORST = 10
-"""Runs that are listed with the command to replay them."""
+"""Number of runs that are listed with the command to replay them."""
 MEASURES = {
     "ratio_trajectory": ("deviation over the bound along the run", False),
     "ratio_set": ("deviation over the set-wise bound", False),
@@ -23,10 +23,10 @@ MEASURES = {
     "force_error": ("force error at the end [N]", False),
     "settling_time_s": ("settling time [s]", False),
 }
-"""What is summarised: its name in a table, and whether small is bad."""
+"""Name of each measure in a table, and whether small is bad."""
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
 PROMISES = ("exceptions", "not_finite", "not_logged", "disproportionate")
-"""What must not happen whatever else does; `INSIDE` within the bounds."""
+"""Counts that must be zero in every campaign; those of `INSIDE` in one within the bounds."""
 INSIDE = (*PROMISES, "exits_set", "exits_trajectory", "violations", "limited")
 NOT_COVERED = 0.05
 """Largest part of the runs in which all that disturbs may come to more than d̃ unexpectedly."""

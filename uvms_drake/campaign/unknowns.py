@@ -1,9 +1,9 @@
-"""What the controller does not know, about as large as d̃ covers: errors, and a current.
+"""Errors of the model and a current, unknown to the controller and about as large as d̃ covers.
 
-All of it acts as a disturbance, and the tube does not mind where d comes from. So errors of robot
-and surface and a current are made smaller until what they induce takes no more than a share of d̃;
-the disturbance itself has the rest. That is an estimate, along the first plan; what is induced in
-the run is measured, and a run in which it was too much is not counted as one inside of the bounds.
+They act as a disturbance, and the tube holds wherever d comes from. So they are scaled down until
+the disturbance that they induce takes no more than a share of d̃; the drawn disturbance gets the
+rest. The scale is an estimate along the first plan. The run measures what is really induced, and
+does not count as one inside of the bounds if it was too much.
 """
 
 from dataclasses import replace
@@ -18,13 +18,13 @@ from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.station.scenario import Scenario
 
 SHARE = 0.5
-"""Of d̃, left to what is unknown."""
+"""Part of d̃ that is set aside for everything unknown."""
 PREDICTED = 0.9
-"""Of that, what may be predicted along the first plan; the robot is in a tube about later ones."""
+"""Part of that share which the prediction along the first plan may use; later plans differ."""
 LIKELY = 0.4
 """Probability that a quantity is unknown in a run."""
 LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT = 0.01, 0.05, 0.1
-"""Of the surface [m], [rad]; of the water [m/s]."""
+"""Largest displacement [m] and turn [rad] of the surface, and largest current [m/s]."""
 SMALLER = 0.8
 ATTEMPTS = 10
 
@@ -38,11 +38,11 @@ class Unknowns(NamedTuple):
     buoyancy_lever: float = 0.0
     stiffness: float = 0.0
     shift: np.ndarray | float = 0.0
-    """Of the surface (3,) [m]."""
+    """Displacement of the surface (3,) [m]."""
     turn: np.ndarray | float = 0.0
-    """Of the surface (3,) [rad]."""
+    """Turn of the surface (3,) [rad]."""
     current: np.ndarray | float = 0.0
-    """(3,) [m/s]."""
+    """Velocity of the water (3,) [m/s]."""
 
     def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
         """Returns the scenario with `scale` times of it all, on top of what is in it already."""
@@ -61,8 +61,8 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
     """Returns errors of any size up to the largest, of some quantities and at least one.
 
     Args:
-        largest: Of the relative errors.
-        rng: Drawn from.
+        largest: Largest relative error.
+        rng: Source of the draws.
     """
     unknown = rng.uniform(size=len(Unknowns._fields)) < LIKELY
     unknown[rng.integers(len(unknown))] = True
@@ -76,16 +76,16 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
 
 def with_unknowns(scenario: Scenario, ocp: DynamicOcp, plan: DynamicPlan, largest: float,
                   rng: np.random.Generator) -> Scenario:
-    """Returns the scenario with what is unknown to the controller, about as large as d̃ covers.
+    """Returns the scenario with unknown errors and current, about as large as d̃ covers.
 
-    If nothing that is drawn can be made small enough, it is the scenario as it came.
+    If the draw cannot be made small enough, the scenario is returned unchanged.
 
     Args:
-        scenario: All known.
-        ocp: Its problem.
-        plan: Its first plan.
-        largest: As of `draw_unknowns`.
-        rng: Drawn from.
+        scenario: Scenario of which the controller knows everything.
+        ocp: Problem of the scenario.
+        plan: First plan of the scenario.
+        largest: Largest relative error.
+        rng: Source of the draws.
     """
     room = PREDICTED * SHARE * scenario.disturbance.bound
     unknowns, scale = draw_unknowns(largest, rng), 1.0

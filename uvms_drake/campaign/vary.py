@@ -1,10 +1,10 @@
-"""What differs from run to run, drawn from (seed, index).
+"""The scenario of each run, drawn from (seed, index).
 
-Inside of the bounds that is what the certificate is about: starts from which the nominal MPC has a
-plan into its terminal set, surfaces with a certificate and desired forces with a terminal set of
+Inside of the bounds all that the certificate covers is drawn: starts from which the nominal MPC has
+a plan into its terminal set, surfaces with a certificate and desired forces with a terminal set of
 their own, anywhere and facing anywhere, disturbances and adversaries of the full size d̃, solves
 that fail, come late or do not take place at all. In half of the runs, if errors of the model are
-asked for, d̃ is shared with what is `unknowns` to the controller.
+asked for, d̃ is shared with `unknowns`.
 """
 
 from dataclasses import replace
@@ -33,15 +33,15 @@ from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
-"""How far the vehicle starts from the scenario's start, at most [m, rad]."""
+"""Largest distance of the vehicle from the scenario's start [m, rad]."""
 SHIFT_REACH = 10.0
-"""How far everything is moved, at most, along each axis [m]."""
+"""Largest shift of everything along each axis [m]."""
 PERIODS = (0.5, 10.0)
 """Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
 UNKNOWNS_LIKELY = 0.5
 """Probability that there is something unknown, if errors of the model are asked for."""
 FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
-"""Probability that samples are disturbed at all, and that a sample is then."""
+"""Probability that a run has faults of the solver, and range of the probability per sample."""
 ATTEMPTS = 100
 
 Disturbance = (
@@ -49,17 +49,17 @@ Disturbance = (
 
 
 class Variation(NamedTuple):
-    """What is simulated in a run."""
+    """The scenario of a run."""
 
     scenario: Scenario
     outside: str | None
-    """What happens outside of the bounds, if anything."""
+    """Kind of the event outside of the bounds, if there is one."""
 
 
 def vary(campaign: Campaign, index: int) -> Variation:
-    """Returns what is simulated in a run: a pure function of its arguments.
+    """Returns the scenario of a run: a pure function of its arguments.
 
-    What has no feasible first plan is drawn again, with the number of the attempt in the seed.
+    A draw without a feasible first plan is repeated, with the number of the attempt in the seed.
 
     Raises:
         RunFailed: No draw is feasible.

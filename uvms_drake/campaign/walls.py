@@ -23,7 +23,7 @@ from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 
 OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
-"""Stiffness over the scenario's, and tilt [rad]."""
+"""Stiffness over the scenario's and tilt [rad] of each other surface."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Wall:
     """A surface with a certificate: what differs from the scenario's."""
 
     stiffness: float
-    """Over the scenario's."""
+    """Stiffness over the scenario's."""
     tilt: float
-    """About the horizontal line in the surface [rad]."""
+    """Turn about the horizontal line in the surface [rad]."""
     tube: str
     """YAML of the certificate's radii."""
     radius: float
-    """ε of the terminal set at the scenario's desired force."""
+    """Radius ε of the terminal set at the scenario's desired force."""
 
 
 def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[], None]

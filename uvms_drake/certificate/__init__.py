@@ -1,1 +1,1 @@
-"""The certificate: constants, tube, sets and terminal ingredients, computed and checked."""
+"""The certificate of a scenario, as data, file and table; it knows no run."""

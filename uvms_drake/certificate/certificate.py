@@ -29,9 +29,9 @@ from uvms_drake.tube.constants import Constant
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",
               "visual")
-"""Keys of a scenario that a certificate does not depend on. `tube` is for runs without one; of
-`disturbance` the bound counts, of the terminal set's declared radius whether there is one, of
-`task` all but what counts as settled, of `faults` those that the proofs do not cover."""
+"""Keys of a scenario that a certificate does not depend on: `tube` is for runs without one. Other
+keys count in part, see `fingerprint`: the bound of `disturbance`, all of `task` but the tolerance
+of the force, and those of `faults` that the proofs do not cover."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,17 @@ class TerminalResult:
     """The terminal ingredients, and what their check found."""
 
     radius: float
-    """ε."""
+    """Radius ε of the terminal set."""
     limiting: str
-    """The condition with the smallest margin."""
+    """Name of the condition with the smallest margin."""
     margins: dict[str, float]
-    """See `terminal_set.TerminalCheck`."""
+    """Margins by condition, see `terminal_set.TerminalCheck`."""
     samples: int
+    """Number of states at which the set was checked."""
     P: np.ndarray
+    """Matrix P of the set ‖ξ‖_P ≤ ε (2(6+n), 2(6+n))."""
     gain: np.ndarray
+    """Gain of the terminal controller (6+n, 2(6+n))."""
 
 
 @dataclass(frozen=True)
@@ -56,18 +59,18 @@ class Certificate:
     scenario: str
     law: str
     k: float
-    """[1/s]; of no meaning with kinematic motion."""
+    """Gain k of the velocity error [1/s]; of no meaning with kinematic motion."""
     sigma: float
-    """σ [1/s]."""
+    """Gain σ of the task error [1/s]."""
     d_bound: float
-    """d̃, with kinematic motion w̃."""
+    """Bound d̃ [m/s², rad/s²] of the disturbance; with kinematic motion w̃ [m/s, rad/s]."""
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
     inputs: str
     """SHA-256 of the scenario's relevant part."""
     versions: dict[str, str]
     motion: str = "dynamic"
-    """See `Scenario`."""
+    """Kind of motion, see `Scenario`."""
     made_by: str = "certify"
     """The command that wrote it."""
     constants: tuple[Constant, ...] = ()
@@ -75,18 +78,18 @@ class Certificate:
     tube: TubeRadii | None = None
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
-    """See `tube.ultimate_bounds`."""
+    """Ultimate bounds by name, see `tube.ultimate_bounds`."""
     paper: dict[str, float] = field(default_factory=dict)
     """Radii of the paper's Lemma with the same constants, for comparison; inf where it is void."""
 
     @property
     def failed(self) -> Condition | None:
-        """Returns the first condition that does not hold, or None."""
+        """First condition that does not hold, or None."""
         return next((item for item in self.conditions if not item.holds), None)
 
     @property
     def certified(self) -> bool:
-        """Returns whether every condition that was looked at holds."""
+        """Whether every condition that was looked at holds."""
         return bool(self.conditions) and self.failed is None
 
     def adding(self, conditions: list[Condition]) -> "Certificate":

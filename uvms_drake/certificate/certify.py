@@ -15,12 +15,7 @@ import numpy as np
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
-from uvms_drake.control.limits import (
-    TubeRadii,
-    check_limits,
-    joint_limits,
-    resolved_radii,
-)
+from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
@@ -76,7 +71,7 @@ def certify(scenario: Scenario) -> Certificate:
 
 
 def assumptions(scenario: Scenario) -> list[Condition]:
-    """Returns what the proofs take for granted and a scenario can give up; 0 where it is kept."""
+    """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept."""
     mpc = scenario.mpc
     given_up: list[tuple[str, float]] = [
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
@@ -124,7 +119,7 @@ def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: No
     """Returns the certificate of a scenario, from the cache if nothing has changed since.
 
     Args:
-        scenario: What to certify.
+        scenario: Scenario to certify.
         announce: Called first if the certificate has to be computed, which takes long.
     """
     def compute() -> dict:
@@ -152,7 +147,7 @@ def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSe
                  ) -> dict[str, Constant]:
     """Returns the estimated and the proven constants by name, from the cache if they are there.
 
-    Those of a kinematic scenario are what the law `transpose` needs.
+    A kinematic scenario has those of the law `transpose` alone.
     """
     settings = scenario.certificate
     key = {"set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
@@ -168,7 +163,7 @@ def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSe
 
 
 def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
-    """Returns what the tube of a scenario's law is computed from, its constants from the cache."""
+    """Returns the basis of a scenario's tube, its constants from the cache if they are there."""
     declared = declared_set(scenario, model)
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
@@ -220,11 +215,11 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
 def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    And that no angle and no depth of this plan leaves its limits between the knots. No limit of the
-    MPC sees to that, and later plans are not checked.
+    Also that no angle and no depth of this plan leaves its limits between the knots. No limit of
+    the MPC ensures that, and later plans are not checked.
 
     Args:
-        ocp: The problem, with what the tube leaves of the limits.
+        ocp: Problem with the tightened limits.
         start: (𝔮, ζ) (2(6+n),).
     """
     solution = SequentialConvexSolver(ocp).solve(
@@ -242,9 +237,8 @@ def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition
 def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
     """Returns by how much a plan exceeds a limit on the configuration between its knots [rad, m].
 
-    Roll, pitch, tip pitch, joints and the static force (over the stiffness), which can bulge out
-    there by h²/8 times their second derivative, against what the tube leaves of their limits. Not
-    the inputs.
+    Looked at are roll, pitch, tip pitch, joints and the static force (over the stiffness), against
+    the tightened limits: there they can bulge out by h²/8 times their second derivative.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
     times = plan.start_time + np.add.outer(np.arange(len(plan.decision)) * plan.time_step, inside)

@@ -43,7 +43,7 @@ HELP = {
     "limits.": "a method tube_takes of that limit, or going without it",
     "first plan, distance": "a longer horizon or a closer start",
 }
-"""What would make a failed condition hold, by how its name begins."""
+"""Advice on a failed condition, by the beginning of its name."""
 
 UNITS = {
     "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
@@ -54,8 +54,8 @@ UNITS = {
     "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
     "printed radius": "m, rad", "corrected radius": "m, rad", "comparison system radius": "m, rad",
     "radius of resolved": "m, rad", "smallest k": "1/s", "at σ": "1/s", "smallest σ": "1/s"}
-"""Of constants, radii, ultimate bounds and what the paper's Lemma gives; metres and radians mixed,
-as in the paper, so that a gain from velocities to velocities has none."""
+"""Units of constants, radii, ultimate bounds and numbers of the paper's Lemma; metres and radians
+mixed, as in the paper, so that a gain from velocities to velocities has none."""
 
 
 def format_certificate(certificate: Certificate) -> str:

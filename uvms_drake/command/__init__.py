@@ -1,1 +1,1 @@
-"""The command line."""
+"""The command line: arguments, files and messages; it computes nothing itself."""

@@ -40,7 +40,7 @@ from uvms_drake.station.step import check_step
 CAMPAIGN_FILE, TIMING_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMING_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
 LINES = 10
-"""Of progress, in a log file."""
+"""Largest number of lines of progress in a log file."""
 
 
 def run_campaign(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
 REPORT_FILE = "report.html"
 LONGEST_NAME = 255
-"""Of a folder [bytes], as file systems have it."""
+"""Length of a folder's name that file systems allow [bytes]."""
 DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE)
 
 

@@ -14,7 +14,7 @@ PROGRAM = "uvms-drake"
 INTERRUPTED = f"{PROGRAM}: error: interrupted"
 CLOSED_PIPE = 128 + signal.SIGPIPE
 PATIENCE = 3
-"""Signals after which the program ends without tidying up."""
+"""Number of signals after which the program ends without tidying up."""
 
 
 def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:

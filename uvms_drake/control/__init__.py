@@ -1,1 +1,1 @@
-"""The tube-based NMPC: nominal MPC, ancillary feedback, limits and tube."""
+"""The tube-based NMPC: planner, ancillary laws, limits, monitor; it knows no plant, no scenario."""

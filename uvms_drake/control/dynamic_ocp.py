@@ -30,11 +30,11 @@ class Linearisation(Transitions):
     """First-order model of motion and drift about a plan."""
 
     f: np.ndarray
-    """(N+1, 6+n) drift at the knots."""
+    """Drift f at the knots (N+1, 6+n) [m/s², rad/s²]."""
     f_y: np.ndarray
-    """(N+1, 6+n, 6+n) ∂f/∂ȳ."""
+    """∂f/∂ȳ at the knots (N+1, 6+n, 6+n)."""
     f_zeta: np.ndarray
-    """(N+1, 6+n, 6+n) ∂f/∂ζ̄."""
+    """∂f/∂ζ̄ at the knots (N+1, 6+n, 6+n)."""
 
 
 class DynamicOcp(Ocp[DynamicPlan]):

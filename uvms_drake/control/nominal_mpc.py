@@ -9,10 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
+    BasicVector,
+    Context,
     DiagramBuilder,
     EventStatus,
     LeafSystem,
     OutputPort,
+    State,
     ValueProducer,
 )
 
@@ -24,7 +27,7 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 
 FIRST_SOLVE_ITERATIONS = 50
-"""The first solve starts from a plan that goes nowhere and is iterated to convergence."""
+"""Largest number of iterations of the first solve, which starts from a plan that goes nowhere."""
 FEASIBLE = 1e-4
 """Largest violation that a plan may have if there is another, in the unit of the limit that it
 violates; of the terminal set, in ‖ξ‖_P."""
@@ -33,24 +36,24 @@ REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
 SOLVED, FAILED, LATE, DROPPED = range(4)
-"""What becomes of a sample: a new plan is made; the solver has none; it comes too late and is
-thrown away; nothing is done at all."""
+"""Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
+away; nothing is done at all."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
-"""Of the last sample: t_k [s], what became of it (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED` 3),
-the plan's objective, s of the terminal set, largest violation of a limit (in its own unit), convex
-programs solved, 1 if a new desired force was asked for and is refused. A dropped sample leaves all
-but the first two."""
+"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
+3), the plan's objective, s of the terminal set, largest violation of a limit (in its own unit),
+convex programs solved, 1 if a new desired force was asked for and is refused. A dropped sample
+changes the first two only."""
 
 TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
            DROPPED: "the sample was dropped"}
-"""What is said of a status at the first of the samples in a row that have it."""
+"""Alarm about an outcome, given at the first of the samples in a row that have it."""
 
 NOTHING: Solution = Solution(None, None, 0, converged=False)
-"""What a solver that did not even start has found."""
+"""Solution of a solver that did not even start."""
 
 SOLVERS_KEPT = 16
-"""Problems of other desired forces that are remembered, the latest ones."""
+"""Number of problems of other desired forces that are remembered, the latest ones."""
 
 
 class Targets(NamedTuple):
@@ -59,7 +62,7 @@ class Targets(NamedTuple):
     force: np.ndarray
     """𝔉_des at the start (6,) [N, N m]."""
     ocp: Callable[[np.ndarray], Ocp]
-    """Returns the problem of another 𝔉_des; raises `InvalidParameter` if there is none."""
+    """Function from another 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
 
 
 def _is_sound(value: Evaluation | None, slack: float) -> bool:
@@ -72,15 +75,17 @@ class MpcMemory:
     """What the nominal MPC remembers: everything that changes in time lives in the Context."""
 
     plan: Plan | None = None
+    """The current plan; none before the first sample."""
     force: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """𝔉_des of the problem whose plan it is (6,) [N, N m]; zero if it cannot be changed."""
+    """𝔉_des that the plan was made for (6,) [N, N m]; zero if it cannot be changed."""
     asked: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """The last 𝔉_des that was asked for, and is refused if it is not `force`."""
+    """Last 𝔉_des that was asked for (6,) [N, N m]; it is refused if it is not `force`."""
     solves: int = 0
-    """Plans made so far."""
+    """Number of plans made so far."""
     report: np.ndarray = field(default_factory=lambda: np.full(len(MPC_REPORT), np.nan))
+    """The last values of `MPC_REPORT`."""
     solve_seconds: float = 0.0
-    """Wall time of the last step; the only thing here that is not reproducible."""
+    """Wall time of the last step [s]; the only thing here that is not reproducible."""
 
 
 class NominalMpc(LeafSystem):
@@ -128,7 +133,7 @@ class NominalMpc(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) or 𝔮 (6+n) measured, in the paper's order; unless each plan starts
       there, it is read at initialization only.
-    - `fault` (1): what becomes of the sample, `SOLVED` unless something fails; read at every sample
+    - `fault` (1): outcome of the sample, `SOLVED` unless something fails; read at every sample
       after the first.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
@@ -180,16 +185,16 @@ class NominalMpc(LeafSystem):
         self.DeclareVectorOutputPort("report", len(MPC_REPORT), self._calc_report, remembered)
         self.DeclareVectorOutputPort("solve_seconds", 1, self._calc_seconds, remembered)
 
-    def _recall(self, context) -> MpcMemory:
+    def _recall(self, context: Context) -> MpcMemory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
-    def _plan_now(self, context) -> Plan:
+    def _plan_now(self, context: Context) -> Plan:
         plan = self._recall(context).plan
         if plan is None:
             raise RuntimeError("NominalMpc has no plan yet: call Simulator.Initialize() first")
         return plan
 
-    def _plan_first(self, context, state):
+    def _plan_first(self, context: Context, state: State) -> EventStatus:
         started = time.perf_counter()
         now, h = context.get_time(), self._ocp.time_step
         if self._goes_on(self._recall(context), now):
@@ -202,7 +207,7 @@ class NominalMpc(LeafSystem):
             raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
         guess = self._ocp.resting_plan(now, measured)
         solution = self._solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        if solution.plan is None or not solution.evaluation.violation <= FEASIBLE:
+        if solution.plan is None or not _is_sound(solution.evaluation, np.inf):
             raise RunFailed("the nominal MPC has no solution at the start: the limits cannot be "
                             "kept from there, or the tube leaves too little of them")
         return self._remember(
@@ -221,7 +226,7 @@ class NominalMpc(LeafSystem):
         begun = now > memory.plan.start_time or memory.solves > 1
         return begun and -1e-9 <= elapsed <= latest
 
-    def _plan_again(self, context, state):
+    def _plan_again(self, context: Context, state: State) -> EventStatus:
         started = time.perf_counter()
         now, plan = context.get_time(), self._plan_now(context)
         if now < plan.start_time + 0.5 * plan.time_step:
@@ -243,11 +248,12 @@ class NominalMpc(LeafSystem):
         return self._remember(state, replace(memory, force=force), now, status, solution,
                               solution.plan or guess, started)
 
-    def _fault(self, context) -> int:
+    def _fault(self, context: Context) -> int:
         return int(self._fault_port.Eval(context)[0]) if self._fault_port.HasValue(context) \
             else SOLVED
 
-    def _pass_over(self, state, memory: MpcMemory, now: float, started: float):
+    def _pass_over(self, state: State, memory: MpcMemory, now: float, started: float
+                   ) -> EventStatus:
         """Leaves the plan as it is, but for an end that comes before the next sample."""
         plan = memory.plan
         assert plan is not None
@@ -261,14 +267,14 @@ class NominalMpc(LeafSystem):
             memory, plan=plan, report=report, solve_seconds=time.perf_counter() - started))
         return EventStatus.Succeeded()
 
-    def _asked(self, context) -> MpcMemory:
+    def _asked(self, context: Context) -> MpcMemory:
         """Returns what is remembered, after a look at `desired_force`."""
         memory = self._recall(context)
         if self._targets is None or not self._force_port.HasValue(context):
             return memory
         return replace(memory, asked=self._force_port.Eval(context).copy())
 
-    def _guess(self, context, memory: MpcMemory) -> Plan:
+    def _guess(self, context: Context, memory: MpcMemory) -> Plan:
         """Returns the last plan continued to now, from where a new one is to start."""
         plan, ocp = memory.plan, self._current(memory).ocp
         assert plan is not None
@@ -327,8 +333,8 @@ class NominalMpc(LeafSystem):
         except (InvalidParameter, np.linalg.LinAlgError):
             return None
 
-    def _remember(self, state, old: MpcMemory, now: float, status: int, solution: Solution,
-                  plan: Plan, started: float):
+    def _remember(self, state: State, old: MpcMemory, now: float, status: int,
+                  solution: Solution, plan: Plan, started: float) -> EventStatus:
         value = solution.evaluation or self._current(old).ocp.evaluate(plan)
         report = np.array([now, float(status), value.cost, value.terminal_slack,
                            value.violation, solution.iterations,
@@ -344,29 +350,29 @@ class NominalMpc(LeafSystem):
         if status not in (SOLVED, old.report[1]):
             warn(now, TROUBLE[status])
 
-    def _evaluate_plan(self, context, nominal):
+    def _evaluate_plan(self, context: Context, nominal: AbstractValue) -> None:
         last_sample = float(self._recall(context).report[0])
         nominal.set_value(self._plan_now(context).at(context.get_time(), last_sample))
 
-    def _calc_state(self, context, output):
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.concatenate(self._nominal.Eval(context)[:2]))
 
-    def _calc_acceleration(self, context, output):
+    def _calc_acceleration(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._nominal.Eval(context)[2])
 
-    def _calc_input(self, context, output):
+    def _calc_input(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._ocp.nominal_input(self._nominal.Eval(context)))
 
-    def _calc_plan(self, context, output):
+    def _calc_plan(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._plan_now(context))
 
-    def _calc_report(self, context, output):
+    def _calc_report(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._recall(context).report)
 
-    def _calc_force(self, context, output):
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._recall(context).force)
 
-    def _calc_seconds(self, context, output):
+    def _calc_seconds(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._recall(context).solve_seconds])
 
     @staticmethod

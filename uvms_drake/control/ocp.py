@@ -46,7 +46,7 @@ INITIAL_STATES = ("nominal", "measured")
 INPUT_REFERENCES = ("equilibrium", "zero")
 
 OwnTerm = LevelVehicle
-"""Terms that the cost may have besides the task's; a union, of several, by their YAML tags."""
+"""Terms that a file may add to the task's cost, by their YAML tags; several would be a union."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class MpcConfig:
     weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of R for ū − ū_eq; of no meaning where ζ is the input."""
     terminal_set: bool = True
-    """Whether there is one; without it nothing is certified."""
+    """Whether plans must end in a terminal set; without it nothing is certified."""
     terminal_radius: float = 0.1
     """ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
     initial_state: str = "nominal"
@@ -91,11 +91,11 @@ class Transitions:
     knots: Points
     """The N+1 knots; Euler angles of y within π of the desired ones."""
     dy_dy: np.ndarray
-    """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ȳ_k."""
+    """∂ȳ_{k+1}/∂ȳ_k (N, 6+n, 6+n)."""
     dy_dzeta: np.ndarray
-    """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ζ̄_k."""
+    """∂ȳ_{k+1}/∂ζ̄_k (N, 6+n, 6+n)."""
     dy_da: np.ndarray
-    """(N, 6+n, 6+n) ∂ȳ_{k+1}/∂ζ̄̇_k."""
+    """∂ȳ_{k+1}/∂ζ̄̇_k (N, 6+n, 6+n)."""
 
 
 class Inputs(NamedTuple):
@@ -104,11 +104,11 @@ class Inputs(NamedTuple):
     points: Points
     """The N ends, with their inputs ū."""
     y_z: np.ndarray
-    """(N, 6+n, size of z) ∂y/∂z, or one for all intervals; z is that of the interval."""
+    """∂y/∂z with the interval's z (N, 6+n, size of z), or one matrix for all intervals."""
     zeta_z: np.ndarray
-    """Likewise ∂ζ/∂z."""
+    """∂ζ/∂z, likewise."""
     u_z: np.ndarray
-    """Likewise ∂u/∂z."""
+    """∂u/∂z, likewise."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Evaluation:
 
     @property
     def merit(self) -> float:
-        """Returns what a solver makes small: the cost with an exact penalty of the violations."""
+        """Cost with an exact penalty of the violations, which a solver makes small."""
         return self.cost + VIOLATION_PENALTY * self.total_violation
 
 
@@ -138,7 +138,7 @@ This and the next two are made for weights of the order of 1 to 1000: an exact p
 above the multipliers, which grow with the weights.
 """
 SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-6, 1e6
-"""Of every weight that is not zero; beyond, the penalties mean nothing, nor does P."""
+"""Range of every weight that is not zero; beyond, neither the penalties nor P mean anything."""
 VIOLATION_PENALTY = 1e3
 """Cost of one unit of violation; above every multiplier of a limit."""
 EXCESS_PENALTY = 1e5

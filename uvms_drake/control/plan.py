@@ -16,7 +16,7 @@ from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate
 
 KNOT_TOLERANCE = 1e-9
-"""A time so close after a knot, as a fraction of an interval, is the knot: rounding of k h."""
+"""Time after a knot, as a fraction of an interval, that counts as the knot: rounding of k h."""
 
 
 def advance(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray,
@@ -109,9 +109,9 @@ class Plan(ABC):
     """A nominal trajectory over N intervals of length h."""
 
     start_time: float
-    """t_k [s]."""
+    """Instant t_k of the first knot [s]."""
     time_step: float
-    """h [s]."""
+    """Length h of an interval [s]."""
     config: np.ndarray
     """𝔮̄ at the knots (N+1, 6+n)."""
 
@@ -163,7 +163,7 @@ class Plan(ABC):
 
 
 P = TypeVar("P", bound=Plan)
-"""The kind of plan that a problem is about."""
+"""Kind of plan that a problem is about."""
 
 
 @dataclass(frozen=True)

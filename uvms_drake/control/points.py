@@ -10,11 +10,11 @@ import numpy as np
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
 
 About = Literal["pose", "speed", "input"]
-"""What a function of `Points` reads: (𝔮, y); these and ζ; or these and u and τ too."""
+"""Arguments of a function of `Points`: (𝔮, y); these and ζ; or these and u and τ too."""
 
 
 UNKNOWN = np.empty(0)
-"""What is not known of some points."""
+"""Value of a field of some points that is not known."""
 
 
 @dataclass(frozen=True)
@@ -23,19 +23,19 @@ class Points:
 
     model: UvmsModel
     config: np.ndarray
-    """(..., 6+n) 𝔮."""
+    """Configuration 𝔮 (..., 6+n) [m, rad]."""
     y: np.ndarray
-    """(..., 6+n) the extended task (χ, q)."""
+    """Extended task (χ, q) (..., 6+n) [m, rad]."""
     zeta: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """(..., 6+n) ζ."""
+    """Velocity ζ (..., 6+n) [m/s, rad/s]."""
     u: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """(..., 6+n) the input: 𝔲 of dynamic motion, ζ of kinematic motion."""
+    """Input (..., 6+n): 𝔲 of dynamic motion, ζ of kinematic motion."""
     forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """(..., 6+n) τ, if it is known otherwise than as M(𝔮)𝔲."""
+    """Generalised force τ (..., 6+n) [N, N m], if it is known otherwise than as M(𝔮)𝔲."""
     config_y: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """(..., 6+n, 6+n) ∂𝔮/∂y, where derivatives are asked for."""
+    """∂𝔮/∂y (..., 6+n, 6+n), where derivatives are asked for."""
     whole: tuple["Points", slice] | None = None
-    """The points that these were taken from, see `subset`."""
+    """Points that these were taken from, see `subset`."""
 
     def subset(self, index: slice, u: np.ndarray = UNKNOWN) -> Self:
         """Returns some of the points, with this input there; they share one mass matrix."""

@@ -28,7 +28,7 @@ class Solution(Generic[P]):
     evaluation: Evaluation | None
     iterations: int
     converged: bool
-    """No step improved the merit by more than the tolerance."""
+    """Whether it ended because no step improved the merit by more than the tolerance."""
 
 
 class SequentialConvexSolver(Generic[P]):

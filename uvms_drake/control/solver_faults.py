@@ -13,9 +13,9 @@ from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
 from uvms_drake.model.part import Fault, check_times, is_active
 
 PRECEDENCE = (DROPPED, FAILED, LATE)
-"""Of two faults at the same instant, the one whose status comes first counts."""
+"""Statuses by rank: of two faults at the same instant the one that comes first here counts."""
 SAMPLE_TOLERANCE = 1e-6
-"""Fraction of a period by which rounding may take a sampling instant off."""
+"""Fraction of a period by which rounding may move a sampling instant."""
 
 
 @dataclass
@@ -24,10 +24,10 @@ class SolverFault(Fault):
 
     place = "solver"
     status: ClassVar[int]
-    """What it makes of a sample."""
+    """Status that it gives a sample."""
 
     probability: float = 1.0
-    """Probability that it is there at a sampling instant in its time."""
+    """Probability that the fault is there at a sampling instant in its time."""
     start: float = 0.0
     """First instant [s]; the first plan of a run is exempt, for without it nothing moves."""
     duration: float | None = None

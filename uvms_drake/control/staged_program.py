@@ -26,24 +26,24 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from uvms_drake.model.spatial import times
 
 KEPT = 1e-7
-"""A limit broken by no more than this, in its own unit, is kept: ten times the solver's own."""
+"""Excess of a limit, in its own unit, that does not count: ten times the solver's tolerance."""
 NEAR = 0.03
-"""A limit counts as nearly reached when less than this fraction of its range is left."""
+"""Fraction of a limit's range below which the limit counts as nearly reached."""
 
 
 class LinearLimits(NamedTuple):
     """lower ≤ value + C z ≤ upper, rows of every stage; infinite where a row has no meaning."""
 
     C: np.ndarray
-    """(N+1, m, nx+nw); at the last stage w is zero."""
+    """Rows C of the limits (N+1, m, nx+nw); at the last stage w is zero."""
     value: np.ndarray
-    """(N+1, m) at the plan."""
+    """Values at the plan (N+1, m)."""
     lower: np.ndarray
-    """(N+1, m)."""
+    """Lower bounds of the values (N+1, m)."""
     upper: np.ndarray
-    """(N+1, m)."""
+    """Upper bounds of the values (N+1, m)."""
     soft: np.ndarray
-    """(m,) True where v relaxes the row."""
+    """Whether v relaxes a row (m,)."""
 
 
 def stacked(parts: list[LinearLimits]) -> LinearLimits:
@@ -58,11 +58,11 @@ class NormLimit(NamedTuple):
     """‖value + C z‖₂ ≤ bound at every stage."""
 
     C: np.ndarray
-    """(m, nx+nw), the same at every stage."""
+    """Rows C of the norm (m, nx+nw), the same at every stage."""
     value: np.ndarray
-    """(N+1, m) at the plan."""
+    """Vectors at the plan (N+1, m)."""
     bound: np.ndarray
-    """(N+1,), infinite where there is none."""
+    """Largest norms (N+1,); infinite where there is no limit."""
 
 
 class TerminalLimit(NamedTuple):
@@ -78,48 +78,48 @@ class StagedProgram:
     """The program; N stages, nx states, nw decisions."""
 
     A: np.ndarray
-    """(N, nx, nx)."""
+    """∂x_{k+1}/∂x_k (N, nx, nx)."""
     B: np.ndarray
-    """(N, nx, nw)."""
+    """∂x_{k+1}/∂w_k (N, nx, nw)."""
     H: np.ndarray
-    """(N, nx+nw, nx+nw), positive semidefinite, and definite in w."""
+    """Hessians of the stage costs (N, nx+nw, nx+nw); semidefinite, and definite in w."""
     g: np.ndarray
-    """(N, nx+nw)."""
+    """Gradients of the stage costs (N, nx+nw)."""
     H_end: np.ndarray
-    """(nx, nx)."""
+    """Hessian of the cost of the end (nx, nx)."""
     g_end: np.ndarray
-    """(nx,)."""
+    """Gradient of the cost of the end (nx,)."""
     linear: LinearLimits
     norms: tuple[NormLimit, ...]
     terminal: TerminalLimit
     slack_penalty: float
-    """ρ_s."""
+    """Penalty ρ_s of the slack s."""
     excess_penalty: float
-    """ρ_v."""
+    """Penalty ρ_v of the excess v."""
 
 
 class StagedSolution(NamedTuple):
     """The optimal change of the plan."""
 
     w: np.ndarray
-    """(N, nw)."""
+    """Decisions w (N, nw)."""
     slack: float
-    """s."""
+    """Slack s of the terminal set."""
     excess: float
-    """v."""
+    """Excess v of the softened limits."""
     cone_programs: int
-    """Conic programs solved; 0 where no limit mattered."""
+    """Number of conic programs solved; 0 where no limit mattered."""
 
 
 class Regulator(NamedTuple):
     """w_k = K_k x_k + k_k + W_k r_k, in which the cost is a constant + ½ Σ ‖r_k‖²."""
 
     K: np.ndarray
-    """(N, nw, nx)."""
+    """Feedback gains K_k (N, nw, nx)."""
     k: np.ndarray
-    """(N, nw)."""
+    """Feedforward k_k (N, nw)."""
     W: np.ndarray
-    """(N, nw, nw), L_k⁻ᵀ."""
+    """Inverse factors L_k⁻ᵀ (N, nw, nw)."""
 
 
 def solve_staged(program: StagedProgram) -> StagedSolution | None:
@@ -204,12 +204,13 @@ class _Limits:
     """Some of the limits of a program."""
 
     upper: np.ndarray
-    """(N+1, m) rows of the linear limits that are limited from above,"""
+    """Linear limits whose upper bound is among them (N+1, m)."""
     lower: np.ndarray
-    """(N+1, m) and from below."""
+    """Linear limits whose lower bound is among them (N+1, m)."""
     norms: np.ndarray
-    """(number of norm limits, N+1)."""
+    """Norm limits that are among them (number of norm limits, N+1)."""
     terminal: bool
+    """Whether the terminal set is among them."""
 
     def any(self) -> bool:
         return bool(self.terminal or self.upper.any() or self.lower.any() or self.norms.any())
@@ -254,10 +255,13 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
               ) -> tuple[np.ndarray, float, float] | None:
     """Returns the r (N nw,) of least cost that keeps the `active` limits, with its s and v.
 
-    r is a combination of the gradients of these limits. With G = R^T Q^T by a QR decomposition of
-    G^T, r = Q p and the limits see R^T p, a triangular matrix: a small and sparse program.
+    r is a combination of the gradients of these limits, the rows of a matrix F. With a QR
+    decomposition Fᵀ = basis · Gᵀ, r = basis · p, and the limits are rows of F r = G p: a small
+    program with a lower triangular matrix.
     """
     linear, terminal = program.linear, program.terminal
+
+    # Gradients and room of the linear limits, each as an upper bound.
     rows, room = [], []
     for sign, mask, bound in ((1.0, active.upper, linear.upper),
                               (-1.0, active.lower, -linear.lower)):
@@ -268,6 +272,8 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
     soft = np.concatenate([linear.soft[np.nonzero(mask)[1]]
                            for mask in (active.upper, active.lower)])
     num_linear = len(soft)
+
+    # Those of the norms, one block of rows each, and of the terminal set.
     cones = [(limit.value[k] + limit.C @ z[k], limit.bound[k], limit.C @ response[k])
              for limit, mask in zip(program.norms, active.norms, strict=True)
              for k in np.flatnonzero(mask)]
@@ -275,19 +281,22 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
     nx = terminal.T.shape[1]
     if active.terminal:
         rows.append(terminal.T @ response[-1, :nx])
-    Q, R = np.linalg.qr(np.concatenate(rows).T)
-    G = np.ascontiguousarray(R.T)
+    basis, triangle = np.linalg.qr(np.concatenate(rows).T)
+    G = np.ascontiguousarray(triangle.T)
 
+    # minimise ½‖p‖² + ρ_s s + ρ_v v
     prog = MathematicalProgram()
     p = prog.NewContinuousVariables(G.shape[1], "p")
     s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(1, "v")
     prog.AddQuadraticCost(np.eye(len(p)), np.zeros(len(p)), p, is_convex=True)
     prog.AddLinearCost([program.slack_penalty, program.excess_penalty], np.concatenate([s, v]))
     prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
+    # linear: G p − v ≤ room, v in the soft rows only
     if num_linear:
         prog.AddLinearConstraint(
             np.hstack([G[:num_linear], -soft[:, None].astype(float)]),
             np.full(num_linear, -np.inf), np.concatenate(room), np.concatenate([p, v]))
+    # norms: ‖value + G p‖ ≤ bound
     first = num_linear
     for value, bound, _ in cones:
         last = first + len(value)
@@ -295,6 +304,7 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
             np.vstack([np.zeros((1, len(p))), G[first:last]]),
             np.concatenate([[bound], value]), p)
         first = last
+    # terminal set: ‖value + G p‖ ≤ radius + s
     if active.terminal:
         A = np.zeros((1 + len(terminal.T), len(p) + 1))
         A[0, -1], A[1:, :-1] = 1.0, G[first:]
@@ -305,7 +315,7 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None
-    r = Q @ result.GetSolution(p)
+    r = basis @ result.GetSolution(p)
     if not np.all(np.isfinite(r)):
         return None
     return r, float(result.GetSolution(s)[0]), float(result.GetSolution(v)[0])

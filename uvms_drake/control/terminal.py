@@ -27,7 +27,7 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from uvms_drake.common.errors import require
 
 INFLATION = 1.0
-"""μ of the penalty P = (1 + μ)P₀."""
+"""Inflation μ of the penalty P = (1 + μ)P₀."""
 LARGEST_GROWTH = 100.0
 """Spectral radius of A + BF up to which the Riccati equation is solved, its residual then being
 below 1e-8 of P. With F the loop can be stabilised in theory whatever F is, but from about 500 on
@@ -39,11 +39,11 @@ class Terminal:
     """Terminal penalty, controller and set about the equilibrium (y_des, ζ = 0)."""
 
     P: np.ndarray
-    """(2(6+n), 2(6+n)) penalty V_f = ‖ξ‖²_P."""
+    """Matrix P of the penalty V_f = ‖ξ‖²_P (2(6+n), 2(6+n))."""
     gain: np.ndarray
-    """(6+n, 2(6+n)) of the terminal controller ζ̇ = gain · ξ, that is ū = ū_eq − 𝔎ξ."""
+    """Gain of the terminal controller ζ̇ = gain · ξ, that is ū = ū_eq − 𝔎ξ (6+n, 2(6+n))."""
     radius: float
-    """ε of the set ‖ξ‖_P ≤ ε."""
+    """Radius ε of the terminal set ‖ξ‖_P ≤ ε."""
 
     @cached_property
     def root(self) -> np.ndarray:

@@ -34,22 +34,22 @@ from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
-"""What can be left: the set-wise bound, the trajectory-wise bound, and ‖d‖₂ ≤ d̃."""
+"""Bounds that can be left: the set-wise one, the one along the run, and ‖d‖₂ ≤ d̃."""
 
 SAID = ("left the tube (set-wise)", "left the bound along the run", "disturbance above its bound")
-"""What is said of each of `ALARMS` when it is left."""
+"""Warning for each of `ALARMS` when it is left."""
 
 TUBE_REPORT = (
     *(f"{alarm}_exits" for alarm in ALARMS), *(f"{alarm}_first_exit" for alarm in ALARMS),
     *(f"worst_{bound}_{field}" for bound in ALARMS[:2] for field in FIELDS), "worst_disturbance")
-"""Number of exits, time of the first one [s] (inf: none so far), largest ratios of deviation and
-bound, and largest ‖d‖₂/d̃, over the samples so far."""
+"""Entries about the samples so far: number of exits, time of the first one [s] (inf: none), largest
+ratios of deviation and bound, and largest ‖d‖₂/d̃."""
 
 TubeReport = namedview("TubeReport", TUBE_REPORT)
 """A report (19,) by the names of `TUBE_REPORT`."""
 
 FLOOR = 1e-9
-"""Rounding, where a bound is zero."""
+"""Deviation that is rounding, where a bound is zero."""
 
 NOT_STARTED = -1.0
 """First state of a bound that starts at a deviation, before the first sample."""
@@ -59,13 +59,13 @@ class _Samples(NamedTuple):
     """The discrete state of a `TubeMonitor`: flags, and the parts of its report."""
 
     outside: np.ndarray
-    """1 for each of `ALARMS` that was left at the last sample, else 0 (3,)."""
+    """Flags: 1 for each of `ALARMS` that was left at the last sample, else 0 (3,)."""
     exits: np.ndarray
     """Number of exits of each (3,)."""
     first: np.ndarray
     """Time of the first exit of each (3,) [s]."""
     worst: np.ndarray
-    """Largest ratios (13,)."""
+    """Largest ratios of deviation and bound, and ‖d‖₂/d̃ (13,)."""
 
     @staticmethod
     def of(state: np.ndarray) -> "_Samples":

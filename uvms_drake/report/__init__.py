@@ -1,1 +1,1 @@
-"""What a run leaves behind for people: summary, figures, report, replay."""
+"""Summary, figures, report and replay of a run's record; it starts no run."""

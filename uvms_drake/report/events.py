@@ -32,30 +32,30 @@ ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated",
 """Kinds that are not as planned; the others are `contact`, `settled` and `force_refused`."""
 
 MPC_KINDS = {FAILED: "solver_failed", LATE: "solver_late", DROPPED: "sample_dropped"}
-"""By the status of a sample of the MPC."""
+"""Kind of event by the outcome of a sample of the MPC."""
 
 
 class Event(NamedTuple):
     """Something that happened in a run."""
 
     start: float
-    """[s]."""
+    """Begin of the event [s]."""
     end: float | None
-    """[s]: `start` of what is an instant, None of what lasts to the end of the run."""
+    """End of the event [s]: `start` for an instant, None if it lasts to the end of the run."""
     kind: str
-    """Short and stable: one of `ALARMING`, `contact`, `settled`, `force_refused`."""
+    """Short and stable name: one of `ALARMING`, `contact`, `settled`, `force_refused`."""
     text: str
-    """What happened, in words and numbers."""
+    """Description in words and numbers."""
 
 
 class _Signal(NamedTuple):
-    """What events are made of: one for each interval in which `holds`."""
+    """A signal that makes an event of each interval in which it holds."""
 
     kind: str
     holds: np.ndarray
-    """(T,), or (K,) of a signal of the MPC."""
+    """Whether it holds at each sample (T,), or (K,) of the MPC."""
     text: Callable[[slice], str]
-    """Of an interval of samples."""
+    """Description of an interval of samples."""
 
 
 def events(record: Record) -> list[Event]:

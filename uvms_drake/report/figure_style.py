@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
-"""From Okabe and Ito's palette: told apart with every kind of colour vision."""
+"""Colours of Okabe and Ito's palette, told apart with every kind of colour vision."""
 XYZ = (BLUE, VERMILION, GREEN)
 
 STYLE: dict[Any, Any] = {

@@ -10,7 +10,7 @@ from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
-"""Relative and absolute [m/s², rad/s²]: what rounding leaves of a disturbance of exactly d̃."""
+"""Relative and absolute excess [m/s², rad/s²] that is rounding of a disturbance of exactly d̃."""
 FIRST = ("nu1", "nu2", "qdot", "q")
 """Limits whose signals come first in every table; the others follow."""
 

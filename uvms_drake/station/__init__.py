@@ -1,1 +1,1 @@
-"""The closed loop: a scenario, its Diagram, its simulation."""
+"""The closed loop: a scenario, its Diagram, its simulation, its record; it knows no certificate."""

@@ -32,14 +32,14 @@ SAMPLED = ("report", "solve_seconds")
 ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
                "nominal_input": "nominal_input", "force": "force",
                "desired_force": "accepted_force"}
-"""Signals of the ports of an `Illustration`, as far as there are any."""
+"""Signal for each port of an `Illustration`; those that a motion has not are left out."""
 
 MONITOR_SLACK = 0.01
-"""Relative; a constant d takes the deviation to its bound exactly, and the integrator's error over
-a step of 0.02 s through contact is 0.7 %."""
+"""Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
+the integrator's error over a step of 0.02 s through contact is 0.7 %."""
 MONITOR_FLOOR = 1e-4
-"""[m, rad, m/s, rad/s]; the integrator leaves 7e-5 of a deviation that is exactly zero. At most a
-tenth of the tube's smallest radius, see `monitor_floor`."""
+"""Deviation that is not an exit [m, rad, m/s, rad/s]: the integrator makes 7e-5 of one that is
+exactly zero. At most a tenth of the tube's smallest radius counts, see `monitor_floor`."""
 
 
 def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,

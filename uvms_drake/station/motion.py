@@ -34,11 +34,11 @@ class Motion(ABC):
     """Whether forces move the robot: then there are accelerations to command, and there is a
     surface to touch."""
     measured: ClassVar[str]
-    """Port of plant and controller: what the controller knows of the robot."""
+    """Name of the port of plant and controller that carries the measured motion."""
     command: ClassVar[str]
-    """Output port of the controller that moves the robot."""
+    """Name of the controller's output port that moves the robot."""
     effect: ClassVar[str]
-    """Input port of the plant that it goes to."""
+    """Name of the plant's input port for the command."""
     plant_signals: ClassVar[tuple[str, ...]]
     """Output ports of the plant that are logged."""
     controller_signals: ClassVar[tuple[str, ...]]
@@ -46,11 +46,11 @@ class Motion(ABC):
     tubes: ClassVar[dict[type[AncillaryLaw], Callable[..., LawTube]]]
     """Tubes of the laws that have a certificate: functions of law and `Basis`."""
     disturbance_symbol: ClassVar[str]
-    """Letter of what is added to the motion."""
+    """Letter of the disturbance."""
     disturbance_unit: ClassVar[str]
-    """Its unit."""
+    """Unit of the disturbance."""
     disturbance_blocks: ClassVar[tuple[str, ...]]
-    """What its components, three at a time, are called; the last block has the joints."""
+    """Names of the disturbance's components, three at a time; the last block has the joints."""
     figures: ClassVar[tuple[str, ...]]
     """Figures that no other motion has."""
     adversaries: ClassVar[tuple[str, ...]]

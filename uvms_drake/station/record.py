@@ -25,58 +25,58 @@ class Record:
 
     scenario: Scenario
     time: np.ndarray
-    """(T,) [s]."""
+    """Logged instants (T,) [s]."""
     state: np.ndarray
-    """(𝔮, ζ) (T, 2(6+n)) [m, rad, m/s, rad/s]."""
+    """State (𝔮, ζ) (T, 2(6+n)) [m, rad, m/s, rad/s]."""
     nominal_state: np.ndarray
-    """(𝔮̄, ζ̄) (T, 2(6+n)) [m, rad, m/s, rad/s]."""
+    """Nominal state (𝔮̄, ζ̄) (T, 2(6+n)) [m, rad, m/s, rad/s]."""
     chi: np.ndarray
     """Pose χ of the end-effector in Σ_I (T, 6) [m, rad]."""
     chi_nominal: np.ndarray
-    """χ̄ (T, 6) [m, rad]."""
+    """Nominal pose χ̄ (T, 6) [m, rad]."""
     chi_des: np.ndarray
-    """χ_des (6,) of the last 𝔉_des [m, rad]."""
+    """Desired pose χ_des of the last 𝔉_des (6,) [m, rad]."""
     nominal_input: np.ndarray
-    """ū (T, 6+n) [m/s², rad/s²]; ζ̄ [m/s, rad/s] if the motion is kinematic."""
+    """Nominal input ū (T, 6+n) [m/s², rad/s²]; ζ̄ [m/s, rad/s] if the motion is kinematic."""
     u: np.ndarray
-    """𝔲 (T, 6+n) [m/s², rad/s²]; ζ [m/s, rad/s] if the motion is kinematic."""
+    """Command 𝔲 (T, 6+n) [m/s², rad/s²]; ζ [m/s, rad/s] if the motion is kinematic."""
     tau: np.ndarray
-    """τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
+    """Generalised force τ = M𝔲 (T, 6+n) [N, N m]; (T, 0) if the motion is kinematic."""
     state_lost: np.ndarray
     """1 where the measured state was not finite and the command was the plan's own, else 0 (T,)."""
     input_limited: np.ndarray
     """1 where a limit cut the command, else 0 (T,); 0 if the motion is kinematic."""
     force: np.ndarray
-    """𝔉, exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
+    """Wrench 𝔉 exerted on the surface (T, 6) [N, N m]; if the motion is kinematic, the one that the
     surface's law gives for the pose."""
     desired_force: np.ndarray
-    """𝔉_des that the nominal MPC plans for (T, 6) [N, N m]."""
+    """Wrench 𝔉_des that the nominal MPC plans for (T, 6) [N, N m]."""
     penetration: np.ndarray
-    """Of the end-effector into the surface (T,) [m]."""
+    """Depth of the end-effector in the surface (T,) [m]."""
     disturbance: np.ndarray
-    """d (T, 6+n) [m/s², rad/s²]; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
+    """Disturbance d (T, 6+n) [m/s², rad/s²]; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
     acceleration: np.ndarray
-    """ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
+    """Acceleration ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
     effective_disturbance: np.ndarray
-    """ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f: d and all else that the
+    """Residual ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f: d and all that the
     controller does not know about; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
     joint_lower: np.ndarray
-    """Joint limits in force (n,) [rad]: the robot's, or the scenario's if they are narrower."""
+    """Smallest joint angles allowed (n,) [rad]: the robot's, or the scenario's if narrower."""
     joint_upper: np.ndarray
-    """(n,) [rad]."""
+    """Largest joint angles allowed (n,) [rad]."""
     mpc_time: np.ndarray
     """Instants at which the MPC planned (K,) [s]."""
     mpc_status: np.ndarray
-    """(K,): 0 solved; 1 the solver failed, or 2 was too late, and the last plan was continued; 3
-    the sample was dropped and the last plan went on."""
+    """Outcomes of the samples (K,): 0 solved; 1 the solver failed, or 2 was too late, and the last
+    plan was continued; 3 the sample was dropped and the last plan went on."""
     mpc_cost: np.ndarray
-    """(K,)."""
+    """Objectives of the plans (K,)."""
     mpc_terminal_slack: np.ndarray
-    """By how much the end of the plan is outside of the terminal set (K,)."""
+    """Distance of the end of the plan to the terminal set, in ‖ξ‖_P (K,)."""
     mpc_violation: np.ndarray
     """Largest violation of a limit by the plan, in the limit's own unit (K,)."""
     mpc_iterations: np.ndarray
-    """Convex programs solved (K,)."""
+    """Number of convex programs solved (K,)."""
     mpc_refused: np.ndarray
     """1 where another desired force was asked for and is refused (K,)."""
     step_seconds: np.ndarray
@@ -84,39 +84,39 @@ class Record:
     wall_time_s: float
     """Wall time of the simulation [s]."""
     certified: np.ndarray
-    """() whether the tube is that of a certificate that holds; it is declared otherwise."""
+    """Whether the tube is that of a certificate that holds; it is declared otherwise."""
     tube_report: np.ndarray
-    """What `TubeMonitor` reports at the end, see `TUBE_REPORT`."""
+    """Report of the `TubeMonitor` at the end, see `TUBE_REPORT` (19,)."""
     tube_deviation: np.ndarray
-    """Norms of the deviation (T, 6), see `tube_monitor.FIELDS`."""
+    """Norms of the deviation, see `laws.law.FIELDS` (T, 6)."""
     tube_bound: np.ndarray
-    """Their trajectory-wise bounds (T, 6)."""
+    """Bounds of the norms along the run (T, 6)."""
     signals: dict[str, np.ndarray] = field(default_factory=dict)
-    """What the parts of sensing and actuation have logged (T, size), by name."""
+    """Signals of the parts of sensing and actuation (T, size), by name."""
 
     @property
     def num_joints(self) -> int:
-        """Returns n."""
+        """Number n of joints."""
         return len(self.joint_lower)
 
     @property
     def config(self) -> np.ndarray:
-        """Returns 𝔮 (T, 6+n) [m, rad]."""
+        """Configuration 𝔮 (T, 6+n) [m, rad]."""
         return self.state[:, : 6 + self.num_joints]
 
     @property
     def zeta(self) -> np.ndarray:
-        """Returns ζ = (ν₁, ν₂, q̇) (T, 6+n) [m/s, rad/s]."""
+        """Velocity ζ = (ν₁, ν₂, q̇) (T, 6+n) [m/s, rad/s]."""
         return self.state[:, 6 + self.num_joints:]
 
     @property
     def nominal_config(self) -> np.ndarray:
-        """Returns 𝔮̄ (T, 6+n) [m, rad]."""
+        """Nominal configuration 𝔮̄ (T, 6+n) [m, rad]."""
         return self.nominal_state[:, : 6 + self.num_joints]
 
     @property
     def nominal_zeta(self) -> np.ndarray:
-        """Returns ζ̄ (T, 6+n) [m/s, rad/s]."""
+        """Nominal velocity ζ̄ (T, 6+n) [m/s, rad/s]."""
         return self.nominal_state[:, 6 + self.num_joints:]
 
     def deviation_of(self, part: str) -> np.ndarray:

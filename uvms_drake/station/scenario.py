@@ -51,7 +51,7 @@ from uvms_drake.visual.config import VisualConfig, check_visual
 
 MOTIONS = ("dynamic", "kinematic")
 LONGEST_NAME = 100
-"""Of a scenario [bytes in UTF-8]; file systems allow 255 for a file, its folder's suffix too."""
+"""Length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a folder's suffix."""
 
 
 @dataclass
@@ -59,7 +59,7 @@ class Start:
     """State at t = 0, at rest."""
 
     eta: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """η = (x, y, z, φ, θ, ψ) of the vehicle in Σ_I [m, rad]."""
+    """Vehicle's pose η = (x, y, z, φ, θ, ψ) in Σ_I [m, rad]."""
     q: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Joint angles [rad]."""
 
@@ -74,13 +74,13 @@ class Task:
     """What the end-effector shall do."""
 
     force: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """𝔉_des, exerted on the surface in Σ_I [N, N m]."""
+    """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
     pose: np.ndarray | None = None
-    """χ on the surface for the coordinates that 𝔉_des leaves free (unilateral plane only)."""
+    """Pose χ on the surface for the coordinates that 𝔉_des leaves free (unilateral plane only)."""
     posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """q_des [rad], resolves the redundancy of vehicle and arm."""
+    """Joint angles q_des [rad], which resolve the redundancy of vehicle and arm."""
     force_tolerance: float = 2.0
-    """‖𝔉 − 𝔉_des‖₂ below which the force counts as settled [N, N m]."""
+    """Size of 𝔉 − 𝔉_des below which the force counts as settled [N, N m]."""
 
 
 @dataclass
@@ -92,26 +92,26 @@ class Scenario:
     """
 
     name: str = ""
-    """Taken from the file's name if it is left out."""
+    """Name of the scenario; that of the file if it is left out."""
     description: str = ""
     seed: int = 0
-    """Of everything random."""
+    """Seed of everything random."""
     duration: float = 20.0
-    """[s]."""
+    """Simulated time [s]."""
     motion: str = "dynamic"
-    """What is simulated: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
+    """Kind of motion: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
     input, the end-effector's velocity is disturbed and the force only follows from the pose, as in
     the paper's simulation."""
     model: str = "girona500_arm5e"
-    """A shipped robot or a robot's folder."""
+    """Name of a shipped robot, or a robot's folder."""
     start: Start = field(default_factory=Start)
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
     model_error: ModelError = field(default_factory=ModelError)
-    """How the simulated robot differs from the one that the controller knows."""
+    """Difference of the simulated robot from the one that the controller knows."""
     surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
-    """How the simulated surface differs from `surface`, which the controller knows."""
+    """Difference of the simulated surface from `surface`, which the controller knows."""
     disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
                   | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
     sensing: list[AnySensing] = field(default_factory=list)
@@ -119,7 +119,7 @@ class Scenario:
     actuation: list[AnyActuation] = field(default_factory=list)
     """Parts between the controller's command and the robot, from the controller on."""
     faults: list[AnyFault] = field(default_factory=list)
-    """What fails, at most one of a kind; an entry without a tag is a `SolverFailure`."""
+    """Faults, at most one of a kind; an entry without a tag is a `SolverFailure`."""
     task: Task = field(default_factory=Task)
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
@@ -129,7 +129,7 @@ class Scenario:
     simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
         integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
     log_period: float = 0.02
-    """Between two samples of every logged signal [s]."""
+    """Time between two samples of every logged signal [s]."""
     visual: VisualConfig = field(default_factory=VisualConfig)
 
     @property
@@ -258,14 +258,14 @@ def check_scenario(scenario: Scenario) -> None:
             f"usable as the name of a folder, of at most {LONGEST_NAME} bytes")
 
 
-def _check_simulator(config: SimulatorConfig) -> None:
+def _check_simulator(settings: SimulatorConfig) -> None:
     schemes = GetIntegrationSchemes()
-    require(config.integration_scheme in schemes, "simulator.integration_scheme",
-            config.integration_scheme, f"one of {', '.join(schemes)}")
-    _require_positive("simulator.max_step_size", config.max_step_size)
-    _require_positive("simulator.accuracy", config.accuracy)
-    require(config.start_time == 0.0, "simulator.start_time", config.start_time, "0")
-    rate = config.target_realtime_rate
+    require(settings.integration_scheme in schemes, "simulator.integration_scheme",
+            settings.integration_scheme, f"one of {', '.join(schemes)}")
+    _require_positive("simulator.max_step_size", settings.max_step_size)
+    _require_positive("simulator.accuracy", settings.accuracy)
+    require(settings.start_time == 0.0, "simulator.start_time", settings.start_time, "0")
+    rate = settings.target_realtime_rate
     require(0.0 <= rate < np.inf, "simulator.target_realtime_rate", rate,
             "positive, or 0 for as fast as possible")
 

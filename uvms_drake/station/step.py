@@ -21,12 +21,12 @@ from uvms_drake.station.scenario import Scenario, Start
 
 ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_shampine3": 3,
           "runge_kutta5": 5}
-"""Of the explicit schemes; R is the Taylor polynomial of exp of this degree, to which Drake's fifth
-order adds a term that is of no weight where R is accurate. An implicit scheme is always stable."""
+"""Orders of the explicit schemes: R is the Taylor polynomial of exp of this degree; Drake's fifth
+order adds a term of no weight where R is accurate. An implicit scheme is always stable."""
 ACCURACY = 0.05
-"""Largest |R(hλ) − exp(hλ)|: what a step may add to a deviation, over the deviation."""
+"""Largest |R(hλ) − exp(hλ)|: the part of a deviation that a step may add to it."""
 DIFFERENCE = 1e-6
-"""Of a state, to differentiate the loop by [m, rad, m/s, rad/s]."""
+"""Difference of a state, to differentiate the loop [m, rad, m/s, rad/s]."""
 
 
 def step_error(order: int, z: complex) -> float:

@@ -1,1 +1,1 @@
-"""What else one may ask: how fast, which gains, which law."""
+"""Studies of a scenario: step times, gains, laws; no run and no certificate depends on them."""

@@ -28,6 +28,7 @@ from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
+from uvms_drake.control.staged_program import StagedProgram, StagedSolution
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.diagram import make_station
@@ -210,7 +211,7 @@ def conic_programs() -> Iterator[Callable[[], int]]:
     """
     solve, counts = scp.solve_staged, [0]
 
-    def counting(program):
+    def counting(program: StagedProgram) -> StagedSolution | None:
         solution = solve(program)
         counts[0] += 0 if solution is None else solution.cone_programs
         return solution
@@ -300,8 +301,8 @@ def watched_station(scenario: Scenario, watch: Stopwatch) -> Diagram:
     entry counts with the system whose function asks for it.
     """
     def watched(declare: Callable) -> Callable:
-        def declare_watched(system, *args, **kwargs):
-            def timed(value):
+        def declare_watched(system: LeafSystem, *args: Any, **kwargs: Any) -> Any:
+            def timed(value: Any) -> Any:
                 return watch.timed(system, value) if callable(value) else value
             return declare(system, *map(timed, args),
                            **{key: timed(value) for key, value in kwargs.items()})

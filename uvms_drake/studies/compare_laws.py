@@ -34,11 +34,11 @@ LAWS: tuple[AncillaryLaw, ...] = (
     Resolved(k=40.0, sigma=5.0), Transpose(k=20.0, sigma=1.0), Transpose(k=40.0, sigma=5.0))
 ATTACKS: tuple[Kind, ...] = ("leading", "along_task_error", "constant")
 DURATION = 3.0
-"""Of each attack [s]: six time constants of the slowest tube."""
+"""Duration of each attack [s]: six time constants of the slowest tube."""
 HORIZON = 5
-"""Of the MPC, whose plan is to stay; short, to save time."""
+"""Horizon of the MPC, short to save time: its plan is to stay."""
 STEPS_PER_TIME_CONSTANT = 2.0
-"""At least so many integration steps in 1/k."""
+"""Smallest number of integration steps in 1/k."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,13 @@ class LawRow:
     """One law with its gains."""
 
     law: AncillaryLaw
+    """The law and its gains."""
     certified: float
-    """Radius [m, rad]; inf if there is none."""
+    """Certified radius [m, rad]; inf if there is none."""
     observed: float
-    """Largest deviation that an adversary reached."""
+    """Largest deviation that an adversary reached [m, rad]."""
     paper: float
-    """d̃/σ̲, below which the paper's radius never gets; inf if σ̲ ≤ 0."""
+    """Lower bound d̃/σ̲ of the paper's radius [m, rad]; inf if σ̲ ≤ 0."""
 
 
 def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS) -> list[LawRow]:
@@ -74,6 +75,7 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS) -> lis
 
 def worst_deviation(scenario: Scenario, law: AncillaryLaw, attack: Kind) -> float:
     """Returns the largest deviation that one adversary reaches in `DURATION`."""
+    # Plant and controller.
     d = scenario.disturbance.bound
     ocp = make_dynamic_ocp(replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)))
     builder = DiagramBuilder()
@@ -86,12 +88,14 @@ def worst_deviation(scenario: Scenario, law: AncillaryLaw, attack: Kind) -> floa
         builder, ocp.model, law, d, {"task": 1.0}, state=state, period=0.0,
         nominal_state=controller.GetOutputPort("nominal_state"),
         pair=controller.GetOutputPort("pair"))
+    # The adversary aims with the monitor's errors.
     adversary = Adversary.AddToBuilder(
         builder, ocp.model, AdversarialDisturbance(bound=d, kind=attack), state=state,
         e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
     builder.Connect(adversary.get_output_port(), uvms.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))
     builder.Connect(controller.GetOutputPort("tau"), uvms.GetInputPort("tau"))
+    # From rest at the task, with fixed steps that resolve the gain k.
     simulator = Simulator(builder.Build())
     step = min(scenario.simulator.max_step_size, 1.0 / (STEPS_PER_TIME_CONSTANT * law.k))
     ResetIntegratorFromFlags(simulator, "runge_kutta3", step)

@@ -1,6 +1,6 @@
-"""What gains and disturbance cost: certified force error against input left, for `resolved`.
+"""The front of certified force error against remaining input, over gains and d̃, for `resolved`.
 
-The tube shrinks like d̃/(kσ), and with it what a stiff surface and a turning task cost the inputs.
+The tube shrinks like d̃/(kσ), and with it the input that a stiff surface and a turning task take.
 So the largest gains that the bandwidth of the actuators allows are the best, and the front shows
 what a smaller d̃ or bandwidth would give.
 """
@@ -21,9 +21,9 @@ from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 DISTURBANCES = (0.5, 1.0, 1.5, 2.0)
-"""Times the scenario's d̃."""
+"""Disturbance bounds, as multiples of the scenario's d̃."""
 GAINS = (0.5, 1.0, 2.0)
-"""Times the scenario's k and σ."""
+"""Gains, as multiples of the scenario's k and σ."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,17 @@ class FrontPoint:
     """One choice of d̃ and gains, and what is certified with it."""
 
     d_bound: float
+    """Bound d̃ of the disturbance [m/s², rad/s²]."""
     k: float
+    """Gain of the velocity error [1/s]."""
     sigma: float
+    """Gain σ of the task error [1/s]."""
     force: float
     """Ultimate bound of the force error [N]."""
     input_left: float
     """Smallest fraction of an input limit that the tube leaves; negative if none."""
     emptied: str
-    """The first limit of which nothing is left, or nothing."""
+    """First condition on a limit that fails, or an empty string."""
 
 
 def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,

@@ -21,7 +21,7 @@ from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.tube_image import input_gain
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
-"""Of the bandwidth."""
+"""Candidate gains, as fractions of the bandwidth."""
 
 
 def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float]:

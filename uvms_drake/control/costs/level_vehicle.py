@@ -14,7 +14,7 @@ class LevelVehicle(CostTerm):
     """weight (φ² + θ²): the arm reaches, and the vehicle stays level."""
 
     weight: float = 1.0
-    """Cost of 1 rad² for 1 s."""
+    """Cost of a tilt by 1 rad that lasts 1 s [1/(rad² s)]."""
 
     def residual(self, at: Points) -> np.ndarray:
         """Returns √weight (φ, θ)."""

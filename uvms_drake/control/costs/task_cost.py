@@ -20,7 +20,7 @@ class TaskCost(CostTerm):
     R: np.ndarray
     """Weight of u − u_ref (6+n, 6+n), diagonal."""
     y_des: np.ndarray
-    """(6+n,)."""
+    """Desired extended task y_des (6+n,) [m, rad]."""
     u_ref: np.ndarray
     """Input that costs nothing (6+n,)."""
 

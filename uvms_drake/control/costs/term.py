@@ -18,7 +18,7 @@ class CostTerm(ABC):
     """h‖r‖² at N points, the beginnings of the intervals."""
 
     about: ClassVar[About] = "pose"
-    """What `residual` reads."""
+    """Arguments that `residual` reads."""
 
     @abstractmethod
     def residual(self, at: Points) -> np.ndarray:

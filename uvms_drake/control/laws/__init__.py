@@ -1,4 +1,4 @@
-"""The ancillary laws, one in a file: what keeps the real state in a tube about the nominal one."""
+"""The ancillary laws, one in a file, which keep the real state in a tube about the nominal one."""
 
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.laws.transpose import Transpose

@@ -25,15 +25,15 @@ class Pair(NamedTuple):
     kinematics: Kinematics
     """Geometry of the two robots, stacks (2,)."""
     zeta: np.ndarray
-    """ζ, ζ̄ (2, 6+n)."""
+    """Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s]."""
     y: np.ndarray
-    """y, ȳ (2, 6+n)."""
+    """Extended tasks y, ȳ (2, 6+n) [m, rad]."""
     J_x: np.ndarray
-    """J_x(𝔮), J_x(𝔮̄) (2, 6+n, 6+n)."""
+    """Task Jacobians J_x(𝔮), J_x(𝔮̄) (2, 6+n, 6+n)."""
     J_x_dot: np.ndarray
-    """Their rates along the two motions (2, 6+n, 6+n)."""
+    """Rates of J_x along the two motions (2, 6+n, 6+n) [1/s]."""
     inverse: np.ndarray
-    """J_x(𝔮)⁻¹ (6+n, 6+n)."""
+    """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
@@ -50,13 +50,13 @@ class Command:
     """What a law commands; it gives one of u and τ, and the rest follows when it is asked for."""
 
     u: Callable[[], np.ndarray]
-    """u (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    """Acceleration command u (6+n,) [m/s² (3), rad/s² (3+n)]."""
     tau: Callable[[], np.ndarray]
-    """τ = M(𝔮) u (6+n,) [N (3), N m (3+n)]."""
+    """Generalised force τ = M(𝔮) u (6+n,) [N (3), N m (3+n)]."""
     M: Callable[[], np.ndarray]
-    """M(𝔮) (6+n, 6+n)."""
+    """Mass matrix M(𝔮) (6+n, 6+n)."""
     limited: bool = False
-    """Whether a limit has cut it."""
+    """Whether a limit has cut the command."""
 
 
 FIELDS = ("task", "position", "orientation", "joints", "z", "r")
@@ -71,11 +71,11 @@ class Deviation:
     task: np.ndarray
     """The error that the law feeds back: 𝔢_y (6+n,), or 𝔢 (6,)."""
     e_y: np.ndarray
-    """𝔢_y = y − ȳ (6+n,)."""
+    """Error of the extended task, 𝔢_y = y − ȳ (6+n,) [m, rad]."""
     z: np.ndarray
-    """𝔷 = ζ − ζ̄ (6+n,)."""
+    """Error of the velocity, 𝔷 = ζ − ζ̄ (6+n,) [m/s, rad/s]."""
     r: np.ndarray
-    """𝔯, the velocity error that the law drives to zero (6+n,)."""
+    """Velocity error 𝔯 that the law drives to zero (6+n,) [m/s, rad/s]."""
 
     @cached_property
     def norms(self) -> np.ndarray:

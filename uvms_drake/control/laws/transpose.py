@@ -39,8 +39,8 @@ class Transpose(AncillaryLaw):
     sigma: float = 1.0
     """σ, gain of the task error [1/s]."""
     joints: bool = False
-    """Feeds back 𝔢_y with J_x instead of 𝔢 with J: the arm's self-motion too, which the paper's
-    law leaves alone, and without which no tube protects the joints."""
+    """Whether 𝔢_y is fed back with J_x instead of 𝔢 with J: the arm's self-motion too, which the
+    paper's law leaves alone, and without which no tube protects the joints."""
 
     @property
     def protects_joints(self) -> bool:  # noqa: D102  see AncillaryLaw

@@ -10,9 +10,9 @@ from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import Points, Slopes
 
 ANGLES = {"roll": 3, "pitch": 4}
-"""Index in 𝔮."""
+"""Indices of the angles in 𝔮."""
 TIP_PITCH = 4
-"""Index in y."""
+"""Index of the angle in y."""
 
 
 @dataclass
@@ -20,9 +20,9 @@ class VehicleAngle(AbsoluteLimit):
     """|φ| or |θ| of the vehicle ≤ bound."""
 
     name: str
-    """`roll` or `pitch`."""
+    """Name of the angle: `roll` or `pitch`."""
     bound: float
-    """[rad]."""
+    """Largest size of the angle [rad]."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns the angle."""
@@ -52,7 +52,7 @@ class TipPitch(AbsoluteLimit):
     soft: ClassVar[bool] = False
 
     bound: float
-    """[rad]."""
+    """Largest size of the angle [rad]."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns 𝔬_θ."""

@@ -23,7 +23,7 @@ class InputLimit(Limit):
     about: ClassVar[About] = "input"
 
     bound: np.ndarray
-    """(6+n,)."""
+    """Largest size of each entry (6+n,)."""
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∓bound."""

@@ -21,9 +21,9 @@ class Joints(Limit):
     owner: ClassVar[str] = "joints"
 
     q_lower: np.ndarray
-    """(n,) [rad]."""
+    """Smallest joint angles (n,) [rad]."""
     q_upper: np.ndarray
-    """(n,) [rad]."""
+    """Largest joint angles (n,) [rad]."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns q."""

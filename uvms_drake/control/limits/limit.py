@@ -47,18 +47,18 @@ class Limit(ABC):
     """
 
     name: str
-    """Key below `limits`; another one than every other limit's."""
+    """Key below `limits`, unlike every other limit's."""
     about: ClassVar[About] = "pose"
-    """What `values` reads. A limit about the pose or the speed holds at the knots of a plan, one
-    about the input at both ends of every interval."""
+    """Arguments that `values` reads. A limit about pose or speed holds at the knots of a plan,
+    one about the input at both ends of every interval."""
     soft: ClassVar[bool] = True
-    """Whether the convex program may relax it; so it is best for what is not linear."""
+    """Whether the convex program may relax it, as is best for a limit that is not linear."""
     bulges: ClassVar[bool] = True
     """Whether the values may go beyond their bounds between two knots that keep them."""
     owner: ClassVar[str] = "pose"
-    """What a task or a start that breaks it is to blame for: its `pose`, `joints` or `force`."""
+    """Part of a task or start that is to blame for breaking it: `pose`, `joints` or `force`."""
     margin: np.ndarray | float = 0.0
-    """What has been taken off both bounds (m,) or ()."""
+    """Margin that has been taken off both bounds (m,) or ()."""
 
     @abstractmethod
     def values(self, at: Points) -> np.ndarray:

@@ -25,15 +25,15 @@ class Limits:
     """State and input limits of the real robot."""
 
     nu1: float = 0.25
-    """‖ν₁‖₂ [m/s]."""
+    """Largest ‖ν₁‖₂ [m/s]."""
     nu2: float = 0.25
-    """‖ν₂‖₂ [rad/s]."""
+    """Largest ‖ν₂‖₂ [rad/s]."""
     qdot: float = 0.4
-    """‖q̇‖₂ [rad/s]."""
+    """Largest ‖q̇‖₂ [rad/s]."""
     roll: float = 0.3
-    """|φ| of the vehicle [rad]."""
+    """Largest |φ| of the vehicle [rad]."""
     pitch: float = 0.3
-    """|θ| of the vehicle [rad]."""
+    """Largest |θ| of the vehicle [rad]."""
     tip_pitch: float = 1.2
     """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
     static_force: float | None = None
@@ -41,9 +41,9 @@ class Limits:
     surface as the controller knows it. What the surface's damping adds is not limited. A
     certificate needs it, unless the motion is kinematic."""
     q_lower: np.ndarray | None = None
-    """Joint limits (n,) [rad], if narrower ones than the model file's are wanted."""
+    """Smallest joint angles (n,) [rad], if narrower limits than the model file's are wanted."""
     q_upper: np.ndarray | None = None
-    """As `q_lower`."""
+    """Largest joint angles (n,) [rad], likewise."""
     u: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None

@@ -10,7 +10,7 @@ from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import About, Points, Slopes
 
 BLOCKS = {"nu1": (slice(0, 3), "ν₁"), "nu2": (slice(3, 6), "ν₂"), "qdot": (slice(6, None), "q̇")}
-"""Block of ζ of each speed, and what its bar says."""
+"""Block of ζ of each speed, and the label of its bar."""
 
 
 @dataclass
@@ -21,9 +21,9 @@ class Speed(AbsoluteLimit):
     bulges: ClassVar[bool] = False
 
     name: str
-    """`nu1`, `nu2` or `qdot`."""
+    """Name of the speed: `nu1`, `nu2` or `qdot`."""
     bound: float
-    """[m/s] of ν₁, else [rad/s]."""
+    """Largest norm; of ν₁ [m/s], else [rad/s]."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns the norm."""

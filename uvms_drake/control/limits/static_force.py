@@ -36,9 +36,9 @@ class StaticForce(AbsoluteLimit):
     owner: ClassVar[str] = "force"
 
     bound: float
-    """[N]."""
+    """Largest norm of the force [N]."""
     surface: Surface
-    """What is pressed."""
+    """Surface that is pressed."""
 
     def __post_init__(self) -> None:
         self.surface.static_force_rows(np.zeros(6), self.bound)  # Raises if it does not have it.

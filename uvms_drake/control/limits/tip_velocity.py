@@ -18,7 +18,7 @@ class TipVelocity(Limit):
     about: ClassVar[About] = "speed"
 
     bound: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(3,) [m/s]."""
+    """Largest size of each component (3,) [m/s]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` unless the bounds are three positive numbers."""
