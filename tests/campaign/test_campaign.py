@@ -30,7 +30,7 @@ from uvms_drake.campaign.summary import (
     distribution,
     format_campaign,
     summarise_campaign,
-    summarise_wall,
+    summarise_times,
 )
 from uvms_drake.campaign.unknowns import SHARE
 from uvms_drake.campaign.vary import POSE_REACH, SHIFT_REACH, vary
@@ -140,7 +140,7 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
     summary = summarise_campaign(campaign, [run["result"]])
     assert summary["counts"]["exceptions"] == 1
     assert not all_well(summary)
-    assert "exceptions: 1" in format_campaign(summary, summarise_wall([run["wall"]]), "DIR")
+    assert "exceptions: 1" in format_campaign(summary, summarise_times([run["wall"]]), "DIR")
 
 
 def test_the_workers_take_one_core_each_and_the_parent_is_left_as_it_was(monkeypatch):
@@ -337,7 +337,7 @@ def test_what_is_unknown_is_as_large_as_the_bound_covers(campaign):
     assert all(result["induced"] <= SHARE for result in shared)
     assert max(result["induced"] for result in shared) > 0.2
     assert all(result["induced"] < 1e-6 for result in results if result not in shared)
-    assert "largest errors: " in format_campaign(summary, summarise_wall([]), "DIR")
+    assert "largest errors: " in format_campaign(summary, summarise_times([]), "DIR")
 
 
 def test_outside_of_the_bounds_every_promise_is_kept(campaign):
@@ -358,7 +358,7 @@ def test_outside_of_the_bounds_every_promise_is_kept(campaign):
         assert ("disturbance_exceeded" in result["noted"]) != result["inside"]
     assert sum(result["worst_disturbance"] > 1.0 for result in results) > 5
     for kind in kinds:
-        assert kind in format_campaign(summary, summarise_wall([]), "DIR")
+        assert kind in format_campaign(summary, summarise_times([]), "DIR")
 
 
 def test_a_promise_that_is_not_kept_is_told(campaign):
@@ -385,7 +385,7 @@ def test_runs_that_are_not_covered_are_told_and_few(campaign):
     summary = summarise_campaign(campaign, [left, *(result | {"index": i} for i in range(2, 40))])
     assert all_well(summary)
     assert summary["counts"]["exits_set"] == 0
-    assert "counted 38 of 39 runs" in format_campaign(summary, summarise_wall([]), "DIR")
+    assert "counted 38 of 39 runs" in format_campaign(summary, summarise_times([]), "DIR")
     assert summary["worst"][0]["index"] != 1
     assert not all_well(summarise_campaign(campaign, [left, result]))
 
@@ -396,7 +396,7 @@ def test_figures_of_runs_that_all_end_alike(campaign, tmp_path):
     results = [run["result"] | {"index": i, "force_error": 20.0 + 4e-15 * i,
                                 "settling_time_s": None} for i in range(3)]
     summary = summarise_campaign(campaign, results)
-    paths = make_campaign_figures(summary, summarise_wall([run["wall"]]), tmp_path)
+    paths = make_campaign_figures(summary, summarise_times([run["wall"]]), tmp_path)
     assert {path.name for path in paths} == set(CAMPAIGN_FIGURES)
     assert all(path.stat().st_size > 5000 for path in paths)
 

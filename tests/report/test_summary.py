@@ -110,6 +110,7 @@ def test_a_force_of_zero_has_no_direction():
 def test_errors_are_in_the_unit_of_what_is_desired(wrench, unit):
     summary = summarise(desiring(wrench, synthetic_record()))
     text = format_summary(summary)
+    assert f"{np.linalg.norm(wrench):.4g} {unit} desired, " in text
     assert f"error {summary['force']['final_error_norm']:.3g} {unit} at the end\n" in text
     assert f"error {summary['force']['last_5_s']['mean_error_norm']:.3g} {unit} on average" in text
     assert ("N at its peak" in text) == ("normal off by" in text) == (wrench[0] > 0)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
-from uvms_drake.campaign.walls import Wall, walls_of, with_wall
+from uvms_drake.campaign.walls import CertifiedWall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
@@ -53,7 +53,7 @@ class Campaign:
     """Largest relative error of the model that is drawn; zero if nothing is unknown."""
     outside: bool
     """Whether something outside of the bounds happens in every run, see `outside`."""
-    walls: tuple[Wall, ...]
+    walls: tuple[CertifiedWall, ...]
     targets: tuple[Target, ...]
     files: dict[str, str]
     """SHA-256 of the robot's files, by name."""
@@ -79,7 +79,7 @@ class Campaign:
     @staticmethod
     def from_data(data: dict[str, Any]) -> "Campaign":
         """Returns the campaign of which `dataclasses.asdict` made `data`."""
-        return Campaign(**{**data, "walls": tuple(Wall(**item) for item in data["walls"]),
+        return Campaign(**{**data, "walls": tuple(CertifiedWall(**item) for item in data["walls"]),
                            "targets": tuple(Target(**item) for item in data["targets"])})
 
 
@@ -116,7 +116,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         announce: Called before a certificate has to be computed, which takes long.
     """
     applied = scenario
-    walls: tuple[Wall, ...] = ()
+    walls: tuple[CertifiedWall, ...] = ()
     targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
     if certificate is not None:
         applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate, announce)

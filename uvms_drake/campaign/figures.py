@@ -14,8 +14,8 @@ from uvms_drake.report.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, ST
 
 RATIOS_FILE, PROPORTION_FILE = "campaign_ratios.png", "campaign_proportion.png"
 MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
-TIMING_FILE = "campaign_timing.png"
-CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FILE)
+TIMING_FIGURE = "campaign_timing.png"
+CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FIGURE)
 BINS = 24
 LONG = 300.0
 """Ratio of the ends of an axis from which on only decades are numbered."""
@@ -25,7 +25,7 @@ DOT: dict[str, Any] = {"markersize": 2.2, "alpha": 0.5, "markeredgewidth": 0.0, 
 Results = Sequence[Mapping[str, Any]]
 
 
-def make_campaign_figures(summary: Mapping[str, Any], wall: Mapping[str, Any], folder: Path
+def make_campaign_figures(summary: Mapping[str, Any], times: Mapping[str, Any], folder: Path
                           ) -> list[Path]:
     """Writes the figures of the contents of campaign.json and timing.json; returns their paths."""
     done = [result for result in summary["results"] if result["error"] is None
@@ -38,7 +38,7 @@ def make_campaign_figures(summary: Mapping[str, Any], wall: Mapping[str, Any], f
         PROPORTION_FILE: lambda: draw_proportion(done),
         MARGINS_FILE: lambda: draw_margins(done),
         OUTCOMES_FILE: lambda: draw_outcomes(done, summary["force_tolerance"]),
-        TIMING_FILE: lambda: draw_timing(wall)}
+        TIMING_FIGURE: lambda: draw_timing(times)}
     paths = []
     for name, draw in figures.items():
         with matplotlib.rc_context(STYLE):
@@ -147,11 +147,11 @@ def draw_outcomes(results: Results, tolerance: float) -> Figure:
     return figure
 
 
-def draw_timing(wall: Mapping[str, Any]) -> Figure:
+def draw_timing(times: Mapping[str, Any]) -> Figure:
     """Draws how many of all steps of the MPC took how long."""
     figure = Figure(figsize=(COLUMN_WIDTH, 1.9), layout="constrained")
     axis = figure.subplots()
-    edges, steps = np.array(wall["edges_ms"]), np.array(wall["steps"])
+    edges, steps = np.array(times["edges_ms"]), np.array(times["steps"])
     axis.stairs(steps, edges, fill=True, color=BLUE)
     axis.set_yscale("log", nonpositive="clip")
     used = np.flatnonzero(steps)

@@ -29,7 +29,7 @@ SHIFT, TURN, CURRENT = 0.02, 0.05, 0.3
 """Largest error of the surface's pose [m, rad], and largest current [m/s]."""
 STIFFER = 10.0
 """Stiffness of the surface over the one that the controller knows."""
-FACTORS = (1.5, 2.0, 5.0)
+EXCESS_FACTORS = (1.5, 2.0, 5.0)
 """Sizes of the disturbance over d̃."""
 
 Step = Callable[[Scenario, float, np.random.Generator], Scenario]
@@ -85,7 +85,7 @@ MEASURED_WRONG = ("state frozen", "state lost")
 
 _ALL_MOTIONS: dict[str, Step] = {
     "state frozen": _frozen, "state lost": _lost,
-    **{f"d of {factor:g} bounds": _excess(factor) for factor in FACTORS}}
+    **{f"d of {factor:g} bounds": _excess(factor) for factor in EXCESS_FACTORS}}
 _WITH_FORCES: dict[str, Step] = {
     STUCK: _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
     "surface misplaced": _misplaced, "model wrong": _model, "current": _current}

@@ -150,20 +150,20 @@ def all_well(summary: Mapping[str, Any]) -> bool:
     return not any(counts[name] for name in (PROMISES if summary["outside"] else INSIDE))
 
 
-def summarise_wall(walls: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Returns the content of timing.json: of a run [s], of its slowest MPC step [ms], of all steps.
 
     `step_ms` are the quantiles of all steps, each the upper edge of its bin, and `steps` counts the
     steps between the `edges_ms`.
     """
-    out: dict[str, Any] = {"runs": len(walls)}
+    out: dict[str, Any] = {"runs": len(runs)}
     for name in ("seconds", "worst_step_ms"):
-        values = [wall[name] for wall in walls if wall[name] is not None]
+        values = [run[name] for run in runs if run[name] is not None]
         out[name] = {"median": float(np.median(values)), "p95": float(np.percentile(values, 95)),
                      "max": float(np.max(values))} if values else None
     steps = np.zeros(len(STEP_EDGES_MS) - 1, dtype=int)
-    for wall in walls:
-        for i, count in wall["steps"].items():
+    for run in runs:
+        for i, count in run["steps"].items():
             steps[int(i)] += count
     share = np.cumsum(steps) / max(int(np.sum(steps)), 1)
     out["step_ms"] = {f"p{q:g}": float(STEP_EDGES_MS[1 + int(np.searchsorted(share, q / 100.0))])
@@ -171,7 +171,7 @@ def summarise_wall(walls: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {**out, "edges_ms": STEP_EDGES_MS.tolist(), "steps": steps.tolist()}
 
 
-def format_campaign(summary: Mapping[str, Any], wall: Mapping[str, Any], folder: str) -> str:
+def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder: str) -> str:
     """Returns the campaign as a table for a terminal."""
     where = "outside of the bounds" if summary["outside"] else "inside of the bounds"
     lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of "
@@ -179,9 +179,9 @@ def format_campaign(summary: Mapping[str, Any], wall: Mapping[str, Any], folder:
              + ("certified" if summary["certified"] else "declared, not certified"), "",
              *_format_measures(summary), "", *_format_groups(summary), "",
              *_format_counts(summary)]
-    if wall["seconds"] is not None:
-        step = wall["step_ms"]
-        lines.append(f"a run took {wall['seconds']['median']:.2f} s in the median"
+    if times["seconds"] is not None:
+        step = times["step_ms"]
+        lines.append(f"a run took {times['seconds']['median']:.2f} s in the median"
                      + ("" if step is None else f", a step of the MPC {step['p50']:.3g} ms, "
                         f"{step['p99']:.3g} ms at the 99th percentile"))
     return "\n".join([*lines, *_format_worst(summary, folder)])

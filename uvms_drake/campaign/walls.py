@@ -27,7 +27,7 @@ OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
 
 
 @dataclass(frozen=True)
-class Wall:
+class CertifiedWall:
     """A surface with a certificate: what differs from the scenario's."""
 
     stiffness: float
@@ -41,7 +41,7 @@ class Wall:
 
 
 def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[], None]
-             ) -> tuple[Wall, ...]:
+             ) -> tuple[CertifiedWall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
     Only a flat surface is tilted, and where no forces act there is the scenario's own alone.
@@ -65,11 +65,12 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
     return tuple(walls)
 
 
-def _wall(stiffness: float, tilt: float, scenario: Scenario) -> Wall:
-    return Wall(stiffness, tilt, yaml_dump_typed(scenario.tube), scenario.mpc.terminal_radius)
+def _wall(stiffness: float, tilt: float, scenario: Scenario) -> CertifiedWall:
+    return CertifiedWall(
+        stiffness, tilt, yaml_dump_typed(scenario.tube), scenario.mpc.terminal_radius)
 
 
-def with_wall(scenario: Scenario, wall: Wall) -> Scenario:
+def with_wall(scenario: Scenario, wall: CertifiedWall) -> Scenario:
     """Returns the scenario with another surface, and with the tube and terminal set of that."""
     other = _with_surface(scenario, wall.stiffness, wall.tilt)
     return replace(other, tube=load_typed(TubeRadii, yaml_load_data(wall.tube)),

@@ -22,10 +22,10 @@ from uvms_drake.control.plan import Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import NotOffered, check_surface
+from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
@@ -98,9 +98,7 @@ def check_inputs(scenario: Scenario) -> ContactModel:
     """
     with within("certificate"):
         check_settings(scenario.certificate)
-    with within("surface"):
-        surface = check_surface(scenario.surface)
-    model = ContactModel.load(scenario.model, surface)
+    model = load_model(scenario)
     vector("current", scenario.current, 3)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     dynamic = motion_of(scenario).has_forces

@@ -5,7 +5,6 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,18 +17,14 @@ from uvms_drake.campaign.summary import (
     all_well,
     format_campaign,
     summarise_campaign,
-    summarise_wall,
+    summarise_times,
 )
 from uvms_drake.campaign.vary import vary
-from uvms_drake.certificate.certificate import (
-    CERTIFICATE_FILE,
-    Certificate,
-    write_certificate,
-)
+from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.certificate.certify import certified_once, check_inputs
-from uvms_drake.certificate.table import verdict
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
-from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.command.run import sound
+from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
@@ -37,14 +32,14 @@ from uvms_drake.station.scenario import Scenario, load_scenario, reported_in, sc
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step import check_step
 
-CAMPAIGN_FILE, TIMING_FILE = "campaign.json", "timing.json"
-OWN_FILES = (CAMPAIGN_FILE, TIMING_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
+CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
+OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
 LINES = 10
 """Largest number of lines of progress in a log file."""
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    """Runs what is not done yet and writes the summary; returns 1 if a promise was not kept.
+    """Does the missing runs and writes the summary; returns 1 if a promise was not kept.
 
     Every run that is done is kept, whatever happens to the others.
     """
@@ -57,6 +52,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     require(0.0 <= args.model_error <= 0.5, "--model-error", args.model_error, "from 0 to 0.5")
     require(args.model_error > 0.0 or not args.outside, "--model-error", args.model_error,
             "above 0 with --outside")
+    # The scenario, its certificate, and everything else that the runs have in common.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, args.overrides)
     output = folder_of(args, scenario)
@@ -71,10 +67,12 @@ def run_campaign(args: argparse.Namespace) -> int:
         check_inputs(scenario)
         check_step(scenario)
         announce = cache(_announce)  # Once, for the scenario and all other surfaces.
-        certificate = None if args.uncertified else _certificate(scenario, source, announce)
+        certificate = None if args.uncertified else sound(
+            certified_once(scenario, announce), source)
         campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
                                  outside=args.outside, announce=announce)
         vary(campaign, 0)
+    # The runs, and their summary.
     with run_log(output, campaign) as log:
         try:
             _run(campaign, args.runs, log, pool)
@@ -84,9 +82,9 @@ def run_campaign(args: argparse.Namespace) -> int:
             return 130
         runs = [log.runs[index] for index in range(args.runs)]
         summary = summarise_campaign(campaign, [run["result"] for run in runs])
-        wall = summarise_wall([run["wall"] for run in runs])
-        _write(output, summary, wall, certificate)
-    print(format_campaign(summary, wall, str(output)))
+        times = summarise_times([run["wall"] for run in runs])
+        _write(output, summary, times, certificate)
+    print(format_campaign(summary, times, str(output)))
     return 0 if all_well(summary) else 1
 
 
@@ -101,14 +99,6 @@ def _announce() -> None:
           file=sys.stderr, flush=True)
 
 
-def _certificate(scenario: Scenario, source: str, announce: Callable[[], None]) -> Certificate:
-    certificate = certified_once(scenario, announce)
-    if not certificate.certified:
-        raise RunFailed(f"{source}: {verdict(certificate)}; "
-                        "--uncertified takes the scenario's declared tube")
-    return certificate
-
-
 def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool) -> None:
     missing = [index for index in range(runs) if index not in log.runs]
     if len(missing) < runs:
@@ -120,17 +110,17 @@ def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool) -> None:
     progress.close()
 
 
-def _write(output: Path, summary: dict[str, Any], wall: dict[str, Any],
+def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
            certificate: Certificate | None) -> None:
     """Writes the files of a campaign that is done, all together."""
     with output_folder(output, OWN_FILES, replaces=True) as own:
         folder = own.folder
-        for name, data in ((CAMPAIGN_FILE, summary), (TIMING_FILE, wall)):
+        for name, data in ((CAMPAIGN_FILE, summary), (TIMES_FILE, times)):
             text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
             (folder / name).write_text(text + "\n", encoding="utf-8")
         if certificate is not None:
             write_certificate(certificate, folder)
-        make_campaign_figures(summary, wall, folder)
+        make_campaign_figures(summary, times, folder)
 
 
 def _cores() -> int:

@@ -156,7 +156,7 @@ def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certi
             raise RunFailed(f"{path}: stale, {changed} has changed since 'certify' made it; "
                             f"use another --output, or make it again: {again}")
         return None
-    return _sound(certificate, source)
+    return sound(certificate, source)
 
 
 def _new_certificate(scenario: Scenario, source: str) -> Certificate:
@@ -164,10 +164,10 @@ def _new_certificate(scenario: Scenario, source: str) -> Certificate:
 
     with reported_in(source):
         certificate = certified_once(scenario, announce_certifying)
-    return _sound(replace(certificate, made_by="run"), source)
+    return sound(replace(certificate, made_by="run"), source)
 
 
-def _sound(certificate: Certificate, source: str) -> Certificate:
+def sound(certificate: Certificate, source: str) -> Certificate:
     """Returns a certificate that holds, or raises `RunFailed`."""
     from uvms_drake.certificate.table import verdict
 

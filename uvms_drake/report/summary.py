@@ -168,12 +168,12 @@ def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float |
                               default=None)}
 
 
-def format_summary(summary: dict) -> str:
-    """Returns the summary as a table for a terminal."""
+def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
+    """Returns the summary as a table, with at most so many lines of events; None is no limit."""
     return "\n".join([
         *_format_run(summary), "", *_format_force(summary["force"]), "",
         *_format_constraints(summary["constraints"]), "", *_format_robustness(summary), "",
-        *_format_events(summary["events"])])
+        *_format_events(summary["events"], event_lines)])
 
 
 def broken(summary: dict) -> list[str]:
@@ -213,7 +213,8 @@ def _format_force(force: dict) -> list[str]:
         peak = f"normal {force['peak_normal']:.4g} N at its peak"
         off = f", normal off by {last['worst_normal_error']:.3g} N at most"
     return [
-        f"{'force':<14}{settled}; error {force['final_error_norm']:.3g} {unit} at the end",
+        f"{'force':<14}{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}; "
+        f"error {force['final_error_norm']:.3g} {unit} at the end",
         f"{'':<14}{peak}, {impact}",
         f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} {unit} on "
         f"average{off}",
@@ -250,19 +251,19 @@ def _format_robustness(summary: dict) -> list[str]:
     ]
 
 
-def _format_events(events: list[dict]) -> list[str]:
-    """Returns the lines of the events, what is alarming first and each part in order of time."""
+def _format_events(events: list[dict], most: int | None) -> list[str]:
+    """Returns the lines of the events, alarms first and each part in order of time."""
     if not events:
         return [f"{'events':<14}none"]
     ordered = sorted(events, key=lambda event: event["kind"] not in ALARMING)
-    shown = ordered if len(events) <= EVENT_LINES else ordered[: EVENT_LINES - 1]
-    lines = [f"{span(event):<18}  {event['text']}" for event in shown]
+    shown = ordered if most is None or len(events) <= most else ordered[: most - 1]
+    lines = [f"{_span(event):<18}  {event['text']}" for event in shown]
     if len(shown) < len(events):
         lines.append(f"... and {len(events) - len(shown)} more in summary.json")
     return [f"{'events' if i == 0 else '':<14}{line}" for i, line in enumerate(lines)]
 
 
-def span(event: dict) -> str:
+def _span(event: dict) -> str:
     """Returns when an event of a summary was."""
     start, end = event["time_s"], event["until_s"]
     if end == start:

@@ -20,12 +20,10 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw
 from uvms_drake.control.tube_monitor import TubeMonitor, TubeReport
 from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions import motion_of
-from uvms_drake.station.problem import make_dynamic_ocp
+from uvms_drake.station.problem import load_model, make_dynamic_ocp
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.dynamic import TASK_RADII, lemma_constants
 
@@ -59,8 +57,7 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS) -> lis
     """Returns a row for every law, with the scenario's model, limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
-    model = ContactModel.load(scenario.model, check_surface(scenario.surface))
-    basis = basis_of(scenario, model)
+    basis = basis_of(scenario, load_model(scenario))
     lemma = lemma_constants(basis.constants)
     rows = []
     for law in laws:

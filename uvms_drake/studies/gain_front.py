@@ -13,9 +13,8 @@ import numpy as np
 from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import require
 from uvms_drake.control.laws import Resolved
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.motions import motion_of
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
@@ -50,8 +49,8 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
     law = scenario.ancillary
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic for a front")
     require(type(law) is Resolved, "ancillary", type(law).__name__, "!Resolved for a front")
-    surface = check_surface(scenario.surface)
-    model = ContactModel.load(scenario.model, surface)
+    model = load_model(scenario)
+    surface = model.surface
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     basis = basis_of(scenario, model)
     gains = tuple(gains)

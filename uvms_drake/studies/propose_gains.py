@@ -13,9 +13,8 @@ import numpy as np
 from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws import Resolved
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.motions import motion_of
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.tube_image import input_gain
@@ -36,8 +35,8 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
     """
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
-    surface = check_surface(scenario.surface)
-    model = ContactModel.load(scenario.model, surface)
+    model = load_model(scenario)
+    surface = model.surface
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     basis = basis_of(scenario, model)
 
