@@ -39,6 +39,7 @@ from uvms_drake.certificate.certify import certified_once, certify
 from uvms_drake.command.campaign import CampaignProgress, replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.common.output import MANIFEST_FILE
 from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.plant.adversary import AdversarialDisturbance
@@ -172,7 +173,7 @@ def test_the_distribution_tells_whose_the_worst_is():
 
 def test_all_files_are_there(reference):
     assert {path.name for path in reference.iterdir()} == {
-        SETUP_FILE, RUNS_FILE, "campaign.json", "timing.json", *CAMPAIGN_FIGURES}
+        SETUP_FILE, RUNS_FILE, MANIFEST_FILE, "campaign.json", "timing.json", *CAMPAIGN_FIGURES}
     data = json.loads(result_bytes(reference))
     assert [result["index"] for result in data["results"]] == list(range(RUNS))
     assert data["counts"]["exceptions"] == data["counts"]["exits_trajectory"] == 0
