@@ -1,1 +1,1 @@
-"""What stands between controller and plant: one part, one file."""
+"""Parts between controller and plant, one a file; they know neither the one nor the other."""

@@ -29,7 +29,7 @@ class StuckJoint(Fault, Part):
     joint: int = 0
     """Index of the joint, from 0."""
     start: float = 0.0
-    """First instant [s]."""
+    """First instant of the braking [s]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""

@@ -1,1 +1,1 @@
-"""What every room uses: errors, reading YAML, writing files, alarms."""
+"""Errors, YAML and JSON, output files and alarms for every room; it knows nothing of robots."""

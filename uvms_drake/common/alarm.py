@@ -1,4 +1,4 @@
-"""Says what is alarming while it happens, on the logger `uvms_drake`.
+"""Alarms during a run, on the logger `uvms_drake`.
 
 Python prints the warnings of a logger without handlers on stderr.
 """
@@ -9,5 +9,5 @@ LOGGER = logging.getLogger("uvms_drake")
 
 
 def warn(time: float, text: str) -> None:
-    """Warns of what has begun at a simulated time [s]; for events that change a state."""
+    """Warns of something that begins at a simulated time [s]; for events that change a state."""
     LOGGER.warning("t = %g s: %s", time, text)

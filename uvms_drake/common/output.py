@@ -1,7 +1,7 @@
 """The folder of a command's files: they appear together, and replace only what is the program's.
 
-A folder has a manifest of what this program has written into it, with the SHA-256 of each file.
-What is not in it, or has changed since, is somebody else's and is never replaced or deleted.
+A folder has a manifest of the files that this program has written into it, with their SHA-256. A
+file that is not in it, or has changed since, is somebody else's and is never replaced or deleted.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed, require, short
 
 MANIFEST_FILE = ".uvms-drake.json"
 STAGING = ".run-"
-"""Begins the name of the hidden folder in which files wait until all are there."""
+"""Prefix of the hidden folder in which files wait until all are there."""
 
 
 class Output:
@@ -26,7 +26,7 @@ class Output:
 
     Args:
         path: The folder in which they shall be.
-        names: Of all the files that the command may write.
+        names: Names of all files that the command may write.
         staging: A folder inside of it, on the same disk.
 
     Attributes:
@@ -40,11 +40,11 @@ class Output:
         self.kept: list[str] = []
 
     def keep(self, *, replaces: bool = False) -> None:
-        """Moves what is written so far to its place, whatever becomes of the rest.
+        """Moves the files written so far to their place, whatever becomes of the rest.
 
         Args:
-            replaces: Whether those of the names go that a former command has left and this one has
-                not written, so that no two runs are mixed.
+            replaces: Whether files of these names go that a former command has left and this one
+                has not written, so that no two runs are mixed.
         """
         written = sorted(item.name for item in self.folder.iterdir())
         require_own(self._path, written)
@@ -64,17 +64,17 @@ class Output:
 def output_folder(path: Path, names: Sequence[str], *, replaces: bool = False) -> Iterator[Output]:
     """Gives a place to write files to that appear in `path` at the end, or when they are kept.
 
-    If the block raises, `path` stays as it was, but for what is kept.
+    If the block raises, `path` stays as it was, but for the files that are kept.
 
     Args:
         path: The folder; it is made if it does not exist.
-        names: Of all the files that the block may write.
+        names: Names of all files that the block may write.
         replaces: As in `Output.keep`.
 
     Raises:
         InvalidParameter: The folder cannot be written to, or a file of one of these names is in it
             that is not this program's; before the block is entered.
-        RunFailed: The files could not be written. What is saved is a note of every error.
+        RunFailed: The files could not be written. A note of every error names the saved ones.
     """
     made: list[Path] = []
     try:
@@ -115,7 +115,7 @@ def require_own(path: Path, names: Sequence[str]) -> None:
 
 
 def read_manifest(path: Path) -> dict[str, str]:
-    """Returns the SHA-256 by name of what this program has written into a folder."""
+    """Returns the SHA-256, by name, of the files that this program has written into a folder."""
     try:
         manifest = json.loads((path / MANIFEST_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -124,12 +124,12 @@ def read_manifest(path: Path) -> dict[str, str]:
 
 
 def _digest(path: Path) -> str:
-    """Returns the SHA-256 of a file, or nothing for what is none."""
+    """Returns the SHA-256 of a file, or "" if there is no file."""
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
 def _staging_folder(path: Path) -> tuple[Path, int]:
-    """Returns a new folder in `path` and what holds its lock; removes those that nobody holds."""
+    """Returns a new folder in `path` and the handle of its lock; removes those not locked."""
     with _locked(path):
         for old in path.glob(f"{STAGING}*"):
             with contextlib.suppress(OSError), _locked(old, wait=False):

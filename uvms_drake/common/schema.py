@@ -26,7 +26,7 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 T = typing.TypeVar("T")
 
 LARGEST = 1e50
-"""Of all numbers in a file, so that what is computed from them, such as a square, is finite too."""
+"""Largest number in a file: what is computed from it, such as a square, is finite too."""
 
 
 def read_yaml(path: Path) -> object:
@@ -113,7 +113,7 @@ def dump_typed(value: object, leave_out: Collection[str] = ()) -> str:
     field that is None is left out.
 
     Args:
-        value: What is written; its parts may be of types that no field names.
+        value: The object; its parts may be of types that no field names.
         leave_out: Names of fields that are not written.
     """
     return "".join(_entry(name, getattr(value, name), declared, leave_out)

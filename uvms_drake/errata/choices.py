@@ -25,7 +25,7 @@ class Signal(NamedTuple):
 
     label: str
     of: Callable[[Record], np.ndarray]
-    """(T,)."""
+    """Function of a record that gives the plotted values (T,)."""
     logarithmic: bool = True
 
 
@@ -36,7 +36,7 @@ class Choice(NamedTuple):
     key: str
     """The part of the scenario that differs."""
     options: tuple[str, str]
-    """Its values, the project's own first."""
+    """Values of the part, the project's own first."""
     signals: tuple[Signal, ...]
 
 

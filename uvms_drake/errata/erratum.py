@@ -9,14 +9,14 @@ class Erratum:
     """A statement of the paper and what a computation says about it."""
 
     number: str
-    """E1, E2, ..."""
+    """Number in the list: E1, E2, ..."""
     title: str
     where: str
     """LaTeX labels of the paper, with ", " between them."""
     printed: str
-    """What the paper says."""
+    """Statement of the paper."""
     computed: str
-    """Made of computed numbers."""
+    """Result of the computation, made of computed numbers."""
     consequence: str
     wrong: bool
     """The verdict of the computation: the paper's statement does not hold."""

@@ -22,9 +22,9 @@ from uvms_drake.model.euler import pose_difference
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000
-"""Random (𝔢, 𝔯) in which V̇ is looked at."""
+"""Number of random (𝔢, 𝔯) in which V̇ is looked at."""
 D_BOUND = 0.1
-"""d̃ of the tube in `invariant_sets`; it only scales it."""
+"""d̃ of the tube in `invariant_sets`; it only scales the tube."""
 
 
 # Input and law -----------------------------------------------------------------------------------

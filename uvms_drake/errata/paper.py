@@ -31,20 +31,20 @@ WEIGHT = 0.5  # Q = P = ½I₆, R = ½I₁₀
 
 # Joint angles for its poses, within the printed ranges; the paper has none.
 Q_START = np.array([0.0, 0.9, 0.278, 0.0])
-"""With it, a level vehicle has the end-effector at χ(0)."""
+"""Joint angles with which a level vehicle has the end-effector at χ(0)."""
 Q_START_OTHER = np.array([1.29, 0.04, -1.15, -2.7])
-"""Likewise, a tilted vehicle."""
+"""Joint angles with which a tilted vehicle has it there."""
 Q_DES = np.array([0.0, 1.2, 0.685, np.pi / 3])
-"""With it, a level vehicle has the end-effector at χ_des."""
+"""Joint angles with which a level vehicle has the end-effector at χ_des."""
 
 SAME = 1e-9
-"""Poses that differ by less are the same, up to rounding [m, rad]."""
+"""Difference below which two poses are the same, up to rounding [m, rad]."""
 SAMPLES = 1000
 """States at which the constants of the Lemma are sampled."""
 CANDIDATES, SEARCHES, ROUNDS, CHILDREN = 20_000, 20, 60, 30
-"""Of `local_search`."""
+"""Numbers of `local_search`: random points, starts among them, rounds, trials a round."""
 SHRINK = 0.9
-"""By which its steps become shorter, round by round."""
+"""Factor by which its steps become shorter, round by round."""
 
 
 @cache
@@ -55,7 +55,7 @@ def robot() -> ContactModel:
 
 @cache
 def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
-    """Returns what (lemma:tube) assumes, sampled over the set of `girona500_contact`, and a J.
+    """Returns the constants of (lemma:tube), sampled over the set of `girona500_contact`, and a J.
 
     J (6, 10) is the sample of largest norm. The constants are estimates, on the small side.
     """

@@ -64,11 +64,11 @@ class Rest(NamedTuple):
     """Where the nominal MPC comes to rest."""
 
     tip: float
-    """‖𝔭 − 𝔭_des‖ [m]."""
+    """Distance ‖𝔭 − 𝔭_des‖ [m]."""
     force: float
     """Norm of the force part of 𝔉 − 𝔉_des [N]."""
     speed: float
-    """‖ζ̄‖ that is left [m/s, rad/s]."""
+    """Norm ‖ζ̄‖ that is left [m/s, rad/s]."""
 
 
 def spring_ocp() -> DynamicOcp:
@@ -164,17 +164,17 @@ class TubeNumbers(NamedTuple):
     """What (sec:simulation_results) says about its tube."""
 
     amplitude: float = AMPLITUDE
-    """Of each component of w."""
+    """Amplitude of each component of w."""
     w_bound: float = W_BOUND
-    """w̃."""
+    """Bound w̃ of ‖w‖₂."""
     sigma: float = SIGMA
-    """σ."""
+    """Gain σ."""
     J_min: float = J_MIN
-    """J̲."""
+    """J̲, smallest eigenvalue of J Jᵀ."""
     L_c: float = L_C
-    """L_𝔠."""
+    """L_𝔠, the Lipschitz constant of 𝔠."""
     radius: float = TUBE
-    """Of Ω."""
+    """Radius of the set Ω."""
 
 
 def norm_at_tip_pitch(tip_pitch: float) -> float:
@@ -255,7 +255,7 @@ class Holding(NamedTuple):
     jump: float
     """Largest jump of ȳ at a sample [m, rad]."""
     deviation: float
-    """‖χ − χ_des‖ at the end [m, rad]."""
+    """Deviation ‖χ − χ_des‖ at the end [m, rad]."""
 
 
 def hold(measured: bool, sigma: float = SIGMA, w_bound: float = W_BOUND) -> Holding:
@@ -308,11 +308,11 @@ class Reach(NamedTuple):
     """The first plan from χ(0)."""
 
     radius: float
-    """‖ē(T)‖_P."""
+    """Distance ‖ē(T)‖_P at the end of the horizon."""
     tip_speed: float
     """Largest ‖d𝔭̄/dt‖ at a knot [m/s]."""
     violation: float
-    """Of the limits, in their own units."""
+    """Largest violation of a limit, in the limit's own unit."""
 
 
 def reach(q: np.ndarray, stage_weight: float) -> Reach:

@@ -1,1 +1,1 @@
-"""What plant and controller both know: the robot, its coordinates and the surface's law."""
+"""The robot, its coordinates and the surface, as plant and controller both know them; no errors."""

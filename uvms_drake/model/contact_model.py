@@ -14,7 +14,7 @@ class ContactModel(UvmsModel):
 
     Args:
         uvms: The robot and its water.
-        surface: What is pressed, as `check_surface` returns it.
+        surface: The surface, as `check_surface` returns it.
     """
 
     def __init__(self, uvms: Uvms, surface: Surface):

@@ -8,7 +8,7 @@ Matrices are filled by column in their transpose, where a component of a whole s
 import numpy as np
 
 COMPLEX_STEP = 1e-30
-"""h of a complex step: there is no difference, so it can be arbitrarily small."""
+"""Step h of a complex-step derivative: nothing is subtracted, so it can be arbitrarily small."""
 
 
 def rotation_matrix(rpy: np.ndarray) -> np.ndarray:

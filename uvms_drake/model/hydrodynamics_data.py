@@ -21,7 +21,7 @@ class AddedMass:
     matrix: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """M_A about `point`: symmetric positive semidefinite 6×6, or its diagonal [kg, kg m, kg m²]."""
     point: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """p_BoP_B [m]."""
+    """Point p_BoP_B about which `matrix` is [m]."""
 
 
 @dataclass
@@ -29,35 +29,35 @@ class Drag:
     """f = −(linear + quadratic ⊙ |v|) ⊙ v with v the velocity of `point` through the water."""
 
     linear: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """[N s/m (3), N m s/rad (3)]."""
+    """Coefficients of linear drag [N s/m (3), N m s/rad (3)]."""
     quadratic: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """[N s²/m² (3), N m s²/rad² (3)]."""
+    """Coefficients of quadratic drag [N s²/m² (3), N m s²/rad² (3)]."""
     point: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """p_BoP_B [m]."""
+    """Point p_BoP_B at which the drag acts [m]."""
 
 
 @dataclass
 class BodyHydrodynamics:
-    """What the water does to one rigid body B."""
+    """Parameters of the water's forces on one rigid body B."""
 
     displaced_volume: float = 0.0
-    """V [m³]: the buoyancy is ρ V g."""
+    """Displaced volume V [m³]: the buoyancy is ρ V g."""
     center_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """p_BoBb_B [m]."""
+    """Centre of buoyancy p_BoBb_B [m]."""
     added_mass: list[AddedMass] = field(default_factory=list)
     """External added mass and entrained water; they add up."""
     drag: list[Drag] = field(default_factory=list)
-    """Drag at stated points; a slender body wants several strips."""
+    """Drag at stated points; a slender body wants several of them, strip by strip."""
 
 
 @dataclass
 class HydrodynamicParameters:
-    """What the water does to a robot."""
+    """Parameters of the water's forces on a robot."""
 
     fluid_density: float = 1000.0
-    """ρ [kg/m³]."""
+    """Density ρ of the water [kg/m³]."""
     bodies: dict[str, BodyHydrodynamics] = field(default_factory=dict)
-    """By name of the body in the SDFormat file; a body that is not named feels no water."""
+    """Bodies by name in the SDFormat file; a body that is not named feels no water."""
 
 
 def added_mass_about_origin(added_mass: list[AddedMass]) -> np.ndarray:

@@ -1,12 +1,12 @@
-"""The links of a robot: what is welded to one another is one body.
+"""The links of a robot, each made of the bodies that are welded to one another.
 
-A UVMS has n + 1 links, the vehicle and what each joint moves. The bodies of a link move as one, so
+A UVMS has n + 1 links, the vehicle and one for each joint. The bodies of a link move as one, so
 their inertias, weights and drag add up. The frame of a link is that of the body that its joint
 moves; the last link has the end-effector's frame Σ_E instead.
 
 The velocity V = (v, ω) of a link is that of its frame, and a force on it acts at the origin of its
-frame; both in axes of the frame and in Fossen's order. Everything here is about links one by one;
-how they hang together is the business of `UvmsModel`.
+frame; both in axes of the frame and in Fossen's order. Everything here is about single links;
+`UvmsModel` joins them to a chain.
 """
 
 from dataclasses import dataclass
@@ -38,15 +38,15 @@ class Links:
     drag_points: np.ndarray
     """(6(n+1), r): velocities of all links to those that drag acts against, r of them."""
     drag_linear: np.ndarray
-    """(r,) [N s/m, N m s/rad]."""
+    """(r,) coefficients of linear drag [N s/m, N m s/rad]."""
     drag_quadratic: np.ndarray
-    """(r,) [N s²/m², N m s²/rad²]."""
+    """(r,) coefficients of quadratic drag [N s²/m², N m s²/rad²]."""
     drag_squares: np.ndarray
     """(r, 36(n+1)): h hᵀ of every column h of `drag_points`, link by link."""
     joint_damping: np.ndarray
-    """(n,) [N m s/rad]."""
+    """(n,) viscous damping of the joints [N m s/rad]."""
     rotor_inertia: np.ndarray
-    """(n,) of the motors, reflected to the joints [kg m²]."""
+    """(n,) inertia of the motors, reflected to the joints [kg m²]."""
 
     def links_force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Returns f (..., n+1, 6) that moves the links so in still water.

@@ -1,7 +1,7 @@
-"""What stands between plant and controller: parts of a sensor or an actuator, and faults.
+"""The interface of the parts between plant and controller, and of faults.
 
-The interface only. A part is one file in `sensing/` or `actuation/`, a fault one beside the system
-that it puts into the loop.
+A part is one file in `sensing/` or `actuation/`, a fault one beside the system that it puts into
+the loop.
 """
 
 from abc import ABC, abstractmethod
@@ -19,7 +19,7 @@ ONLY_ONCE = 1e9
 class Signals(dict[str, OutputPort]):
     """The vectors of a closed loop by name; all of them are logged.
 
-    A name is given once: who adds a signal does not take away another.
+    A name is given once: nobody can replace another's signal.
     """
 
     def __setitem__(self, name: str, port: OutputPort) -> None:
@@ -28,7 +28,7 @@ class Signals(dict[str, OutputPort]):
 
 
 class Component:
-    """What a scenario can put into the closed loop, and what it takes from the theory."""
+    """Something that a scenario can put into the closed loop."""
 
     motions: ClassVar[tuple[str, ...]] = ("dynamic", "kinematic")
     """Motions of a scenario with which it has a meaning."""
@@ -37,9 +37,9 @@ class Component:
         """Raises `InvalidParameter` for the first value that has no meaning."""
 
     def assumption(self) -> str | None:
-        """Returns what the proofs take for granted and is given up, or None if they go on to hold.
+        """Returns the assumption of the proofs that it breaks, or None if they still hold.
 
-        Whoever has no proof leaves it as it is: then there is no certificate.
+        By default nothing is proven, and there is no certificate.
         """
         return "nothing is proven about it"
 
@@ -60,7 +60,8 @@ class Part(Component, ABC):
             model: The controller's.
             port: The measured (𝔮, ζ) (2(6+n)) or the command τ (6+n) [N, N m]; if the motion is
                 kinematic, 𝔮 (6+n) or the command ζ (6+n) [m/s, rad/s].
-            signals: What may be read, and what the part adds to be logged. `state` is the true one.
+            signals: Signals to read, and to add to, so that they are logged. `state` is the true
+                one.
         """
 
 
@@ -68,7 +69,7 @@ class Fault(Component):
     """Something that fails in a run."""
 
     place: ClassVar[Literal["sensing", "actuation", "solver", "disturbance"]]
-    """Where: in one of the chains, as a `Part` of it, or in what its name says."""
+    """Place in the loop: a chain, as a `Part` of it, or the solver or the disturbance."""
 
 
 def check_times(start: float, duration: float | None) -> None:

@@ -78,7 +78,7 @@ class UvmsModel:
     def __init__(self, uvms: Uvms):
         self.num_joints = n = len(uvms.joints)
         self.size = 6 + n
-        """6 + n."""
+        """Size 6 + n of 𝔮 and of ζ."""
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
         self._links = read_links(uvms)
@@ -221,7 +221,7 @@ class UvmsModel:
 
     def _forces(self, kinematics: Kinematics, motion: "_Motion", contact: np.ndarray | None = None
                 ) -> np.ndarray:
-        """Returns fₖ (..., n+1, 6): what moves link k so, against water and contact."""
+        """Returns fₖ (..., n+1, 6), the force that moves link k so, against water and contact."""
         force = self._links.links_force(motion.V, motion.A, motion.g)
         if contact is None:
             contact = self.contact_force(kinematics, motion.V[..., -1, :])
@@ -295,11 +295,13 @@ class UvmsModel:
         """
         size, J, screw = self.size, kinematics.J_links, kinematics.screw
         motion = self._motion(kinematics, zeta, zeta_dot)
+        # ∂f by the velocity and by a displacement of each link; the last one feels the surface.
         N, K = self._links.force_gradients(motion.V, motion.g)
         by_velocity, by_motion = self.contact_gradients(kinematics, motion.V[..., -1, :])
         N[..., -1, :, :] += by_velocity
         K[..., -1, :, :] += by_motion
 
+        # The joints' second screw rates, then the motions that a change of qᵢ or q̇ᵢ gives a link.
         second = (cross_motion(motion.A_B[..., 1:, :], screw)
                   + cross_motion(motion.V_B[..., 1:, :], motion.screw_rate))  # s̈
         # V₀ × e of the vehicle, 2 ṡ and s̈ of the joints that move the link, in its axes.
@@ -308,9 +310,11 @@ class UvmsModel:
             axis=-1)[..., None, :, :]
         rates[..., 6:] *= np.tile(self._moves, 2)[:, None, :]
         carried = self._links.inertia @ rates
-        change = np.concatenate([K @ J, N @ J + carried[..., :size]], axis=-1)  # ∂f
+        # ∂f of every link; `rates` has 2 ṡ, of which qᵢ takes half.
+        change = np.concatenate([K @ J, N @ J + carried[..., :size]], axis=-1)
         change[..., 6:size] += 0.5 * N @ rates[..., 6:size] + carried[..., size:]
 
+        # Virtual power: Jᵀ ∂f, and the power of f on screws that have turned.
         out = _stacked(J).swapaxes(-1, -2) @ _stacked(change)
         out[..., 6:size] += self._turned(kinematics, self._forces(kinematics, motion))
         out[..., size:] += np.diag(self._joint_damping)

@@ -1,1 +1,1 @@
-"""The simulated robot: what the water, the surface and the disturbance do to a plant."""
+"""The simulated robot in water, contact and disturbance; it does not know the controller."""

@@ -23,10 +23,10 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
 AIM_FROM = 1e-6
-"""‖𝔯‖, ‖J_bᵀ𝔢_b‖ or ‖𝔢‖ at which what is aimed goes halfway between fixed direction and aim."""
+"""‖𝔯‖, ‖J_bᵀ𝔢_b‖ or ‖𝔢‖ at which the disturbance is halfway between fixed direction and aim."""
 
 AHEAD = 0.2
-"""How far `ahead` looks [s]."""
+"""Time that `ahead` looks into the future [s]."""
 AHEAD_ITERATIONS = 12
 
 KINDS = ("along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
@@ -63,9 +63,9 @@ class AdversarialDisturbance(Disturbance):
     channel: int = 0
     """Component of `per_channel`, 0 to 5+n."""
     period: float = 1.0
-    """Of `sinusoid`, `bang_bang` and `per_channel` [s]."""
+    """Period of `sinusoid`, `bang_bang` and `per_channel` [s]."""
     phase: float = 0.0
-    """Of the sine at t = 0 [rad]."""
+    """Phase of the sine at t = 0 [rad]."""
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
                signals: Mapping[str, OutputPort]) -> OutputPort:

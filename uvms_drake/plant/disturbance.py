@@ -60,7 +60,7 @@ class Disturbance(ABC):
     """
 
     bound: float = 0.0
-    """d̃ [m/s², rad/s²]; w̃ [m/s, rad/s] if the motion is kinematic."""
+    """Bound d̃ of ‖d‖₂ [m/s², rad/s²]; with kinematic motion w̃ of ‖w‖₂ [m/s, rad/s]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` unless the bound is one."""
@@ -254,7 +254,7 @@ class ExcessDisturbance(Fault):
     place = "disturbance"
 
     factor: float = 2.0
-    """Factor by which it is larger."""
+    """Factor of the disturbance beyond its declared bound."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""

@@ -90,11 +90,11 @@ class Water:
     M_A: np.ndarray
     """Added mass about Bo (nb, 6, 6)."""
     displaced_mass: np.ndarray
-    """ρV (nb,) [kg]."""
+    """Displaced masses ρV (nb,) [kg]."""
     p_BoBb_B: np.ndarray
-    """Centres of buoyancy (nb, 3) [m]."""
+    """Centres of buoyancy p_BoBb_B (nb, 3) [m]."""
     drag_points: np.ndarray
-    """H (6 nd, 6 nb) that maps the ν of all bodies to those of the drag points."""
+    """H (6 nd, 6 nb), the map from the ν of all bodies to those of the drag points."""
     linear: np.ndarray
     """Linear drag coefficients (nd, 6)."""
     quadratic: np.ndarray

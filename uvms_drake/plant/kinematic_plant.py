@@ -32,7 +32,7 @@ from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.surface import pose_and_jacobian
 
 PITCH_MARGIN = 0.01
-"""How near to ±π/2 the pitch of vehicle or end-effector may come [rad]; there ‖J‖ is about 100."""
+"""Least distance of either pitch from ±π/2 [rad]; there ‖J‖ is about 100."""
 
 
 def carried_rate(config: np.ndarray, zeta: np.ndarray, w: np.ndarray, J: np.ndarray) -> np.ndarray:

@@ -28,11 +28,11 @@ class ModelError:
     buoyancy_lever: float = 1.0
     """Factor of each body's distance from the centre of mass to that of buoyancy."""
     share: float = 0.0
-    """Part of d̃ that is left to what the error induces; the disturbance takes the rest."""
+    """Part of d̃ that is left to the effect of the error; the disturbance takes the rest."""
 
     @property
     def size(self) -> float:
-        """Returns the largest relative error; zero if there is none."""
+        """Largest relative error; zero if there is none."""
         return max(abs(getattr(self, name) - 1.0) for name in FACTORS)
 
 
@@ -85,7 +85,7 @@ def scaled_inertias(sdf: str, factor: float) -> str:
 
 
 def scaled_hydrodynamics(uvms: Uvms, error: ModelError) -> HydrodynamicParameters:
-    """Returns what the water does to the simulated robot, where `uvms` has the controller's."""
+    """Returns the true parameters of the water; `uvms` has the controller's."""
     plant, parameters = uvms.plant, uvms.hydrodynamics
     return replace(parameters, bodies={
         name: _scaled(body, error, plant.GetBodyByName(name, uvms.model_instance).default_com())

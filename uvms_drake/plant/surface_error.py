@@ -14,7 +14,7 @@ class SurfaceError:
     """The simulated surface against the controller's: stiffer, shifted and turned."""
 
     stiffness: float = 1.0
-    """Stiffness over the controller's."""
+    """Factor of the stiffness: the true one over the controller's."""
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Shift of the surface in Σ_I [m]."""
     turn: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -22,7 +22,7 @@ class SurfaceError:
 
     @property
     def size(self) -> float:
-        """Returns the largest of relative error, ‖shift‖ and ‖turn‖; zero if there is none."""
+        """Largest of relative error, ‖shift‖ and ‖turn‖; zero if there is none."""
         return max(abs(self.stiffness - 1.0), float(np.linalg.norm(self.shift)),
                    float(np.linalg.norm(self.turn)))
 

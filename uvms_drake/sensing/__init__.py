@@ -1,1 +1,1 @@
-"""What stands between plant and controller: one part, one file."""
+"""Parts between plant and controller, one a file; they know neither the one nor the other."""

@@ -32,9 +32,9 @@ class SensorFault(Fault, Part):
     place = "sensing"
 
     start: float = 0.0
-    """First instant [s]."""
+    """First instant of the fault [s]."""
     duration: float = 0.5
-    """Length of its time [s]."""
+    """Duration of the fault [s]."""
 
     @abstractmethod
     def faulty(self, held: np.ndarray) -> np.ndarray:
@@ -64,7 +64,7 @@ class LostState(SensorFault):
     """The measured state is not a number."""
 
     start: float = 1.0
-    """First instant [s]; above 0, for the first plan starts at the measured state."""
+    """First instant of the fault [s]; above 0, for the first plan starts at the measured state."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""

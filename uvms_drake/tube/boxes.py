@@ -47,13 +47,13 @@ from uvms_drake.model.spatial import cross, skew, times
 from uvms_drake.tube.constraint_set import ConstraintSet
 
 SAME_AXIS = 1e-9
-"""Below it, a last joint's axis is the tool's [1, m]."""
+"""Distance below which a last joint's axis is the tool's [1, m]."""
 ROUNDING = 1e-12
-"""By which the half-spaces are too large: g is computed to about 1e-15."""
+"""Allowance by which the half-spaces are too large: g is computed to about 1e-15."""
 LARGEST_MULTIPLIER = 1e3
-"""So that rounding in Σ μ_k g_k stays below what `covering` adds."""
+"""Largest multiplier μ_k: with it, rounding in Σ μ_k g_k stays below what `covering` adds."""
 SWEEPS = 2
-"""Of coordinate descent for the multipliers."""
+"""Sweeps of coordinate descent for the multipliers."""
 BLOCKS = ("position", "attitude", "task", "extended")
 """Rows of J_x: the tip's velocity, its Euler rates, both (J), all."""
 
@@ -66,18 +66,18 @@ class BoxBounds(NamedTuple):
     reached: np.ndarray
     """(m,) the norm at a feasible state, −∞ if the box's centre has none."""
     score: np.ndarray
-    """(m, n+2) what each coordinate contributes to the bound; the largest is worth halving."""
+    """(m, n+2) contribution of each coordinate to the bound; the largest is worth halving."""
 
 
 class _Constraints(NamedTuple):
     """g_k about the centres of m boxes, at both ends in θ."""
 
     value: np.ndarray
-    """(2, m, k) at the centre."""
+    """(2, m, k) g at the centre."""
     slope: np.ndarray
-    """(2, m, k, n+1) ∂g."""
+    """(2, m, k, n+1) derivatives of g at the centre."""
     rest: np.ndarray
-    """(2, m, k) a bound of what is not linear."""
+    """(2, m, k) bound of the part of g that is not linear."""
 
 
 class JacobianBoxes:

@@ -80,19 +80,19 @@ class QuadraticTube(NamedTuple):
     z: float
     """Radius of Ω₂, bounds ‖𝔷‖; inf if a condition fails."""
     Lambda_1: float
-    """Λ₁."""
+    """Λ₁, the factor of ‖𝔢‖‖𝔯‖ in the bound of V̇."""
     Lambda_2: float
-    """Λ₂."""
+    """Λ₂ [1/s]: the factor of −‖𝔯‖² in the bound of V̇ is k − Λ₂."""
     sigma_lower: float
-    """σ̲ = σJ̲ − L_𝔠."""
+    """σ̲ = σJ̲ − L_𝔠 [1/s], the factor of −‖𝔢‖² in the bound of V̇."""
     rho: float
-    """ρ of ‖𝔢‖‖𝔯‖ ≤ ‖𝔢‖²/(4ρ) + ρ‖𝔯‖²."""
+    """ρ, the weight in ‖𝔢‖‖𝔯‖ ≤ ‖𝔢‖²/(4ρ) + ρ‖𝔯‖²."""
     alpha_1: float
-    """α₁ = σ̲ − Λ₁/(4ρ)."""
+    """α₁ = σ̲ − Λ₁/(4ρ), the part of σ̲ that is left for −‖𝔢‖² [1/s]."""
     alpha_2: float
-    """α₂ = k − ρΛ₁ − Λ₂."""
+    """α₂ = k − ρΛ₁ − Λ₂, the part of k that is left for −‖𝔯‖² [1/s]."""
     conditions: tuple[Condition, ...]
-    """Those of (eq:sigma_under_sigma)."""
+    """Conditions of (eq:sigma_under_sigma)."""
 
 
 class PaperTubes(NamedTuple):
@@ -179,13 +179,13 @@ class KinematicTubes(NamedTuple):
     """Radii of the tube of χ̇ = J(𝔮)ζ + w with the input ζ, the paper's simulation."""
 
     printed: float
-    """w̃/(σJ̲ + L_𝔠), as in the paper."""
+    """Radius w̃/(σJ̲ + L_𝔠) of the paper."""
     corrected: float
-    """w̃/(σJ̲ − L_𝔠); inf if the condition fails."""
+    """Radius w̃/(σJ̲ − L_𝔠); inf if the condition fails."""
     resolved: float
-    """w̃/σ."""
+    """Radius w̃/σ of the law `resolved`."""
     condition: Condition
-    """σJ̲ > L_𝔠, of the law `transpose`; `resolved` needs none."""
+    """Condition σJ̲ > L_𝔠 of the law `transpose`; `resolved` needs none."""
 
 
 def kinematic_tubes(J_min: float, L_c: float, sigma: float, w_bound: float) -> KinematicTubes:

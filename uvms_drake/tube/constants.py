@@ -52,14 +52,14 @@ class Constant:
 
     name: str
     value: float
-    """What the certificate uses, in the unit of the constant."""
+    """The value that the certificate uses, in the unit of the constant."""
     how: Literal["estimated", "proven"]
     samples: int
     """States (estimated) or boxes (proven) that were evaluated."""
     worst: dict[str, np.ndarray]
-    """The state `config`, `zeta` (6+n,) at which `sampled_value` is reached."""
+    """State `config`, `zeta` (6+n,) at which `sampled_value` is reached."""
     safety_factor: float
-    """`value` over `sampled_value` of an estimated supremum, the inverse for an infimum."""
+    """Ratio of `value` to `sampled_value` for an estimated supremum, its inverse for an infimum."""
     sampled_value: float
     """The worst value seen at a state of the set."""
 
@@ -136,11 +136,11 @@ class _Quantity(NamedTuple):
     sign: float = 1.0
     """1: the supremum of the largest singular value; −1: the infimum of the smallest."""
     power: int = 1
-    """The constant is the extreme singular value to this power."""
+    """Exponent of the extreme singular value in the constant."""
     rows: slice = slice(None)
-    """Which rows of the matrix count."""
+    """Rows of the matrix that count."""
     columns: slice = slice(None)
-    """Which columns of the matrix count."""
+    """Columns of the matrix that count."""
 
     def sigma(self, matrices: Matrices) -> np.ndarray:
         """Returns the extreme singular value (m,)."""

@@ -22,7 +22,7 @@ BOUND_SHARE = 0.2
 FACE_SHARE = 0.25
 """Share of the samples that are moved onto |tip pitch| = tip_pitch, where that bound is active."""
 BISECTIONS = 12
-"""Halvings of a segment from a feasible to an infeasible sample: what is left is below 1 mrad."""
+"""Halvings of a segment from a feasible to an infeasible sample: less than 1 mrad remains."""
 BATCH = 2048
 """Candidates drawn at a time."""
 MAX_ATTEMPTS = 200
@@ -34,25 +34,25 @@ class ConstraintSet:
     """Bounds on the state (𝔮, ζ); the suprema of `constants` and `covering` are over this set."""
 
     q_lower: np.ndarray
-    """(n,) [rad]."""
+    """Lower joint limits (n,) [rad]."""
     q_upper: np.ndarray
-    """(n,) [rad]."""
+    """Upper joint limits (n,) [rad]."""
     roll: float
-    """|φ| of the vehicle [rad]."""
+    """Largest |φ| of the vehicle [rad]."""
     pitch: float
-    """|θ| of the vehicle [rad]."""
+    """Largest |θ| of the vehicle [rad]."""
     tip_pitch: float
-    """|𝔬_θ| of the end-effector [rad]."""
+    """Largest |𝔬_θ| of the end-effector [rad]."""
     nu1: float
-    """‖ν₁‖₂ [m/s]."""
+    """Largest ‖ν₁‖₂ [m/s]."""
     nu2: float
-    """‖ν₂‖₂ [rad/s]."""
+    """Largest ‖ν₂‖₂ [rad/s]."""
     qdot: float
-    """‖q̇‖₂ [rad/s]."""
+    """Largest ‖q̇‖₂ [rad/s]."""
     force_max: float = 50.0
-    """‖force part of 𝔉‖₂ at rest [N]."""
+    """Largest ‖force part of 𝔉‖₂ at rest [N]."""
     yaw: float = np.pi
-    """|ψ| of the vehicle [rad]; matters only to f, by where the surface is."""
+    """Largest |ψ| of the vehicle [rad]; matters only to f, by where the surface is."""
 
     def __post_init__(self) -> None:
         size = len(np.atleast_1d(self.q_lower))
@@ -71,7 +71,7 @@ class ConstraintSet:
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns lower and upper bounds (3+n,) of (φ, θ, ψ, q)."""
+        """Lower and upper bounds (3+n,) of (φ, θ, ψ, q)."""
         attitude = np.array([self.roll, self.pitch, self.yaw])
         return (np.concatenate([-attitude, self.q_lower]),
                 np.concatenate([attitude, self.q_upper]))

@@ -20,7 +20,7 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 BATCH = 128
 """Boxes halved at a time."""
 ROUNDING = 1e-9
-"""Relative; the bounds are made of a few thousand operations of relative error 1e-16."""
+"""Relative allowance for rounding: a few thousand operations of relative error 1e-16."""
 PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",
             "Jx_max": "extended"}
 """The constants that can be proven, with their blocks of rows of J_x."""
@@ -34,7 +34,7 @@ class Covering(NamedTuple):
     reached: float
     """The largest norm seen at a state of the set."""
     boxes: int
-    """How many were evaluated."""
+    """Number of boxes that were evaluated."""
 
 
 def prove_constants(model: ContactModel, constraint_set: ConstraintSet,

@@ -91,11 +91,12 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
 
 DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
     Resolved: resolved_law_tube, Transpose: transpose_law_tube}
-"""Functions of a law and a `Basis`, by the law's exact type."""
+"""Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
 
 TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
     Resolved: resolved_task_radius, Transpose: transpose_task_radius}
-"""Likewise of the radius [m, rad] of what the law feeds back alone, which takes no search."""
+"""Functions from a law and a `Basis` to the radius [m, rad] of what the law feeds back alone, which
+takes no search; by the law's exact type."""
 
 
 def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:

@@ -46,7 +46,7 @@ from uvms_drake.tube.local_search import DIFFERENCE, climb
 CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
 """The constants of the law `transpose`, in χ and in y; `resolved` needs none."""
 STEPS = 4
-"""In 𝔢."""
+"""Ascent steps of the search for the worst error 𝔢."""
 _BLOCKS = (slice(0, 3), slice(3, 6))
 
 
@@ -79,7 +79,7 @@ def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
 
 KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
     Resolved: resolved_kinematic_tube, Transpose: transpose_kinematic_tube}
-"""Functions of a law and a `Basis`, by the law's exact type; see `dynamic.DYNAMIC_TUBES`."""
+"""Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
 
 
 def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:

@@ -20,11 +20,11 @@ class Basis:
     model: ContactModel
     """The prediction model."""
     declared: ConstraintSet
-    """The set that the constants are suprema over: the limits of the real robot."""
+    """Set that the constants are suprema over: the limits of the real robot."""
     constants: dict[str, Constant]
     """Constants by name."""
     d_bound: float
-    """d̃, bound of ‖d‖₂; with kinematic motion w̃, bound of ‖w‖₂."""
+    """Bound d̃ of ‖d‖₂; with kinematic motion w̃ of ‖w‖₂."""
     u_limit: np.ndarray
     """Limits of |uᵢ| (6+n,); empty with kinematic motion."""
     settings: CertificateSettings

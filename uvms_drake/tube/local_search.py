@@ -12,10 +12,10 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 DIFFERENCE = 1e-6
 """Step of the central differences; all of them are one batch."""
 MARGIN = 1e-5
-"""By which SNOPT is kept inside the normalised bounds, so that what it ends at is feasible."""
+"""Distance that SNOPT keeps from the normalised bounds, so that it ends at a feasible point."""
 SETTINGS = {"Major iterations limit": 60, "Major optimality tolerance": 1e-4,
             "Major feasibility tolerance": 1e-6}
-"""Of SNOPT. A search that stops early is used as far as it got."""
+"""Settings of SNOPT. A search that stops early is used as far as it got."""
 
 ValueAndGradient = Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray]]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from uvms_drake.common.errors import require
 
 MOST_SAMPLES = 1_000_000
-"""Of anything; a supremum that so many miss, more will miss too."""
+"""Largest number of samples of anything; a supremum that so many miss, more will miss too."""
 
 
 @dataclass
@@ -19,7 +19,7 @@ class CertificateSettings:
     terminal_samples: int = 2000
     """States in which the terminal set is checked, for every radius tried."""
     safety_factor: float = 1.1
-    """Multiplies every estimated supremum."""
+    """Factor of every estimated supremum."""
     seed: int = 0
 
 

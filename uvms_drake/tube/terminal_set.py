@@ -33,13 +33,13 @@ from uvms_drake.model.uvms_model import COMPLEX_STEP
 
 DECREASE, AT_REST = "decrease", "decrease at rest"
 INNERMOST = 0.05
-"""Smallest ‖ξ‖_P/ε looked at; below, the linearisation stands for the map."""
+"""Smallest ‖ξ‖_P/ε of the samples; below, the linearisation stands for the map."""
 STARTS = 3
-"""The decrease is refined from so many samples, each limit from one."""
+"""Samples from which the decrease is refined; each limit is refined from one."""
 NEAR = 0.3
-"""A limit is refined if less than this fraction of it is left at the worst sample."""
+"""Fraction of a limit below which the worst sample's margin is refined."""
 SMALLEST = 1e-3
-"""A terminal set smaller than this fraction of the linear bound is none."""
+"""Smallest radius over the linear bound; a smaller terminal set is none."""
 
 
 @dataclass(frozen=True)
@@ -47,16 +47,16 @@ class TerminalCheck:
     """What was found about one terminal set."""
 
     radius: float
-    """ε."""
+    """Radius ε of the set."""
     margins: dict[str, float]
-    """Worst margin of each condition, negative where it is broken. Of the decrease it is
-    (V − V⁺)/ℓ − 1, in F and at rest, as ξ → 0; of a limit, the fraction of it that is left."""
+    """Worst margin of each condition, negative where it is broken: (V − V⁺)/ℓ − 1 of the decrease,
+    in F and at rest, as ξ → 0; the fraction that is left of a limit."""
     worst: dict[str, np.ndarray]
-    """ξ (2(6+n),) at which a margin was found; conditions in closed form have none."""
+    """States ξ (2(6+n),) at which the margins were found; conditions in closed form have none."""
     samples: int
     """States at which the nonlinear map was evaluated."""
     refinements: int
-    """Local minima searched for from the worst of them."""
+    """Number of local minima searched for from the worst of them."""
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -80,15 +80,15 @@ class TerminalLoop(ABC):
 
     P: np.ndarray
     gain: np.ndarray
-    """Decision = gain · ξ."""
+    """Matrix of the terminal controller: decision = gain · ξ."""
     closed: np.ndarray
-    """Linearised ξ⁺ = closed · ξ."""
+    """Matrix of the linearised loop: ξ⁺ = closed · ξ."""
     input_rows: np.ndarray
-    """Linearised ū − ū_eq = input_rows · ξ."""
+    """Matrix of the linearised input: ū − ū_eq = input_rows · ξ."""
     rows: np.ndarray
-    """Linearised limited values: rows · ξ."""
+    """Matrices of the linearised limited values: rows · ξ."""
     names: tuple[str, ...]
-    """Conditions on the nonlinear map, in the order of `margins`."""
+    """Names of the conditions on the nonlinear map, in the order of `margins`."""
 
     def __init__(self, ocp: Any, size: int):
         self.ocp = ocp

@@ -39,7 +39,7 @@ from uvms_drake.tube.tubes import joint_rate_radius
 
 CLOSING_ROUNDS = 3
 CLOSING_FACTOR = 0.3
-"""Each round samples within this fraction of the last round's neighbourhood."""
+"""Size of each round's neighbourhood over the last one's."""
 LEADERS = 4
 """Worst nominal states per channel that a round closes in on."""
 
@@ -49,23 +49,23 @@ class TubeImage:
     """Largest deviation of the real from the nominal, per channel."""
 
     nu1: float
-    """‖ν₁ − ν̄₁‖₂ [m/s]."""
+    """Largest ‖ν₁ − ν̄₁‖₂ [m/s]."""
     nu2: float
-    """‖ν₂ − ν̄₂‖₂ [rad/s]."""
+    """Largest ‖ν₂ − ν̄₂‖₂ [rad/s]."""
     qdot: float
-    """‖q̇ − q̄̇‖₂ [rad/s]."""
+    """Largest ‖q̇ − q̄̇‖₂ [rad/s]."""
     roll: float
-    """|φ − φ̄| of the vehicle [rad]."""
+    """Largest |φ − φ̄| of the vehicle [rad]."""
     pitch: float
-    """|θ − θ̄| [rad]."""
+    """Largest |θ − θ̄| of the vehicle [rad]."""
     u: np.ndarray
-    """|𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    """Largest |𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
     tau: np.ndarray
-    """|τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], τ = M(𝔮)𝔲."""
+    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], τ = M(𝔮)𝔲."""
     omega: float
-    """ω [1/s]."""
+    """Bound ω of ‖J_x⁻¹J̇_x‖₂ [1/s]."""
     samples: int
-    """Nominal states looked at."""
+    """Number of nominal states looked at."""
 
 
 @dataclass(frozen=True)

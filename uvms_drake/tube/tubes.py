@@ -43,9 +43,9 @@ class Tube:
     G: float
     b: float
     d_bound: float
-    """d̃."""
+    """Bound d̃ of ‖d‖₂."""
     conditions: tuple[Condition, ...] = ()
-    """What has to hold for (1) to be stable."""
+    """Conditions for (1) to be stable."""
 
     @property
     def holds(self) -> bool:
@@ -232,7 +232,7 @@ class GainBound(NamedTuple):
     """Gains of the law `transpose` at the edge of its conditions."""
 
     k: float
-    """Any larger k has a tube at this σ; inf if none has."""
+    """Gain above which there is a tube at this σ [1/s]; inf if none has one."""
     sigma: float
 
 

@@ -1,1 +1,1 @@
-"""What a person sees of a run in Meshcat, live and recorded."""
+"""The picture of a run in Meshcat, live and recorded; it knows the model, but no scenario."""

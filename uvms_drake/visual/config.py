@@ -12,8 +12,8 @@ class VisualConfig:
     rate: float = 25.0
     """Pictures in a second of simulated time, live and in the replay [1/s]."""
     magnification: float | None = None
-    """How many times the deviation from the plan is enlarged, in the ghost of the nominal robot and
-    in the inset with the tube; left out, so many that the tube's radius is about 10 cm."""
+    """Factor by which the deviation from the plan is enlarged, in the ghost of the nominal robot
+    and in the inset with the tube; without it, the tube's radius is drawn about 10 cm large."""
 
 
 def check_visual(config: VisualConfig) -> None:

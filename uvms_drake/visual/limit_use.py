@@ -7,7 +7,7 @@ from uvms_drake.control.points import Points
 from uvms_drake.model.uvms_model import UvmsModel
 
 ACTIVE = 0.98
-"""Part of a limit from which on it counts as active."""
+"""Fraction of a limit from which on it counts as active."""
 
 
 class LimitUse:

@@ -33,13 +33,13 @@ GHOST = Rgba(1.0, 1.0, 1.0, 0.3)
 SPRING = Rgba(0.3, 0.3, 0.3)
 INSET_RADIUS = 0.1  # m, of the tube in the inset
 ARROW = 0.3
-"""Length of the largest force expected, as a part of the scene's size."""
+"""Length of the arrow of the largest force expected, as a fraction of the scene's size."""
 ZOOM = 2.3
-"""Far away and enlarged, for parallels that look like it."""
+"""Zoom of a camera that is far away, so that parallels look like it."""
 BESIDE = 0.12
-"""From the end of the arrow to the number, likewise."""
+"""Distance of the number from the end of the arrow, as a fraction of the scene's size."""
 UP = np.array([1.0, -1.0, -1.0])
-"""Takes Σ_I to Meshcat's axes, whose z points up, and back."""
+"""Signs of the axes of Σ_I in Meshcat, whose z points up."""
 
 
 @dataclass(frozen=True)
@@ -47,19 +47,19 @@ class Moment:
     """What is to be seen at an instant, in the order of the paper."""
 
     state: np.ndarray
-    """(𝔮, ζ) (2(6+n),)."""
+    """Real state (𝔮, ζ) (2(6+n),)."""
     nominal_state: np.ndarray
-    """(𝔮̄, ζ̄) (2(6+n),)."""
+    """Nominal state (𝔮̄, ζ̄) (2(6+n),)."""
     u: np.ndarray
-    """𝔲 (6+n,)."""
+    """Input 𝔲 (6+n,)."""
     nominal_input: np.ndarray
-    """ū (6+n,)."""
+    """Nominal input ū (6+n,)."""
     desired_force: np.ndarray
-    """𝔉_des (6,) [N, N m]."""
+    """Desired force 𝔉_des (6,) [N, N m]."""
     path: np.ndarray
     """Points of the nominal end-effector's way from here on (N+1, 3) [m]."""
     force: np.ndarray | None = None
-    """𝔉 (6,) [N, N m]; None: what the surface's law gives for the pose at rest."""
+    """Force 𝔉 (6,) [N, N m]; None: the one that the surface's law gives for the pose at rest."""
 
 
 @dataclass(frozen=True)
@@ -69,23 +69,23 @@ class Setting:
     robot: str
     """A shipped robot or a robot's folder."""
     model: UvmsModel
-    """The controller's model of it."""
+    """The controller's model of the robot."""
     surface: Surface
-    """What the robot presses on, as the controller knows it."""
+    """The surface, as the controller knows it."""
     start: np.ndarray
-    """𝔮 at t = 0 (6+n,)."""
+    """Configuration 𝔮 at t = 0 (6+n,)."""
     force: np.ndarray
-    """𝔉_des of the task (6,) [N, N m]."""
+    """Desired force 𝔉_des of the task (6,) [N, N m]."""
     goal: np.ndarray
-    """χ_des of the task (6,)."""
+    """Desired pose χ_des of the task (6,)."""
     radius: float
     """Radius of the tube of the end-effector's position [m]."""
     limit_use: LimitUse
-    """What the bars show."""
+    """The quantities that the bars show."""
     horizon: int
     """Number N of intervals of a plan."""
     visual: VisualConfig
-    """How to draw."""
+    """Settings of the drawing."""
     certified: bool
     """Whether the tube is that of a certificate that holds."""
 
@@ -103,9 +103,9 @@ class Scene:
     """
 
     camera: np.ndarray
-    """Where the camera is (3,) [m], in Meshcat's axes."""
+    """Position of the camera (3,) [m], in Meshcat's axes."""
     target: np.ndarray
-    """What it looks at (3,) [m], in Meshcat's axes."""
+    """Point that the camera looks at (3,) [m], in Meshcat's axes."""
 
     def __init__(self, meshcat: Meshcat, setting: Setting):
         self._law, self._model = setting.surface, setting.model

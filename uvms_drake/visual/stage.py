@@ -11,9 +11,9 @@ from pydrake.geometry import Meshcat, Rgba, Shape
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 NED = "ned"
-"""Path below which z points down; what is drawn in Σ_I goes there."""
+"""Path below which z points down, for everything that is drawn in Σ_I."""
 VANISHED = 1e-5
-"""Scale of what is not to be seen; zero has no inverse, which shading needs."""
+"""Scale of an object that is hidden; zero has no inverse, which shading needs."""
 
 
 def turn_down(meshcat: Meshcat) -> None:

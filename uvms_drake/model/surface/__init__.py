@@ -1,4 +1,4 @@
-"""What is pressed: one surface, one file. A further one is a `Surface` and a name in this line."""
+"""Surfaces to press on, one a file, and the list of those that a scenario can name."""
 
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring

@@ -1,8 +1,8 @@
-"""What a surface answers: its force law, and what controller, certificate and picture ask of it.
+"""The interface of a surface: its force law, and the questions of controller and certificate.
 
-χ = (𝔭, 𝔬) is the pose of the end-effector in Σ_I: position [m] and ZYX Euler angles [rad]. 𝔉 is
-what the end-effector exerts *on* the environment: force in Σ_I [N] and the torque conjugate to
-the Euler-angle rates [N m]; the robot feels the generalised force −J(𝔮)ᵀ𝔉.
+χ = (𝔭, 𝔬) is the pose of the end-effector in Σ_I: position [m] and ZYX Euler angles [rad]. The
+end-effector exerts 𝔉 *on* the environment: force in Σ_I [N] and the torque conjugate to the
+Euler-angle rates [N m]; the robot feels the generalised force −J(𝔮)ᵀ𝔉.
 
 A law 𝔉(χ, χ̇) is a function of arrays of any leading shape, and of complex numbers (see `euler`):
 its derivatives are taken by a complex step. `check_surface` tries that out.
@@ -19,7 +19,7 @@ from uvms_drake.model.euler import COMPLEX_STEP
 TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""
 TRIAL_FORCE = 10.0
-"""Largest static force there, if the surface can be touched that softly [N]."""
+"""Largest static force of the trials, if the surface can be touched that softly [N]."""
 DIFFERENCE = 1e-7
 """Half the step of the difference [m, rad, m/s, rad/s]."""
 AGREEMENT = 1e-3
@@ -39,18 +39,18 @@ class StaticForceRows(NamedTuple):
     rows: np.ndarray
     """(m, 6) derivative of `value` by χ."""
     value: np.ndarray
-    """(..., m) at the poses."""
+    """(..., m) limited quantity at the poses."""
     bound: float
-    """Bound of `value`."""
+    """Largest `value` that is allowed."""
     one_sided: bool
     """Whether value ≤ bound, a half-space (m = 1); else ‖value‖₂ ≤ bound, a cone."""
 
 
 class Surface(ABC):
-    """What the end-effector presses on. The YAML dataclass of a surface is its law.
+    """A surface that the end-effector presses on; the dataclass of its YAML settings.
 
-    Abstract is what plant, model and controller need. What only a certificate, a limit on the
-    force or a campaign needs raises `NotOffered` by default, and the certificate is void then.
+    Plant, model and controller need the abstract methods. The others serve a certificate, a limit
+    on the force or a campaign only: by default some raise `NotOffered`, and there is no certificate.
     """
 
     normal: np.ndarray | None = None
@@ -145,7 +145,7 @@ def check_surface(surface: Surface) -> Surface:
 
     Raises:
         InvalidParameter: A parameter has no meaning, or by one of the coordinates of (χ, χ̇) a
-            complex step of the law does not give what a difference gives.
+            complex step of the law does not agree with a difference.
     """
     surface = surface.checked()
     rng = np.random.default_rng(0)
@@ -172,7 +172,7 @@ def check_surface(surface: Surface) -> Surface:
     scale = np.max(np.abs(by_difference).reshape(4, -1), axis=1)
     excess = np.abs(by_complex - by_difference) - AGREEMENT * np.repeat(scale, 3)[:, None, None]
     worst = np.unravel_index(np.argmax(excess), excess.shape)
-    # What rounding leaves of a difference is no derivative.
+    # Below this, a difference is rounding and no derivative.
     rounding = 1e-13 / DIFFERENCE * max(1.0, float(np.max(np.abs(force(0.0)))))
     require(bool(excess[worst] <= rounding), "force", name,
             f"analytic in complex numbers: by {COORDINATES[worst[0]]} a complex step gives "

@@ -8,13 +8,11 @@ from uvms_drake.common.errors import InvalidParameter, require, vector
 from uvms_drake.model.surface.law import StaticForceRows, Surface
 
 OUTSIDE = 0.01
-"""How far off a plane a certificate counts poses in [m]; nothing changes any more further away."""
+"""Distance from a plane up to which a certificate looks [m]; nothing changes further away."""
 BOUND_SHARE = 0.2
 """Probability with which a sampled depth is one of the two bounds."""
-
-
 LARGEST_DISSIPATION = 1000.0
-"""a [s/m]; materials have less than 10."""
+"""Largest dissipation a that is accepted [s/m]; materials have less than 10."""
 
 
 def plane_load(depth: np.ndarray, transition: float) -> np.ndarray:
@@ -52,11 +50,11 @@ class UnilateralPlane(Surface):
     normal: np.ndarray = field(default_factory=lambda: np.array([-1.0, 0.0, 0.0]))
     """Unit normal in Σ_I, from the surface into the water."""
     stiffness: float = 1000.0
-    """k [N/m]."""
+    """Stiffness k of the surface pressed in beyond `transition` [N/m]."""
     dissipation: float = 2.5
-    """a, after Hunt and Crossley (1975) [s/m]: at force F the damping is about a F [N s/m]."""
+    """Dissipation a (Hunt and Crossley, 1975) [s/m]: damping of about a F [N s/m] at force F."""
     transition: float = 0.002
-    """w [m]: depth over which the stiffness rises from zero to k."""
+    """Depth w over which the stiffness rises from zero to k [m]."""
 
     @property
     def anchor(self) -> np.ndarray:

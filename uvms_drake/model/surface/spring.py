@@ -23,9 +23,9 @@ class BilateralSpring(Surface):
     """
 
     stiffness: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """K, symmetric positive definite 6×6 [N/m, N, N m/rad]."""
+    """Stiffness K, symmetric positive definite 6×6 [N/m, N, N m/rad]."""
     equilibrium: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """χ_eq, pose of the undeformed environment [m, rad]."""
+    """Pose χ_eq of the undeformed environment [m, rad]."""
 
     @property
     def anchor(self) -> np.ndarray:
