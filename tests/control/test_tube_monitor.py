@@ -8,6 +8,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, report_of, use_fixed_steps
+from support.tube_bounds import resolved_preimage_tube, rise
 
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter
@@ -22,10 +23,7 @@ from uvms_drake.control.tube_monitor import (
     TubeMonitor,
 )
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.tube.tubes import (
-    resolved_preimage_tube,
-    resolved_tube,
-)
+from uvms_drake.tube.tubes import resolved_tube
 
 LAW = Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1
@@ -125,8 +123,8 @@ def test_the_bounds_are_those_of_the_certificate_where_j_stands_still(model, pai
         for name, rows in (("task", J), ("position", J[:3]), ("orientation", J[3:6]),
                            ("joints", J[6:])):
             tube = resolved_tube(LAW.k, LAW.sigma, D_BOUND, np.linalg.norm(rows, 2))
-            assert bound[name] == pytest.approx(tube.at(t)[0], abs=1e-8)
-        W, R = resolved_preimage_tube(LAW.k, LAW.sigma, D_BOUND, mu).at(t)
+            assert bound[name] == pytest.approx(rise(tube, t)[0], abs=1e-8)
+        W, R = rise(resolved_preimage_tube(LAW.k, LAW.sigma, D_BOUND, mu), t)
         assert bound["r"] == pytest.approx(R, abs=1e-7)
         assert bound["z"] == pytest.approx(R + LAW.sigma * W + offset, abs=1e-7)
 

@@ -10,6 +10,7 @@ import pytest
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
+from support.tube_bounds import resolved_velocity_radius
 
 from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT, TubeMonitor
@@ -18,11 +19,7 @@ from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.scenario import load_scenario
-from uvms_drake.tube.tubes import (
-    joint_rate_radius,
-    resolved_tube,
-    resolved_velocity_radius,
-)
+from uvms_drake.tube.tubes import joint_rate_radius, resolved_tube
 
 LAW = Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1

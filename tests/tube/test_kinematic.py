@@ -40,8 +40,8 @@ from uvms_drake.tube.constants import estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.kinematic import (
     CONSTANTS,
-    deviation,
     transpose_kinematic_tube,
+    velocity_deviation,
     worst_errors,
 )
 from uvms_drake.tube.law_tube import Basis
@@ -184,7 +184,7 @@ def test_the_deviation_is_what_the_law_itself_leaves(ocp, nominal):
         real = Resolved(sigma=sigma).velocity(
             model, model.configuration(y), np.concatenate([config, zeta]))
         np.testing.assert_allclose(
-            deviation(model, config, zeta, error, sigma), (real - zeta)[:6], atol=1e-9)
+            velocity_deviation(model, config, zeta, error, sigma), (real - zeta)[:6], atol=1e-9)
         np.testing.assert_allclose(real[6:], zeta[6:], atol=1e-12)
 
 
@@ -194,7 +194,7 @@ def test_random_errors_and_states_leave_no_radius(certificate, ocp, nominal):
     config, zeta = nominal.sample(model, 20_000, rng)
     error = rng.normal(size=(len(config), 6))
     error *= tube.e / np.linalg.norm(error, axis=1, keepdims=True)
-    away = deviation(model, config, zeta, error, certificate.sigma)
+    away = velocity_deviation(model, config, zeta, error, certificate.sigma)
     y = model.task_pose(config)
     y[:, :6] += error
     turned = np.abs(wrap_angle(model.configuration(y)[:, 3:5] - config[:, 3:5]))

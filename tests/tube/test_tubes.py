@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.random_systems import COUNT, integrate, norm, run_resolved, run_transpose
+from support.tube_bounds import resolved_preimage_tube, resolved_velocity_radius, rise
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 from uvms_drake.tube.tubes import (
     joint_rate_radius,
-    resolved_preimage_tube,
     resolved_tube,
-    resolved_velocity_radius,
     smallest_k,
     transpose_tube,
     transpose_velocity_radius,
@@ -32,7 +31,8 @@ def test_no_trajectory_leaves_the_tube_of_any_block_and_some_reach_it():
     for i in range(COUNT):
         gains = k, _, d_bound = runs.k[i], runs.sigma[i], runs.d_bound[i]
         tubes = [resolved_tube(*gains, gain[i]) for gain in runs.gains]
-        bounds = np.array([tubes[0].at(runs.time)[1], *(tube.at(runs.time)[0] for tube in tubes)])
+        bounds = np.array([rise(tubes[0], runs.time)[1],
+                           *(rise(tube, runs.time)[0] for tube in tubes)])
         bounds = np.vstack([bounds, np.full_like(bounds[:2], 2.0 * d_bound / k)])
         bounds[5] *= runs.gains[0][i]
         bounds[6] = joint_rate_radius(*gains)
@@ -53,10 +53,10 @@ def test_the_tube_in_closed_form_solves_its_differential_equation():
                                np.zeros(2), 3.0, 1e-3))
         time = np.array([t for t, _ in steps])
         np.testing.assert_allclose(
-            np.array(tube.at(time)).T, [x for _, x in steps], atol=1e-10)
+            np.array(rise(tube, time)).T, [x for _, x in steps], atol=1e-10)
         assert tube.e == pytest.approx(gain * 0.3 / (k * sigma))
         assert tube.r == pytest.approx(0.3 / k)
-        E, R = tube.at(time)
+        E, R = rise(tube, time)
         assert np.all(np.diff(E) >= -1e-15)
         np.testing.assert_allclose(R, 0.3 / k * (1.0 - np.exp(-k * time)), atol=1e-14)
         if k == sigma:
@@ -67,7 +67,7 @@ def test_the_tube_in_closed_form_solves_its_differential_equation():
 
 
 def test_the_time_may_be_long_and_an_array_of_any_shape():
-    E, R = resolved_tube(40.0, 5.0, 0.1, 2.0).at(np.array([[0.0, 1e3], [1e6, 1e9]]))
+    E, R = rise(resolved_tube(40.0, 5.0, 0.1, 2.0), np.array([[0.0, 1e3], [1e6, 1e9]]))
     np.testing.assert_allclose(E, [[0.0, 1e-3], [1e-3, 1e-3]], rtol=1e-12)
     np.testing.assert_allclose(R, [[0.0, 2.5e-3], [2.5e-3, 2.5e-3]], rtol=1e-12)
 
@@ -106,7 +106,7 @@ def test_the_velocity_bound_does_not_know_how_well_j_is_conditioned():
     for direction in (lambda t, w, r: one, lambda t, w, r: one * (1.0 if t < switch else -1.0)):
         for t, x in integrate(lambda t, x, law=direction: rate(t, x, law), np.zeros(4), 4.0, 2e-3):
             w, z = norm(x[:2]), norm(x[2:] - sigma * x[:2])
-            assert w <= tube.at(t)[0] + 1e-9
+            assert w <= rise(tube, t)[0] + 1e-9
             w_worst, z_worst = max(w_worst, w / tube.e), max(z_worst, z / bound)
     assert w_worst > 0.999
     assert 0.85 < z_worst < 1.0
@@ -134,7 +134,7 @@ def test_no_trajectory_leaves_the_tube_of_the_comparison_system_and_some_come_cl
     for i in range(COUNT):
         tube = transpose_tube(runs.constants[i], runs.k[i], runs.sigma[i], runs.d_bound[i])
         assert tube.holds
-        E, R = tube.at(runs.time)
+        E, R = rise(tube, runs.time)
         assert np.max(E) <= tube.e
         assert np.max(R) <= tube.r
         bounds = np.array([E, R, R + runs.sigma[i] * tube.g * E])
@@ -232,7 +232,7 @@ def test_a_tube_whose_condition_fails_is_infinite_and_says_which():
         assert failed[0].name.startswith(failing)
         assert not tube.holds
         assert tube.e == tube.r == transpose_velocity_radius(tube, sigma) == math.inf
-        np.testing.assert_array_equal(tube.at(np.array([0.0, 1.0]))[0], math.inf)
+        np.testing.assert_array_equal(rise(tube, np.array([0.0, 1.0]))[0], math.inf)
     both_negative = transpose_tube(replace(CALM, L_c=90.0, L_2=90.0), 1.0, 1.0, 0.1)
     assert not any(condition.holds for condition in both_negative.conditions)
 

@@ -60,7 +60,7 @@ TINY = 1e-4
 # The cost ----------------------------------------------------------------------------------------
 
 
-class Rest(NamedTuple):
+class RestPoint(NamedTuple):
     """Where the nominal MPC comes to rest."""
 
     tip: float
@@ -82,7 +82,7 @@ def spring_ocp() -> DynamicOcp:
     return DynamicOcp(model, scenario.mpc, y_des, limits)
 
 
-def rest(ocp: DynamicOcp, u_ref: np.ndarray) -> Rest:
+def rest_point(ocp: DynamicOcp, u_ref: np.ndarray) -> RestPoint:
     """Returns where the nominal MPC comes to rest that starts at the task and weighs ū − u_ref."""
     ocp = copy(ocp)
     ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref)
@@ -95,8 +95,9 @@ def rest(ocp: DynamicOcp, u_ref: np.ndarray) -> Rest:
         plan = solver.solve(guess, 1).plan or guess
     chi = np.array([model.task_pose(plan.config[0])[:6], ocp.y_des[:6]])
     force = cast(ContactModel, model).surface.force(chi, np.zeros_like(chi))[:, :3]
-    return Rest(float(np.linalg.norm(chi[0, :3] - chi[1, :3])),
-                float(np.linalg.norm(force[0] - force[1])), float(np.linalg.norm(plan.zeta[0])))
+    return RestPoint(
+        float(np.linalg.norm(chi[0, :3] - chi[1, :3])),
+        float(np.linalg.norm(force[0] - force[1])), float(np.linalg.norm(plan.zeta[0])))
 
 
 def hold_input(fraction: float = 0.0) -> Erratum:
@@ -107,7 +108,7 @@ def hold_input(fraction: float = 0.0) -> Erratum:
     """
     ocp = spring_ocp()
     needed = float(np.linalg.norm(ocp.u_eq))
-    printed, held = (rest(ocp, c * ocp.u_eq) for c in (fraction, 1.0))
+    printed, held = (rest_point(ocp, c * ocp.u_eq) for c in (fraction, 1.0))
     return Erratum(
         "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
         "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
@@ -238,14 +239,14 @@ def kinematic_ocp(stage_weight: float) -> KinematicOcp:
     """Returns the FHOCP of (sec:simulation_results) with P = ½I₆ and any weight of Q and R."""
     model = robot()
     task = np.repeat([1.0, 0.0], [6, model.num_joints])
-    config = MpcConfig(
+    mpc = MpcConfig(
         horizon=HORIZON, time_step=TIME_STEP, weight_y=stage_weight * task,
         weight_zeta=np.full(model.size, stage_weight), terminal_weight=WEIGHT * task,
         terminal_set=False)
     limits: list[Limit] = [
         *(Speed(name, SPEED) for name in ("nu1", "nu2", "qdot")),
         VehicleAngle("pitch", PITCH_LIMIT), Joints(model.q_lower, model.q_upper)]
-    return KinematicOcp(model, config, np.concatenate([CHI_DES, Q_DES]),
+    return KinematicOcp(model, mpc, np.concatenate([CHI_DES, Q_DES]),
                         {limit.name: limit for limit in limits})
 
 

@@ -114,28 +114,28 @@ class Adversary(LeafSystem):
 
     Args:
         model: Of the robot's geometry.
-        config: What it does.
+        settings: Kind, bound and shape of the disturbance.
     """
 
-    def __init__(self, model: UvmsModel, config: AdversarialDisturbance):
+    def __init__(self, model: UvmsModel, settings: AdversarialDisturbance):
         super().__init__()
         size = model.size
-        require(0.0 <= config.bound < np.inf, "bound", config.bound, "zero or positive")
-        require(config.kind in KINDS, "kind", config.kind, f"one of {', '.join(KINDS)}")
-        require(config.rows in ROWS, "rows", config.rows, f"one of {', '.join(ROWS)}")
-        require(0 <= config.channel < size, "channel", config.channel, f"0 to {size - 1}")
-        require(0.0 < config.period < np.inf, "period", config.period, "positive")
-        require(bool(np.isfinite(config.phase)), "phase", config.phase, "finite")
-        self._model, self._config = model, config
-        self._direction = unit_vector(config.direction, size)
-        if config.kind == "per_channel":
-            self._direction = unit_vector(np.eye(size)[config.channel], size)
+        require(0.0 <= settings.bound < np.inf, "bound", settings.bound, "zero or positive")
+        require(settings.kind in KINDS, "kind", settings.kind, f"one of {', '.join(KINDS)}")
+        require(settings.rows in ROWS, "rows", settings.rows, f"one of {', '.join(ROWS)}")
+        require(0 <= settings.channel < size, "channel", settings.channel, f"0 to {size - 1}")
+        require(0.0 < settings.period < np.inf, "period", settings.period, "positive")
+        require(bool(np.isfinite(settings.phase)), "phase", settings.phase, "finite")
+        self._model, self._settings = model, settings
+        self._direction = unit_vector(settings.direction, size)
+        if settings.kind == "per_channel":
+            self._direction = unit_vector(np.eye(size)[settings.channel], size)
         self._state_port = self.DeclareVectorInputPort("state", 2 * size)
         self._e_y_port = self.DeclareVectorInputPort("e_y", size)
         self._r_port = self.DeclareVectorInputPort("r", size)
-        self._has_sign = config.kind in ("bang_bang", "per_channel")
+        self._has_sign = settings.kind in ("bang_bang", "per_channel")
         if self._has_sign:
-            self._declare_sign(config)
+            self._declare_sign(settings)
         state, e_y, r = (self.input_port_ticket(port.get_index()) for port in (
             self._state_port, self._e_y_port, self._r_port))
         prerequisites = {
@@ -144,11 +144,11 @@ class Adversary(LeafSystem):
             "sinusoid": {self.time_ticket()}}
         self.DeclareVectorOutputPort(
             "disturbance", size, self._calc_disturbance,
-            prerequisites.get(config.kind, {self.xd_ticket()}))
+            prerequisites.get(settings.kind, {self.xd_ticket()}))
 
-    def _declare_sign(self, config: AdversarialDisturbance) -> None:
-        self._half = 0.5 * config.period
-        shift = config.phase / np.pi
+    def _declare_sign(self, settings: AdversarialDisturbance) -> None:
+        self._half = 0.5 * settings.period
+        shift = settings.phase / np.pi
         self._sign_at = lambda time: 1.0 - 2.0 * (np.floor(time / self._half + shift + 1e-6) % 2.0)
         self.DeclareDiscreteState([self._sign_at(0.0)])
         self.DeclareInitializationDiscreteUpdateEvent(self._update_sign)
@@ -159,11 +159,11 @@ class Adversary(LeafSystem):
         discrete_state.set_value([self._sign_at(context.get_time())])
 
     def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
-        match self._config.kind:
+        match self._settings.kind:
             case "along_r":
                 e = toward(self._r_port.Eval(context), self._direction)
             case "along_task_error":
-                e_b = self._e_y_port.Eval(context)[ROWS[self._config.rows]]
+                e_b = self._e_y_port.Eval(context)[ROWS[self._settings.rows]]
                 e = toward(self._jacobian(context).T @ e_b, self._direction)
             case "leading":
                 leading = np.linalg.svd(self._jacobian(context))[2][0]
@@ -174,11 +174,11 @@ class Adversary(LeafSystem):
             case "constant":
                 e = self._direction
             case "sinusoid":
-                angle = 2.0 * np.pi * context.get_time() / self._config.period + self._config.phase
-                e = self._direction * np.sin(angle)
+                angle = 2.0 * np.pi * context.get_time() / self._settings.period
+                e = self._direction * np.sin(angle + self._settings.phase)
             case _:
                 e = self._direction * context.get_discrete_state_vector().value()[0]
-        output.SetFromVector(self._config.bound * e)
+        output.SetFromVector(self._settings.bound * e)
 
     def _ahead(self, context: Context) -> np.ndarray:
         """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃e‖, T = `AHEAD`.
@@ -186,9 +186,9 @@ class Adversary(LeafSystem):
         By the generalised power method, each step of which makes it larger: it is convex in e.
         """
         J = self._jacobian(context)
-        drift = self._e_y_port.Eval(context)[ROWS[self._config.rows]]
+        drift = self._e_y_port.Eval(context)[ROWS[self._settings.rows]]
         drift = drift + AHEAD * (J @ self._r_port.Eval(context))
-        reach = 0.5 * AHEAD**2 * self._config.bound * J
+        reach = 0.5 * AHEAD**2 * self._settings.bound * J
         e = toward(J.T @ drift, self._direction)
         for _ in range(AHEAD_ITERATIONS):
             e = toward(J.T @ (drift + reach @ e), self._direction)
@@ -197,10 +197,10 @@ class Adversary(LeafSystem):
     def _jacobian(self, context: Context) -> np.ndarray:
         """Returns the rows of J_x that are aimed at."""
         config = self._state_port.Eval(context)[: self._model.size]
-        return self._model.task_jacobian(config)[ROWS[self._config.rows]]
+        return self._model.task_jacobian(config)[ROWS[self._settings.rows]]
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, config: AdversarialDisturbance, *,
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: AdversarialDisturbance, *,
                      state: OutputPort | None = None, e_y: OutputPort | None = None,
                      r: OutputPort | None = None, name: str = "adversary") -> "Adversary":
         """Adds the adversary.
@@ -208,13 +208,13 @@ class Adversary(LeafSystem):
         Args:
             builder: Where to add it.
             model: Of the robot's geometry.
-            config: What it does.
+            settings: Kind, bound and shape of the disturbance.
             state: Gives (𝔮, ζ); not every kind needs it.
             e_y: Gives 𝔢_y; likewise.
             r: Gives 𝔯; likewise.
             name: Name of the system.
         """
-        adversary = Adversary(model, config)
+        adversary = Adversary(model, settings)
         builder.AddNamedSystem(name, adversary)
         for port, source in (("state", state), ("e_y", e_y), ("r", r)):
             if source is not None:

@@ -114,7 +114,7 @@ def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
             "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}
 
 
-def deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
+def velocity_deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
               sigma: float) -> np.ndarray:
     """Returns ν − ν̄ of (1) (..., 6).
 
@@ -143,7 +143,8 @@ def worst_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, bloc
 
     def first_order(error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the block (..., m, 3) at 𝔢 (..., m, 6) and its gradient (..., m, 6, 3)."""
-        moved = deviation(model, config[:, None], zeta[:, None], error[..., None, :] + steps, sigma)
+        moved = velocity_deviation(
+            model, config[:, None], zeta[:, None], error[..., None, :] + steps, sigma)
         return moved[..., 0, block].real, moved[..., block].imag / COMPLEX_STEP
 
     _, gradient = first_order(np.zeros((1, len(config), 6)))
@@ -201,7 +202,7 @@ def _largest(model: ContactModel, block: slice, radius: float, sigma: float, con
     x = np.concatenate([config, zeta])
     moved_config, moved_zeta = np.split(np.concatenate([x + steps, x - steps]), 2, axis=1)
     errors = np.tile(error, (len(moved_config), 1))
-    moved = deviation(model, moved_config, moved_zeta, errors, sigma)[:, block]
+    moved = velocity_deviation(model, moved_config, moved_zeta, errors, sigma)[:, block]
     norms = np.linalg.norm(moved, axis=1)
     plus, minus = np.split(norms, 2)
     return float(value[0]), (plus - minus) / (2.0 * DIFFERENCE)

@@ -91,7 +91,7 @@ def input_gain(k: float, sigma: float) -> float:
     return float(2.0 * part - 1.0)
 
 
-def rest(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
+def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
          nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
          ) -> np.ndarray:
     """Returns the rests of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
@@ -231,7 +231,7 @@ def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k
     size = model.size
     steps = 1j * COMPLEX_STEP * np.eye(2 * size)
     lift = _Nominal(*(item[:, None] for item in _fields(nominal)))
-    moved = rest(model, *_fields(lift), steps[:, :size], steps[:, size:], k, sigma)
+    moved = rests(model, *_fields(lift), steps[:, :size], steps[:, size:], k, sigma)
     G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, channels, 2(6+n))
     blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
     rows = [(slice(0, 3),), (slice(3, 6),), *(
@@ -246,7 +246,7 @@ def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k
             # One sign for all blocks, so that their contributions add up.
             sign = np.where(np.sum(left[:, :, 0], axis=1) < 0.0, -1.0, 1.0)
             error[:, block] = radius * sign[:, None] * right[:, 0, :]
-        exact = rest(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
+        exact = rests(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
         linear = times(G[:, row], error)
         out[:, column] += np.linalg.norm(exact[:, row] - linear, axis=1)
     return out

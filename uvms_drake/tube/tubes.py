@@ -28,8 +28,6 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from uvms_drake.common.errors import require
 from uvms_drake.tube.conditions import Condition, LemmaConstants
 
@@ -66,30 +64,6 @@ class Tube:
         if not self.holds:
             return math.inf
         return factor * self.d_bound / (self.a * self.b - self.g * self.G)
-
-    def at(self, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns E(t) and R(t), of the shape of `time` [s], which is zero or positive.
-
-        The eigenvalues of A are −p and −q, real since gG ≥ 0: p = ½(a + b) + δ ≥ q = (ab − gG)/p,
-        δ² = ¼(a − b)² + gG. With φ(s) = (1 − e^{−st})/s and the divided difference
-
-            D(t) = [φ(q) − φ(p)]/(p − q) = [φ(q) − t e^{−qt} (1 − e^{−x})/x]/p,    x = (p − q) t,
-
-        E = g d̃ D and R = d̃ [φ(p) + (p − b) D], by Sylvester's formula for ∫ e^{As} ds. The second
-        form of D has no singularity at p = q.
-        """
-        t = np.asarray(time, dtype=float)
-        if not self.holds:
-            return np.full_like(t, math.inf), np.full_like(t, math.inf)
-        delta = math.hypot(0.5 * (self.a - self.b), math.sqrt(self.g * self.G))
-        p = 0.5 * (self.a + self.b) + delta
-        q = (self.a * self.b - self.g * self.G) / p
-        x = (p - q) * t
-        safe = np.where(x > 0.0, x, 1.0)
-        mean = np.where(x > 0.0, -np.expm1(-safe) / safe, 1.0)
-        D = (-np.expm1(-q * t) / q - t * np.exp(-q * t) * mean) / p
-        return (self.g * self.d_bound * D,
-                self.d_bound * (-np.expm1(-p * t) / p + (p - self.b) * D))
 
 
 def resolved_tube(k: float, sigma: float, d_bound: float, gain: float) -> Tube:
@@ -142,50 +116,6 @@ def joint_rate_radius(k: float, sigma: float, d_bound: float) -> float:
     # σt* = ln(1 + ρ)/ρ, ρ = k/σ − 1
     exponent = math.log1p(ratio) / ratio if abs(ratio) > 1e-8 else 1.0 - 0.5 * ratio
     return 2.0 * d_bound / k * math.exp(-exponent)
-
-
-def resolved_preimage_tube(k: float, sigma: float, d_bound: float, mu: float) -> Tube:
-    """Returns the tube of w = J_x(𝔮)⁻¹𝔢_y under the law `resolved`, in the units of 𝔮.
-
-    *Bound.* ‖w(t)‖ ≤ W(t) ≤ d̃/(k(σ − μ)), if σ > μ.
-
-    *Proof.* ẇ = J_x⁻¹𝔢̇_y − J_x⁻¹J̇_x w = −σw − J_x⁻¹J̇_x w + 𝔯, and −wᵀJ_x⁻¹J̇_x w ≤ μ‖w‖². ∎
-
-    J_x drops out, but for its rate: through ‖J_x⁻¹‖ E∞ the condition number of J_x would come in.
-
-    Args:
-        k: Velocity gain [1/s].
-        sigma: σ [1/s].
-        d_bound: d̃, bound of ‖d‖₂.
-        mu: μ, supremum of the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x [1/s].
-    """
-    _check_gains(k, sigma, d_bound)
-    a = sigma - mu
-    return Tube(a, 1.0, 0.0, k, d_bound, (Condition("σ, above μ", sigma, ">", mu),))
-
-
-def resolved_velocity_radius(k: float, sigma: float, d_bound: float, mu: float, turning: float,
-                             L_w: float) -> float:
-    """Returns a bound of ‖ζ − ζ̄‖ under the law `resolved`; inf if σ ≤ μ.
-
-    *Bound.* The smaller of R∞ + (σ + L_w)W∞ and `joint_rate_radius` + (N + L_w)W∞.
-
-    *Proof.* With w = J_x(𝔮)⁻¹𝔢_y, ζ − ζ̄ = 𝔯 + ζ_ref − ζ̄ = 𝔯 − σw + J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄,
-    where the last term is at most L_w‖w‖. That is the first. For the second, w = w₀ + w₁ with
-    ẇ₀ = −σw₀ + 𝔯 and ẇ₁ = −σw₁ − J_x⁻¹J̇_x w from zero: 𝔯 − σw₀ obeys the proof of
-    `joint_rate_radius`, and σ‖w₁‖ ≤ N W∞. ∎
-
-    Args:
-        k: Velocity gain [1/s].
-        sigma: σ [1/s].
-        d_bound: d̃, bound of ‖d‖₂.
-        mu: μ, see `resolved_preimage_tube` [1/s].
-        turning: N, supremum of ‖J_x⁻¹J̇_x‖₂ [1/s].
-        L_w: With ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖ ≤ L_w‖w‖ [1/s]; here 𝔮 *is* a function of y.
-    """
-    tube = resolved_preimage_tube(k, sigma, d_bound, mu)
-    return min(tube.r + (sigma + L_w) * tube.e,
-               joint_rate_radius(k, sigma, d_bound) + (turning + L_w) * tube.e)
 
 
 def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: float) -> Tube:

@@ -16,9 +16,9 @@ class VisualConfig:
     and in the inset with the tube; without it, the tube's radius is drawn about 10 cm large."""
 
 
-def check_visual(config: VisualConfig) -> None:
+def check_visual(visual: VisualConfig) -> None:
     """Raises `InvalidParameter` for the first value outside its range."""
     with within("visual"):
-        require(1.0 <= config.rate <= 100.0, "rate", config.rate, "1 to 100 pictures in a second")
-        require(config.magnification is None or config.magnification >= 1.0, "magnification",
-                config.magnification, "at least 1, or left out")
+        require(1.0 <= visual.rate <= 100.0, "rate", visual.rate, "1 to 100 pictures in a second")
+        require(visual.magnification is None or visual.magnification >= 1.0, "magnification",
+                visual.magnification, "at least 1, or left out")

@@ -123,7 +123,7 @@ class Trail:
         self._last, self._count = point, self._count + 1
 
 
-class Wall:
+class DrawnWall:
     """A part of a plane with a grid on it; the dent is as deep as the end-effector is inside.
 
     Args:
@@ -171,7 +171,7 @@ class Wall:
         self._stage.stretch(f"{self._path}/depth", 1.0, 1.0, max(penetration, 1e-4))
 
 
-class Tube:
+class DrawnTube:
     """The tube at the tip to scale, and enlarged in an inset with the real tip in it.
 
     Args:

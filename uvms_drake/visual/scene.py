@@ -18,11 +18,11 @@ from uvms_drake.visual.props import (
     REAL,
     Arrow,
     Bars,
+    DrawnTube,
+    DrawnWall,
     Number,
     Polyline,
     Trail,
-    Tube,
-    Wall,
     round_magnification,
 )
 from uvms_drake.visual.stage import NED, Stage, frame_at
@@ -134,14 +134,14 @@ class Scene:
         self._draw_hud(setting.certified, radius, largest)
         self._time = np.inf
 
-    def _draw_surface(self) -> tuple[Wall | Polyline, np.ndarray]:
+    def _draw_surface(self) -> tuple[DrawnWall | Polyline, np.ndarray]:
         """Returns what is drawn for the surface, and where it is touched at rest (3,)."""
         rest, normal = self._law.anchor, self._law.normal
         if normal is None:
             self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
             return Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01), rest
         rest = self._goal - ((self._goal - rest) @ normal) * normal
-        return Wall(self._stage, f"{NED}/wall", rest, normal), rest
+        return DrawnWall(self._stage, f"{NED}/wall", rest, normal), rest
 
     def _draw_hud(self, certified: bool, radius: float, newton: float) -> None:
         """Places the camera and draws what faces it: bars, numbers, inset and legend."""
@@ -165,7 +165,7 @@ class Scene:
         self._number = Number(stage, "hud/force", max(round(2.0 * newton), 40), "{} N",
                               0.1 * unit, facing)
         name = "certified tube" if certified else "declared tube"
-        self._tube = Tube(stage, f"{NED}/tube", "hud/inset", radius, self._enlarged,
+        self._tube = DrawnTube(stage, f"{NED}/tube", "hud/inset", radius, self._enlarged,
                           f"{name}\nenlarged {self._enlarged:g}×", 0.055 * unit, facing)
         meshcat.SetTransform("hud/inset", RigidTransform(place(0.88, 0.0, 0.56)))
         stage.make("hud/legend", label(
@@ -195,7 +195,7 @@ class Scene:
         self._bars.show(used, used >= ACTIVE)
 
     def _show_surface(self, chi: np.ndarray) -> None:
-        if isinstance(self._surface, Wall):
+        if isinstance(self._surface, DrawnWall):
             self._surface.show(float(self._law.penetration(chi)))
         else:
             self._surface.show(np.array([self._rest, chi[:3]]))

@@ -50,7 +50,7 @@ class Surface(ABC):
     """A surface that the end-effector presses on; the dataclass of its YAML settings.
 
     Plant, model and controller need the abstract methods. The others serve a certificate, a limit
-    on the force or a campaign only: by default some raise `NotOffered`, and there is no certificate.
+    on the force or a campaign; by default some raise `NotOffered`, which leaves no certificate.
     """
 
     normal: np.ndarray | None = None
