@@ -121,6 +121,16 @@ def test_a_folder_that_is_no_run_is_not_drawn(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["log.npz", "timing.npz"])
+def test_a_damaged_log_is_called_one(name, smoke, tmp_path, capsys):
+    folder = tmp_path / "run"
+    shutil.copytree(smoke[0], folder)
+    for content in (b"", b"garbage" * 99, (folder / name).read_bytes()[:-99]):
+        (folder / name).write_bytes(content)
+        assert main(["plot", str(folder)]) == 2
+        assert capsys.readouterr().err.endswith("(its log.npz or timing.npz is damaged)\n")
+
+
 def test_a_run_prints_the_summary_and_where_the_files_are(smoke):
     output, done = smoke
     assert "girona500_contact, seed 3: 0.5 s" in done.stdout
@@ -190,8 +200,10 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
 
 @pytest.mark.parametrize("args", [
     [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
-    ["certify", "--uncertified"], ["certify", "a", "b"], ["bench", "--seed", "1"],
-    ["bench", "a", "b"]])
+    ["certify", "--uncertified"], ["certify", "a", "b"], ["certify", "--propose", "0"],
+    ["certify", "paper_kinematic", "--front"], ["certify", "paper_dynamic", "--front"],
+    ["certify", "paper_kinematic", "--laws"], ["certify", "paper_kinematic", "--propose", "20"],
+    ["bench", "--seed", "1"], ["bench", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     assert main(args) == 2
     out, err = capsys.readouterr()
@@ -205,7 +217,20 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--set", "surface.stifness=3"], "surface.stifness = 3: must be under one of the keys point"),
     (["--set", "surface.stiffness=hard"], "surface.stiffness = 'hard': must be a finite number"),
     (["--seed", "x"], "seed = 'x': must be a whole number"),
-    (["--seed", "-1"], "seed = -1: must be zero or positive"),
+    (["--seed", "-1"], "seed = -1: must be zero or positive (girona500_contact.yaml with "
+     "--seed=-1 --duration=0.2)"),
+    (["--verbose"], "unrecognized arguments: --verbose (see uvms-drake run --help)"),
+    (["nowhere/mine.yaml"], "scenario = 'nowhere/mine.yaml': must be a file that exists, or one"),
+    (["mine.yml"], "scenario = 'mine.yml': must be a file that exists, or one"),
+    (["/"], "scenario = '/': must be a file: this is a folder"),
+    (["/dev/null"], "scenario = '/dev/null': must be a file: this is none"),
+    (["--set", "task.pose=[0, 0, 0, 0, 1.5, 0]"],
+     "task.pose = [0. , 0. , 0. , 0. , 1.5, 0. ]: must be such that the vehicle's pitch, 1.5,"),
+    (["--set", "task.posture=[0, 1.2, 0.7, 0]"], "task.posture = [0. , 1.2, 0.7, 0. ]: must be "
+     "such that the vehicle's pitch"),
+    (["--set", "motion=kinematic"], "must be left out, if the motion is kinematic"),
+    (["--set", f"limits.tau={[9] * 10}"], "limits.tau = [9., 9., 9., 9., 9., 9., 9., 9., 9., 9.]: "
+     "must be left out, unless tube.tau says"),
     (["--set", "current=[0, 0]"], "current = [0., 0.]: must be 3 finite numbers"),
     (["--set", "task.force_tolerance=0"], "task.force_tolerance = 0.0: must be positive"),
     (["--set", "task.force=[1]"], "task.force = [1.]: must be 6 finite numbers"),
@@ -222,7 +247,7 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--set", "limits.u.0=-1"], "limits.u = [-1."),
     (["--set", "tube.e=-1"], "tube.e = -1.0: must be zero or positive"),
     (["--set", "mpc.horizon=0"], "error: mpc.horizon = 0: must be a positive integer "
-     "(girona500_contact.yaml with --set mpc.horizon=0 --set duration=0.2)"),
+     "(girona500_contact.yaml with --set mpc.horizon=0 --duration=0.2)"),
     (["--set", "surface.dissipation=1e9"], "surface.dissipation = 1000000000.0: must be at most"),
     (["--set", "surface.dissipation=900"], "mpc.time_step = 0.2: must be such that the loop"),
     (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
@@ -589,5 +614,6 @@ def test_bench_writes_nothing_if_the_scenario_cannot_be_run(
 
     monkeypatch.setattr(bench, "simulate", fails)
     assert main(["bench", "--output", str(tmp_path / "out")]) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == "uvms-drake: error: no plan"
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "uvms-drake: error: no plan (girona500_contact.yaml)")
     assert not (tmp_path / "out").exists()

@@ -105,7 +105,8 @@ def test_the_first_type_of_a_field_is_dumped_without_a_tag():
      "offset = [[1, 2], [3]]: must be a list of numbers, or of rows of equal length"),
     ("holes: {}", "holes = {}: must be a list"),
     ("named: []", "named = []: must be a mapping of names to values"),
-    ("holes: [!Round {}]", "holes[0] = '!Round': must be written without a tag"),
+    ("holes: [!Square {}]",
+     "holes[0] = '!Square': must be !Round, or left out: there is no choice"),
     ("[1]", "the file = [1]: must be a mapping of keys to values"),
 ])
 def test_a_mistake_is_named_by_key_value_and_what_is_allowed(text, expected):

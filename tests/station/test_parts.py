@@ -122,7 +122,8 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(name, void, 
 @pytest.mark.parametrize(("override", "expected"), [
     ("sensing=[{period: 0}]", "sensing[0].period = 0.0: must be positive"),
     ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be positive"),
-    ("actuation=[!Hold {}]", "actuation[0] = '!Hold': must be written without a tag")])
+    ("actuation=[!Hold {}]",
+     "actuation[0] = '!Hold': must be !ZeroOrderHold, or left out: there is no choice")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("girona500_contact", [override])

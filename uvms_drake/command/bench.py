@@ -6,7 +6,12 @@ from pathlib import Path
 
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.scenario import load_scenario, reported_in, scenario_source
+from uvms_drake.station.scenario import (
+    load_scenario,
+    reported_in,
+    scenario_source,
+    set_options,
+)
 
 
 def add_bench(commands: argparse._SubParsersAction) -> None:
@@ -30,7 +35,7 @@ def bench_scenario(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, args.overrides)
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, [BENCH_FILE]) as output:
-        with reported_in(scenario_source(args.scenario, args.overrides)):
+        with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
             bench = measure(scenario, progress=progress)
         write_bench(bench, output.folder)
     print(format_bench(bench))

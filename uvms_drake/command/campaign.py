@@ -28,7 +28,13 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario, load_scenario, reported_in, scenario_source
+from uvms_drake.station.scenario import (
+    Scenario,
+    load_scenario,
+    reported_in,
+    scenario_source,
+    set_options,
+)
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step import check_step
 
@@ -54,7 +60,7 @@ def run_campaign(args: argparse.Namespace) -> int:
             "above 0 with --outside")
     # The scenario, its certificate, and everything else that the runs have in common.
     scenario = load_scenario(args.scenario, args.overrides)
-    source = scenario_source(args.scenario, args.overrides)
+    source = scenario_source(args.scenario, set_options(args.overrides))
     output = folder_of(args, scenario)
     require_own(output, OWN_FILES)
     pool = (cluster_pool(args.scheduler) if args.scheduler is not None

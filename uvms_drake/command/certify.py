@@ -9,8 +9,17 @@ import numpy as np
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.progress import announce_certifying
+from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.scenario import load_scenario, reported_in, scenario_source
+from uvms_drake.control.laws import Resolved
+from uvms_drake.station.motions import motion_of
+from uvms_drake.station.scenario import (
+    Scenario,
+    load_scenario,
+    reported_in,
+    scenario_source,
+    set_options,
+)
 
 
 def add_certify(commands: argparse._SubParsersAction) -> None:
@@ -41,9 +50,14 @@ def certify_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.studies.propose_gains import propose_gains
 
     scenario = load_scenario(args.scenario, args.overrides)
+    source = scenario_source(args.scenario, set_options(args.overrides))
+    require(args.propose is None or 0.0 < args.propose < np.inf, "--propose", args.propose,
+            "positive")
+    with reported_in(source):
+        _check_studies(args, scenario)
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, [CERTIFICATE_FILE]) as output:
-        with reported_in(scenario_source(args.scenario, args.overrides)):
+        with reported_in(source):
             check_inputs(scenario)  # Before anything is announced.
             certificate = certified_once(scenario, announce_certifying)
         write_certificate(certificate, output.folder)
@@ -53,7 +67,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
         print("computing what other gains would give ...", file=sys.stderr)
         print(f"\n{format_front(front(scenario))}")
     if args.propose is not None:
-        law, error = propose_gains(scenario, args.propose)
+        with reported_in(source):
+            law, error = propose_gains(scenario, args.propose)
         print(f"\nproposed: k = {law.k:g} 1/s, σ = {law.sigma:g} 1/s for a force error of "
               f"{error:.3g} N at most")
         scheme = scenario.simulator.integration_scheme
@@ -64,3 +79,12 @@ def certify_scenario(args: argparse.Namespace) -> int:
         print("computing what both laws would give ...", file=sys.stderr)
         print(f"\n{format_laws(compare_laws(scenario))}")
     return 0 if certificate.certified else 1
+
+
+def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
+    """Raises `InvalidParameter` for the first study that is asked for and has no meaning."""
+    for option in ("front", "propose", "laws"):
+        require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
+                "motion", scenario.motion, f"dynamic, for --{option}")
+    require(not args.front or type(scenario.ancillary) is Resolved, "ancillary",
+            type(scenario.ancillary).__name__, "!Resolved, for --front")

@@ -41,6 +41,17 @@ class _Parser(argparse.ArgumentParser):
         raise _UsageError(f"{message} (see {self.prog} --help)")
 
 
+class _Command(_Parser):
+    """A sub-command, which is to blame itself for what it does not know."""
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[override]
+        """Returns the arguments; raises for those that are not known."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return known, unknown
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status.
 
@@ -75,7 +86,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog=PROGRAM, allow_abbrev=False, description=(
         "Robust interaction control of underwater vehicle-manipulator systems."))
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for add in (add_run, add_plot, add_certify, add_bench, add_campaign, add_errata,
                 add_scenarios, add_keys):
         add(commands)

@@ -79,8 +79,9 @@ def run_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.step import check_step
 
     overrides = scenario_overrides(args)
-    scenario = load_scenario(args.scenario, overrides)
-    source = scenario_source(args.scenario, overrides)
+    options = [*set_options(args.overrides), *(f"--{name}={value}" for name, value in _named(args))]
+    scenario = load_scenario(args.scenario, overrides, options)
+    source = scenario_source(args.scenario, options)
     path = args.output if args.output is not None else Path("out") / scenario.name
     certificate = None
     if not args.uncertified:
@@ -133,8 +134,13 @@ def plot_run(args: argparse.Namespace) -> int:
 
 def scenario_overrides(args: argparse.Namespace) -> list[str]:
     """Returns the overrides of the arguments; --seed and --duration go over --set."""
+    return [*args.overrides, *(f"{key}={value}" for key, value in _named(args))]
+
+
+def _named(args: argparse.Namespace) -> list[tuple[str, str]]:
+    """Returns the keys that have an option of their own and are given, with their values."""
     named = (("seed", args.seed), ("duration", args.duration))
-    return [*args.overrides, *(f"{key}={value}" for key, value in named if value is not None)]
+    return [(key, value) for key, value in named if value is not None]
 
 
 def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certificate | None:

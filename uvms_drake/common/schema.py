@@ -204,7 +204,8 @@ def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, ob
         if name == "_tag":
             if item == f"!{schema.__name__}":  # What it is anyway.
                 continue
-            raise InvalidParameter(key, item, "written without a tag")
+            raise InvalidParameter(key or "the file", item,
+                                   f"!{schema.__name__}, or left out: there is no choice")
         if name not in fields:
             raise InvalidParameter(path, item, f"under one of the keys {', '.join(fields)}"
                                    + _suggestion(str(name), list(fields)))

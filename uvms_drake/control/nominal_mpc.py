@@ -25,6 +25,7 @@ from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Evaluation, Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
+from uvms_drake.control.why_no_plan import why_no_plan
 
 FIRST_SOLVE_ITERATIONS = 50
 """Largest number of iterations of the first solve, which starts from a plan that goes nowhere."""
@@ -208,8 +209,8 @@ class NominalMpc(LeafSystem):
         guess = self._ocp.resting_plan(now, measured)
         solution = self._solver.solve(guess, FIRST_SOLVE_ITERATIONS)
         if solution.plan is None or not _is_sound(solution.evaluation, np.inf):
-            raise RunFailed("the nominal MPC has no solution at the start: the limits cannot be "
-                            "kept from there, or the tube leaves too little of them")
+            why = why_no_plan(self._ocp, guess, solution.plan, FEASIBLE)
+            raise RunFailed(f"the nominal MPC has no solution at the start: {why}")
         return self._remember(
             state, self._initial, now, SOLVED, solution, solution.plan, started)
 

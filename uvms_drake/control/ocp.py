@@ -19,6 +19,7 @@ A problem values a plan (`evaluate`) and makes the convex program about a plan (
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar, Generic, NamedTuple
 
@@ -259,15 +260,13 @@ class Ocp(ABC, Generic[P]):
 
     def evaluate(self, plan: P) -> Evaluation:
         """Returns the objective and the violations of a plan, nothing linearised."""
-        y = self.unwrapped(self.model.task_pose(plan.config))
-        knots = Points(self.model, plan.config, y, self._velocities(plan))
-        xi = self.errors(plan, y)
-        begin, end = self.inputs(plan)
-        ends = [knots.subset(slice(-1), begin), knots.subset(slice(1, None), end)]
+        knots, ends = self._points(plan)
+        xi = self.errors(plan, knots.y)
         stages = sum(term.value(ends[0]) for term in (self.task_cost, *self.own_terms))
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
         slack = max(0.0, np.sqrt(terminal) - self.terminal.radius)
-        excess = np.maximum(self._excess(knots, ends), 0.0)
+        excess = np.maximum(np.concatenate([
+            each.ravel() for _, _, each in self._excesses(knots, ends)]), 0.0)
         return Evaluation(
             cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
             terminal_slack=float(slack),
@@ -275,17 +274,34 @@ class Ocp(ABC, Generic[P]):
             total_violation=float(np.sum(excess)),
         )
 
-    def _excess(self, knots: Points, ends: list[Points]) -> np.ndarray:
-        """Returns by how much each value is beyond its limit (m,); negative within.
+    def excesses(self, plan: P) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
+        """Yields the limits, times (T,) [s], and by how much a plan exceeds them there (T, m)."""
+        times = plan.start_time + self.time_step * np.arange(self.horizon + 1)
+        for limit, which, excess in self._excesses(*self._points(plan)):
+            yield limit, times[which], excess
+
+    def _points(self, plan: P) -> tuple[Points, list[Points]]:
+        """Returns the N+1 knots of a plan, and the beginnings and the ends of the intervals."""
+        y = self.unwrapped(self.model.task_pose(plan.config))
+        knots = Points(self.model, plan.config, y, self._velocities(plan))
+        begin, end = self.inputs(plan)
+        return knots, [knots.subset(slice(-1), begin), knots.subset(slice(1, None), end)]
+
+    def _excesses(self, knots: Points, ends: list[Points]
+                  ) -> Iterator[tuple[Limit, slice, np.ndarray]]:
+        """Yields the limits, at which knots, and by how much they are exceeded; negative within.
 
         Args:
             knots: The N+1 knots; where a value is given, its limit does not count.
             ends: Beginning and end of the intervals.
         """
-        decided = {"pose": [knots.subset(slice(1, None))], "speed": [knots.subset(
-            slice(1, None) if self.given_speed == 0 else slice(-1))], "input": ends}
-        return np.concatenate([limit.excess(points).ravel() for limit in self.limits.values()
-                               for points in decided[limit.about]])
+        first, last = slice(-1), slice(1, None)
+        decided = {"pose": [last], "speed": [last if self.given_speed == 0 else first],
+                   "input": [first, last]}
+        for limit in self.limits.values():
+            for i, which in enumerate(decided[limit.about]):
+                points = ends[i] if limit.about == "input" else knots.subset(which)
+                yield limit, which, limit.excess(points)
 
     def _transitions(self, plan: P, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
         """Returns the first-order model of a plan with ζ̄ and ζ̄̇ (N, 6+n) of its intervals."""

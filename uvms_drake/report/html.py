@@ -2,6 +2,7 @@
 
 import base64
 import html
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, re
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.report.summary import format_summary, summarise
-from uvms_drake.station.record import SCENARIO_FILE, Record, load_record
+from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, load_record
 from uvms_drake.station.scenario import dump_scenario
 
 PAGE_STYLE = """
@@ -77,8 +78,10 @@ def load_run(folder: Path) -> tuple[Record, Certificate | None]:
     except OSError as error:
         name = Path(error.filename).name if error.filename else str(folder)
         raise refused(f"{name}: {error.strerror or error}") from None
-    except (KeyError, ValueError, BadZipFile, ScenarioError) as error:
-        raise refused(" ".join(str(error).split())) from None
+    except ScenarioError as error:
+        raise refused(str(error)) from None
+    except (KeyError, ValueError, EOFError, BadZipFile, zlib.error):
+        raise refused(f"its {LOG_FILE} or {TIMING_FILE} is damaged") from None
     if not record.certified:
         return record, None
     path = folder / CERTIFICATE_FILE

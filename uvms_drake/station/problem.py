@@ -8,6 +8,7 @@ from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import Limit, make_limits, tighten
+from uvms_drake.control.limits.attitude import ANGLES
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.points import Points
 from uvms_drake.model.contact_model import ContactModel
@@ -70,11 +71,20 @@ def _task(scenario: Scenario, model: ContactModel, *, accelerations: bool
         pose = None if task.pose is None else vector("pose", task.pose, 6)
         posture = vector("posture", task.posture, model.num_joints)
         y_des = np.concatenate([surface.pose_for(force, pose), posture])
-        config = model.configuration(y_des)
-        _check_pose(limits, Points(model, config, y_des), {
-            "force": ("force", force), "joints": ("posture", posture),
-            "pose": ("pose", config[:6])})
+        # If a level tip would not help, it is the posture that turns the vehicle too far.
+        level = np.concatenate([y_des[:3], np.zeros(2), y_des[5:]])
+        posture_alone = any(np.any(limit.excess(_at(model, level)) > 0.0)
+                            for limit in limits.values() if limit.owner == "pose"
+                            and limit.about == "pose" and limit.name in ANGLES)
+        own = ("posture", posture) if posture_alone else (
+            ("force", force) if pose is None else ("pose", pose))
+        _check_pose(limits, _at(model, y_des), {
+            "force": ("force", force), "joints": ("posture", posture), "pose": own})
     return y_des, limits
+
+
+def _at(model: ContactModel, y: np.ndarray) -> Points:
+    return Points(model, model.configuration(y), y)
 
 
 def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:

@@ -18,6 +18,7 @@ from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 import uvms_drake
 from uvms_drake.common.errors import (
     InvalidParameter,
+    RunFailed,
     ScenarioError,
     require,
     shortened,
@@ -153,20 +154,32 @@ def scenario_path(name_or_path: str) -> Path:
     """Returns the file of a shipped scenario or of a path; a shipped name goes first."""
     shipped = shipped_scenarios()
     path = shipped.get(name_or_path, Path(name_or_path))
+    there = False
     with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
         if path.is_file():
             return path
+        there = path.exists()
     close = difflib.get_close_matches(name_or_path, shipped, n=1)
-    raise ScenarioError(
-        f"scenario = {shortened(name_or_path)!r}: must be one of {', '.join(shipped)}, or a YAML "
-        "file that exists" + (f" (did you mean '{close[0]}'?)" if close else ""))
+    known = f"one of {', '.join(shipped)}"
+    if there:
+        allowed = f"a file: this is {'a folder' if path.is_dir() else 'none'}"
+    elif len(path.parts) > 1 or path.suffix in (".yaml", ".yml"):
+        allowed = f"a file that exists, or {known}"
+    else:
+        allowed = f"{known}, or a YAML file that exists"
+    raise ScenarioError(f"scenario = {shortened(name_or_path)!r}: must be {allowed}"
+                        + (f" (did you mean '{close[0]}'?)" if close else ""))
 
 
-def scenario_source(name_or_path: str, overrides: Sequence[str] = ()) -> str:
-    """Returns where a scenario's values come from, for the end of messages about them."""
+def scenario_source(name_or_path: str, options: Sequence[str] = ()) -> str:
+    """Returns where a scenario's values come from, for the end of messages about them.
+
+    Args:
+        name_or_path: As of `load_scenario`.
+        options: Words of the command line that change it.
+    """
     name = scenario_path(name_or_path).name
-    return (f"{name} with {shortened(shlex.join(set_options(overrides)), 100)}" if overrides
-            else name)
+    return f"{name} with {shortened(shlex.join(options), 100)}" if options else name
 
 
 def set_options(overrides: Sequence[str]) -> list[str]:
@@ -174,7 +187,8 @@ def set_options(overrides: Sequence[str]) -> list[str]:
     return [word for text in overrides for word in ("--set", " ".join(text.split()))]
 
 
-def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
+def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
+                  options: Sequence[str] | None = None) -> Scenario:
     """Returns a scenario from a file, with the defaults and the overrides put in.
 
     Args:
@@ -182,6 +196,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
         overrides: Texts `key.path=value` with a YAML value; an element of a list is a key too,
             `limits.u.0=0.2`. They come last and change the resolved scenario, so a key below a
             tagged mapping keeps its tag.
+        options: Words of the command line that are to blame for them; by default, `--set`s.
 
     Raises:
         ScenarioError: With one line that says which file, key and value, and what is allowed.
@@ -190,7 +205,8 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = ()) -> Scenario:
     with reported_in(path.name):
         scenario = load_typed(Scenario, _without_private_keys(read_yaml(path)))
         scenario.name = scenario.name or path.stem
-    with reported_in(scenario_source(name_or_path, overrides)):
+    options = set_options(overrides) if options is None else options
+    with reported_in(scenario_source(name_or_path, options)):
         if overrides:
             scenario = load_typed(
                 Scenario, apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
@@ -300,8 +316,10 @@ def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") ->
 
 @contextlib.contextmanager
 def reported_in(source: str) -> Iterator[None]:
-    """Turns what is wrong with a value inside the block into a `ScenarioError`, the file last."""
+    """Puts the file behind what goes wrong inside the block, a bad value as a `ScenarioError`."""
     try:
         yield
     except (InvalidParameter, ScenarioError) as error:
         raise ScenarioError(f"{error} ({source})") from None
+    except RunFailed as error:
+        raise RunFailed(f"{error} ({source})") from error

@@ -121,6 +121,9 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
         InvalidParameter: A radius has no meaning, or the tube leaves nothing of a limit.
     """
     tube = resolved_radii(tube)
+    require(tube.tau is not None or "tau" not in limits, "limits.tau",
+            limits["tau"].upper if "tau" in limits else None,
+            "left out, unless tube.tau says what the tube takes of it (6 + n numbers)")
     check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau="tau" in limits)
     for limit in limits.values():
         for label, radius, room in limit.rooms(tube):
@@ -143,5 +146,8 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
                     "positive, or left out for no limit")
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
+                require(accelerations or not np.size(getattr(limits, key)), key,
+                        getattr(limits, key), "left out, if the motion is kinematic: there the "
+                        "velocity is the input")
                 value = vector(key, getattr(limits, key), size)
                 require(bool(np.all(value > 0.0)), key, value, f"{size} positive numbers")
