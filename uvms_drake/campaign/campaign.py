@@ -42,7 +42,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What all runs have in common; run number `index` is a function of this and of `index`."""
+    """Everything that the runs share; run number `index` is a function of this and of `index`."""
 
     scenario: str
     """YAML of the scenario, with the tube and the terminal set of the certificate in it."""
@@ -109,7 +109,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
 
     Args:
         scenario: As it is loaded.
-        seed: Of what is drawn, zero or positive.
+        seed: Seed of the draws, zero or positive.
         certificate: One that holds for the scenario; None if its declared tube is taken.
         model_error: As of `Campaign`.
         outside: As of `Campaign`.

@@ -1,4 +1,4 @@
-"""What happens outside of the bounds: one thing a run, each with what is promised of it.
+"""Events outside of the bounds, one a run, each with the promises that remain.
 
 Nothing shall be raised and every number stay finite; whatever leaves its bound is in the log with
 its time. Where there is a bound along the run (the law `resolved`, and kinematic motion) and the
@@ -92,7 +92,7 @@ _WITH_FORCES: dict[str, Step] = {
 
 
 def kinds_outside(scenario: Scenario) -> tuple[str, ...]:
-    """Returns what can happen in a scenario."""
+    """Returns the kinds of event that a scenario can have."""
     with_forces = _WITH_FORCES if motion_of(scenario).has_forces else ()
     return (*_ALL_MOTIONS, *(kind for kind in with_forces
                              if kind != STUCK or np.size(scenario.start.q) > 0))

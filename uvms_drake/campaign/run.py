@@ -58,7 +58,7 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
 
 
 def drawn(variation: Variation) -> dict[str, Any]:
-    """Returns what was drawn for a run, as far as it is of interest in a table."""
+    """Returns those draws of a run that are of interest in a table."""
     scenario, surface = variation.scenario, variation.scenario.surface_error
     error = scenario.model_error
     return {

@@ -1,4 +1,4 @@
-"""The folder of a campaign: what it is, and a line for every run that is done, as they come.
+"""The folder of a campaign: its setup, and a line for every run that is done, as they come.
 
 A line is written whole and to the disk before the next one. A last line that was cut off, because
 the program was killed while it wrote, is dropped, and its run is done again.

@@ -1,4 +1,4 @@
-"""What a campaign found, in numbers: pure functions from its runs to campaign.json and to a table.
+"""The results of a campaign: pure functions from its runs to campaign.json and to a table.
 
 Nothing here depends on where, when or in which order the runs were computed.
 """
@@ -38,7 +38,7 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
     """Returns the content of campaign.json.
 
     Args:
-        campaign: What was run.
+        campaign: Campaign of the runs.
         results: The `result` of every run, in any order. What is counted and distributed inside of
             the bounds is that of the runs in which d̃ covered all that disturbed; the others are
             only counted, under `not_covered`.
@@ -101,7 +101,7 @@ def _largest_unknown(results: Sequence[Result]) -> dict[str, float]:
 
 
 def _grouped(results: Sequence[Result], key: Any) -> dict[str, dict[str, Any]]:
-    """Returns the number of runs and what was worst in them, by a kind; None is no kind."""
+    """Returns the number of runs and their worst measures, by a kind; None is no kind."""
     out = {}
     for kind in sorted({key(result) for result in results} - {None}):
         of_kind = [result for result in results if key(result) == kind]
@@ -239,7 +239,7 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _padded(text: str, width: int) -> str:
-    """Returns the text filled up on the right; what a letter carries takes no room of its own."""
+    """Returns the text filled up on the right; combining marks take no room of their own."""
     return text + " " * (width - sum(not unicodedata.combining(letter) for letter in text))
 
 

@@ -70,10 +70,12 @@ def vary(campaign: Campaign, index: int) -> Variation:
     for attempt in range(ATTEMPTS):
         rng = np.random.Generator(np.random.Philox(
             np.random.SeedSequence([campaign.seed, index, attempt])))
+        # Surface, desired force and place.
         target = campaign.targets[rng.integers(len(campaign.targets))]
         yaw = float(rng.uniform(-np.pi, np.pi)) if turns_freely(base) else 0.0
         shift = rng.uniform(-1.0, 1.0, 3) * SHIFT_REACH
         aimed = with_target(moved(campaign.declared(target), yaw, shift), target)
+        # A start with a feasible first plan.
         try:
             ocp = make_ocp(aimed)
             scenario = replace(aimed, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
@@ -86,6 +88,7 @@ def vary(campaign: Campaign, index: int) -> Variation:
         plan, conditions = first_plan(ocp, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
+        # Everything that disturbs.
         scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
         if outside is not None:
             scenario = step_outside(outside, scenario, campaign.model_error, rng)
@@ -146,7 +149,7 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: Plan, largest: float, rng: np.ra
 
 
 def kind_of(scenario: Scenario) -> str:
-    """Returns what the disturbance of a run is called, in `KINDS` or "random"."""
+    """Returns the name of a run's disturbance, in `KINDS` or "random"."""
     match scenario.disturbance:
         case AdversarialDisturbance(kind=kind):
             return kind

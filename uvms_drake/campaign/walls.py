@@ -28,7 +28,7 @@ OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
 
 @dataclass(frozen=True)
 class CertifiedWall:
-    """A surface with a certificate: what differs from the scenario's."""
+    """A surface with a certificate, as its differences from the scenario's."""
 
     stiffness: float
     """Stiffness over the scenario's."""

@@ -1,4 +1,4 @@
-"""Results that take long, kept between runs by a hash of what they depend on."""
+"""Results that take long, kept between runs by a hash of their inputs."""
 
 import functools
 import hashlib

@@ -36,7 +36,7 @@ of the force, and those of `faults` that the proofs do not cover."""
 
 @dataclass(frozen=True)
 class TerminalResult:
-    """The terminal ingredients, and what their check found."""
+    """The terminal ingredients, and the result of their check."""
 
     radius: float
     """Radius ε of the terminal set."""
@@ -54,7 +54,7 @@ class TerminalResult:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is claimed of a scenario's closed loop, and why."""
+    """The claims about a scenario's closed loop, and the conditions that they rest on."""
 
     scenario: str
     law: str
@@ -132,7 +132,7 @@ def _digest(data: object) -> str:
 
 
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
-    """Returns what a certificate depends on: hashes of files and scenario, and versions."""
+    """Returns the inputs of a certificate: hashes of files and scenario, and versions."""
     folder = model_dir(scenario.model)
     files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest()
              for path in sorted(folder.iterdir()) if path.is_file()}
@@ -169,7 +169,7 @@ def read_certificate(path: Path) -> Certificate:
 
 
 def stale_reason(certificate: Certificate, scenario: Scenario) -> str | None:
-    """Returns what has changed since a certificate was made, or None."""
+    """Returns the input that has changed since a certificate was made, or None."""
     now = fingerprint(scenario)
     for key, what in (("files", "a file of the robot"), ("inputs", "the scenario"),
                       ("versions", "a version")):

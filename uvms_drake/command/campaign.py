@@ -189,7 +189,7 @@ class CampaignProgress:
         self._stream.flush()
 
     def close(self) -> None:
-        """Takes the line away, so that what comes next has it."""
+        """Clears the line for the next output."""
         if self._stream.isatty():
             self._stream.write("\r\033[K")
             self._stream.flush()

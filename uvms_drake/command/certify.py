@@ -63,6 +63,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
         write_certificate(certificate, output.folder)
     print(format_certificate(certificate))
     print(f"written to {path}: {CERTIFICATE_FILE}", file=sys.stderr)
+    # Studies that were asked for.
     if args.front:
         print("computing what other gains would give ...", file=sys.stderr)
         print(f"\n{format_front(front(scenario))}")

@@ -28,7 +28,7 @@ def folder(text: str) -> Path:
 
 
 def take_scenario(command: argparse.ArgumentParser) -> None:
-    """Adds what names a scenario and changes it for once."""
+    """Adds the arguments that name a scenario and override its values."""
     command.add_argument("scenario", nargs="?", default=MAIN_SCENARIO, metavar="SCENARIO",
                          help="name of a shipped scenario or a YAML file (default: %(default)s)")
     command.add_argument("--set", action="append", default=[], metavar="KEY.PATH=VALUE",
@@ -57,7 +57,7 @@ def write_data(record: Record, folder: Path) -> dict[str, Any]:
 
 def write_pictures(record: Record, certificate: Certificate | None, folder: Path, *,
                    figures: bool, replay: bool) -> None:
-    """Writes what there is to see of a run into a folder; the report comes with the figures."""
+    """Writes figures and replay of a run into a folder; the report comes with the figures."""
     if figures:
         from uvms_drake.report.figures import make_figures
         from uvms_drake.report.html import format_report

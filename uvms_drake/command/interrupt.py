@@ -38,6 +38,7 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
         if len(received) == 1:
             raise KeyboardInterrupt
 
+    # From here on a signal interrupts; the handlers before are put back at the end.
     signals = (signal.SIGINT, signal.SIGTERM)
     old = [signal.signal(number, interrupt) for number in signals]
     try:

@@ -1,4 +1,4 @@
-"""What a command is busy with, on a terminal or in a log file."""
+"""The progress of a command, on a terminal or in a log file."""
 
 import logging
 import sys
@@ -56,7 +56,7 @@ class ProgressLine:
         self._stream.flush()
 
     def close(self) -> None:
-        """Takes the line away, so that what comes next has it."""
+        """Clears the line for the next output."""
         if self._is_open:
             self._stream.write("\r\033[K")
             self._stream.flush()
@@ -64,7 +64,7 @@ class ProgressLine:
 
 
 class _Above(logging.Handler):
-    """Lets a `ProgressLine` say what is logged."""
+    """Passes log messages to a `ProgressLine`."""
 
     def __init__(self, line: ProgressLine):
         super().__init__()
@@ -77,7 +77,7 @@ class _Above(logging.Handler):
 
 @contextmanager
 def alarms_above(line: ProgressLine) -> Iterator[None]:
-    """Lets the progress line say, inside the block, what the package's logger warns of."""
+    """Shows the warnings of the package's logger above the progress line, inside the block."""
     handler = _Above(line)
     LOGGER.addHandler(handler)
     try:

@@ -1,4 +1,4 @@
-"""The sub-commands `run` and `plot`: simulate a scenario, draw what there is to see of it."""
+"""The sub-commands `run` and `plot`: simulate a scenario, draw its figures and report."""
 
 import argparse
 import shlex
@@ -83,6 +83,7 @@ def run_scenario(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, overrides, options)
     source = scenario_source(args.scenario, options)
     path = args.output if args.output is not None else Path("out") / scenario.name
+    # The certificate that `certify` or a former run has left, if it fits.
     certificate = None
     if not args.uncertified:
         again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
@@ -98,6 +99,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             print("certified: the force is off by less than "
                   f"{certificate.bounds['force']:.3g} N once the plan is at the task",
                   file=sys.stderr)
+        # The run itself, and its files.
         with reported_in(source):
             check_step(scenario)
         record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
@@ -109,7 +111,7 @@ def run_scenario(args: argparse.Namespace) -> int:
 
 
 def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
-    """Prints what a run was like, where its files are and the verdict; returns the exit status."""
+    """Prints the summary of a run, its files and the verdict; returns the exit status."""
     from uvms_drake.report.summary import broken, format_summary
 
     certified = summary["tube"]["certified"]
@@ -122,7 +124,7 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
 
 
 def plot_run(args: argparse.Namespace) -> int:
-    """Draws what a finished run left, from its data."""
+    """Draws figures and report of a finished run, from its data."""
     from uvms_drake.report.html import load_run
 
     record, certificate = load_run(args.folder)

@@ -73,7 +73,7 @@ def _is_sound(value: Evaluation | None, slack: float) -> bool:
 
 @dataclass(frozen=True)
 class MpcMemory:
-    """What the nominal MPC remembers: everything that changes in time lives in the Context."""
+    """The memory of the nominal MPC: everything that changes in time lives in the Context."""
 
     plan: Plan | None = None
     """The current plan; none before the first sample."""
@@ -153,6 +153,7 @@ class NominalMpc(LeafSystem):
 
     def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None):
         super().__init__()
+        # The problem, and how to make one for another desired force.
         self._targets = targets
         self._solver = solver
         self._ocp = solver.ocp
@@ -160,6 +161,7 @@ class NominalMpc(LeafSystem):
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
         self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
         self._initial = MpcMemory(force=force, asked=force)
+        # State and inputs.
         self._memory = self.DeclareAbstractState(Value(self._initial))
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
@@ -167,6 +169,7 @@ class NominalMpc(LeafSystem):
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
             self.DeclareVectorOutputPort(
                 "accepted_force", 6, self._calc_force, {self.abstract_state_ticket(self._memory)})
+        # Events, and the nominal trajectory as a cache entry.
         self.DeclareInitializationUnrestrictedUpdateEvent(self._plan_first)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._ocp.time_step, 0.0, self._plan_again)
         remembered = {self.abstract_state_ticket(self._memory)}
@@ -175,6 +178,7 @@ class NominalMpc(LeafSystem):
             value_producer=ValueProducer(
                 allocate=lambda: AbstractValue.Make(()), calc=self._evaluate_plan),
             prerequisites_of_calc=remembered | {self.time_ticket()})
+        # Outputs.
         evaluated = {self._nominal.ticket()}
         self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
         if isinstance(self._ocp, DynamicOcp):
@@ -269,7 +273,7 @@ class NominalMpc(LeafSystem):
         return EventStatus.Succeeded()
 
     def _asked(self, context: Context) -> MpcMemory:
-        """Returns what is remembered, after a look at `desired_force`."""
+        """Returns the memory with the 𝔉_des that is asked for now."""
         memory = self._recall(context)
         if self._targets is None or not self._force_port.HasValue(context):
             return memory
@@ -289,7 +293,7 @@ class NominalMpc(LeafSystem):
         return guess
 
     def _solve(self, memory: MpcMemory, guess: Plan) -> tuple[np.ndarray, Solution]:
-        """Returns 𝔉_des (6,) of a new plan, and what was found for it."""
+        """Returns 𝔉_des (6,) of a new plan, and the solution for it."""
         solution = self._retargeted(memory, guess)
         if solution is not None:
             return memory.asked, solution

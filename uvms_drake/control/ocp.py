@@ -1,4 +1,4 @@
-"""The nominal finite-horizon optimal control problem (FHOCP): what its two forms share.
+"""The nominal finite-horizon optimal control problem (FHOCP): the base of its two forms.
 
 With y = (χ, q) the extended task, ξ the error state and u the input of the model,
 
@@ -71,7 +71,7 @@ class MpcConfig:
     terminal_radius: float = 0.1
     """ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
     initial_state: str = "nominal"
-    """Where a plan starts: `nominal`, at what the last plan predicted, as the tube needs it; or
+    """Start of a plan: `nominal`, the state that the last plan predicted, as the tube needs it; or
     `measured`, as (eq:diff_mpc) has it."""
     input_reference: str = "equilibrium"
     """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
@@ -114,7 +114,7 @@ class Inputs(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a plan is worth."""
+    """Cost and violations of a plan."""
 
     cost: float
     """The objective, with the terminal penalty ρ s."""
@@ -360,7 +360,7 @@ class Ocp(ABC, Generic[P]):
         """Returns a limit as rows of every stage that is among the points; the last may not be.
 
         Args:
-            limit: What is limited.
+            limit: Limit on them.
             points: N + 1 knots, or one end of the N intervals.
             chain: How y, ζ and u change there with z.
         """
@@ -391,7 +391,7 @@ class Ocp(ABC, Generic[P]):
         return np.eye(width)[: 2 * self.model.size].reshape(2, -1, width)
 
     def _given(self, limit: Limit) -> int:
-        """Returns the knot at which no decision changes what is limited."""
+        """Returns the knot at which no decision changes the limited values."""
         return self.given_speed if limit.about == "speed" else 0
 
 

@@ -35,7 +35,7 @@ def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarr
                         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns the derivatives (K, 6+n, 6+n) of `advance` (K, 6+n) by 𝔮, ζ and ζ̇.
 
-    By complex steps in what is nonlinear: the vehicle's attitude and velocity.
+    By complex steps in the variables that enter nonlinearly: the vehicle's attitude and velocity.
     """
     size = config.shape[-1]
     steps = 1j * COMPLEX_STEP * np.eye(15)
@@ -118,7 +118,7 @@ class Plan(ABC):
     @property
     @abstractmethod
     def decision(self) -> np.ndarray:
-        """What the plan decides, on the intervals (N, 6+n)."""
+        """Decisions of the plan on the intervals (N, 6+n)."""
 
     @property
     @abstractmethod

@@ -22,7 +22,7 @@ SHORTEST_STEP = 1.0 / 64.0
 
 @dataclass(frozen=True)
 class Solution(Generic[P]):
-    """What a solve found; `plan` is None if the solver failed."""
+    """The result of a solve; `plan` is None if the solver failed."""
 
     plan: P | None
     evaluation: Evaluation | None

@@ -64,7 +64,7 @@ class DroppedPeriod(SolverFault):
 
 
 def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: float) -> int:
-    """Returns what becomes of a sample of the MPC: `SOLVED`, `FAILED`, `LATE` or `DROPPED`.
+    """Returns the outcome of a sample of the MPC: `SOLVED`, `FAILED`, `LATE` or `DROPPED`.
 
     It is a pure function of its arguments: one uniform number for each kind of fault, from a
     generator seeded with (seed, index, kind).

@@ -125,7 +125,7 @@ class TubeMonitor(LeafSystem):
         model: The controller's model.
         law: The law and its gains.
         d_bound: d̃, bound of ‖d‖₂, or w̃.
-        radii: Set-wise bounds by the names of `FIELDS`; what is missing is not checked.
+        radii: Set-wise bounds by the names of `FIELDS`; others are not checked.
         kinematic: Whether the velocity is the input and w, not d, the disturbance.
         period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
             which leaves the steps as they are.
@@ -254,7 +254,7 @@ class TubeMonitor(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         old = self._samples(context)
-        # What is outside of what, now.
+        # The bounds that are left now.
         norms = np.tile(self._deviation.Eval(context).norms, 2)
         bounds = np.concatenate([self._radii, self._bounds(context)])
         set_wise, along = np.split(beyond(norms, bounds, self._slack, self._floor), 2)
@@ -263,7 +263,7 @@ class TubeMonitor(LeafSystem):
             d = float(np.linalg.norm(self._disturbance_port.Eval(context)))
         is_outside = np.array([np.any(set_wise), np.any(along),
                                beyond(d, self._d_bound, self._slack, FLOOR)])
-        # What has just left, is said.
+        # Alarms for those that have just been left.
         left = is_outside & (old.outside == 0.0)
         for text in compress(SAID, left):
             warn(context.get_time(), text)

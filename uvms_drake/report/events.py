@@ -25,7 +25,7 @@ from uvms_drake.station.motions import motion_of
 from uvms_drake.station.record import Record
 
 GAP = 0.1
-"""Shortest interruption of what is logged that makes two events of it [s]."""
+"""Shortest interruption of a logged signal that makes two events of it [s]."""
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "input_limited")

@@ -104,6 +104,7 @@ def draw_force(record: Record) -> Figure:
         _draw_tolerance(whole[1], record, slice(3, 6))
         whole[1].set_ylabel("torque [N m]")
         whole[1].legend(ncols=4, loc="best")
+    # Penetration, below everything of the whole run.
     whole[-1].plot(record.time, 1e3 * record.penetration)
     _draw_deepest(whole[-1], record)
     whole[-1].set_ylabel("penetration [mm]")
@@ -111,6 +112,7 @@ def draw_force(record: Record) -> Figure:
     for axis in whole[:-1]:
         axis.sharex(whole[-1])
         axis.tick_params(labelbottom=False)
+    # The impact once more, enlarged.
     if approach:
         _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
         axes[-1].set_ylabel("force [N]")
@@ -142,7 +144,7 @@ def _draw_deepest(axis: Axes, record: Record) -> None:
 
 
 def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
-    """Draws within what the components of 𝔉_des that are not zero count as settled."""
+    """Draws the band in which a component of 𝔉_des that is not zero counts as settled."""
     tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
     goals = record.desired_force[:, part]
     for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
@@ -288,7 +290,7 @@ def real_limits(record: Record) -> dict[str, Limit]:
 
 
 def nominal_limits(record: Record) -> dict[str, Limit]:
-    """Returns what the tube left of the limits to the nominal MPC."""
+    """Returns the tightened limits, those of the nominal MPC."""
     return tighten(real_limits(record), record.scenario.tube)
 
 

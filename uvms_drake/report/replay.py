@@ -34,7 +34,7 @@ def write_still(record: Record, time: float, path: Path) -> None:
 
 
 def moment_of(record: Record, index: int) -> Moment:
-    """Returns what is to be seen at a sample of a record.
+    """Returns the picture at a sample of a record.
 
     The plans are not in a record: the path is the one that the nominal robot then took, in the
     length of the horizon.

@@ -1,4 +1,4 @@
-"""What is looked for in the signals of a run: limits, units, and the instant of settling."""
+"""Derived signals of a run: limits, units, and the instant of settling."""
 
 from collections.abc import Sequence
 

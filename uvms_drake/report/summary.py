@@ -1,4 +1,4 @@
-"""What a run achieved, in numbers: pure functions from a `Record` to the content of summary.json.
+"""The figures of merit of a run: pure functions from a `Record` to the content of summary.json.
 
 A figure of merit that does not exist, such as the settling time of a force that never settled, is
 None. Everything is evaluated at the logged samples.

@@ -28,9 +28,9 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
 
     Args:
         builder: Where to add them.
-        model: The controller's.
-        port: What the first part stands behind.
-        signals: What they may read and add to.
+        model: The controller's model.
+        port: Output port in front of the first part.
+        signals: Signals that the parts may read, and to which they add theirs.
         parts: The parts by their keys in the scenario.
     """
     for key, part in parts.items():

@@ -1,4 +1,4 @@
-"""What a run takes, so that sizes that cannot be worth it are refused before it starts.
+"""Time and memory of a run, so that unreasonable sizes are refused before it starts.
 
 The estimates are from measurements on a desk computer and right to a factor of about three.
 """

@@ -1,4 +1,4 @@
-"""The closed loop of a scenario: plant, controller and what stands between them, in one Diagram."""
+"""The closed loop of a scenario: plant, controller and the parts between them, in one Diagram."""
 
 import math
 from dataclasses import replace
@@ -94,7 +94,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         for name in names:
             signals[name] = system.GetOutputPort(name)
 
-    # What stands between them.
+    # The parts between them.
     true = uvms.GetOutputPort(motion.measured)
     measured = add_chain(
         builder, ocp.model, true, signals,
@@ -110,7 +110,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             builder, list(solver_faults.values()), scenario.seed, scenario.mpc.time_step)
         builder.Connect(source.get_output_port(), controller.GetInputPort("fault"))
 
-    # What watches them, and what disturbs them and may know it.
+    # The monitor, and the disturbance, which may be aimed with the monitor's errors.
     shared = measured is true and controller.HasOutputPort("pair")
     monitor = TubeMonitor.AddToBuilder(
         builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,

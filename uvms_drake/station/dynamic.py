@@ -108,7 +108,7 @@ class Dynamic(Motion):
             model, logs["state"], logs["u"], logs["acceleration"])}
 
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
+        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
         return [("mpc.input_reference, not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]
 

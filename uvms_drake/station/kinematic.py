@@ -89,7 +89,7 @@ class Kinematic(Motion):
             "effective_disturbance": logs["disturbance"]}
 
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
+        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
         return [("joints of weight zero, which no terminal set holds", free)]
 

@@ -1,4 +1,4 @@
-"""What a scenario's `motion` decides, as the station and what stands above it ask for it."""
+"""The interface of a kind of motion, for the station and the rooms above it."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -89,11 +89,11 @@ class Motion(ABC):
     @abstractmethod
     def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
-        """Returns the logs with what of a `Record` follows from them with this motion alone."""
+        """Returns the logs with those fields of a `Record` that this motion alone has."""
 
     @abstractmethod
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns what the proofs of this motion take for granted of the MPC; 0 where it is."""
+        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
 
     @abstractmethod
     def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
@@ -102,4 +102,4 @@ class Motion(ABC):
 
     @abstractmethod
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-        """Returns what the paper gives for the same constants and gains, for comparison."""
+        """Returns the paper's radii for the same constants and gains, for comparison."""

@@ -14,7 +14,7 @@ MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
 
 
 def motion_of(scenario: Scenario) -> Motion:
-    """Returns what the scenario's `motion` decides."""
+    """Returns the kind of motion that a scenario names."""
     require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
     return MOTIONS[scenario.motion]
 

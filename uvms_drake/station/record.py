@@ -1,4 +1,4 @@
-"""What is left of a run: its scenario and its signals, as plain arrays."""
+"""The record of a run: its scenario and its signals, as plain arrays."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path

@@ -72,7 +72,7 @@ class Start:
 
 @dataclass
 class Task:
-    """What the end-effector shall do."""
+    """The task of the end-effector."""
 
     force: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
@@ -316,7 +316,7 @@ def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") ->
 
 @contextlib.contextmanager
 def reported_in(source: str) -> Iterator[None]:
-    """Puts the file behind what goes wrong inside the block, a bad value as a `ScenarioError`."""
+    """Names the file in the errors of the block; a bad value becomes a `ScenarioError`."""
     try:
         yield
     except (InvalidParameter, ScenarioError) as error:

@@ -1,4 +1,4 @@
-"""What the picture of a scenario's run is of."""
+"""The setting of a scenario's picture: everything in it that stays the same."""
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from uvms_drake.visual.scene import Setting
 
 def setting_of(scenario: Scenario, model: ContactModel | None = None, *, certified: bool = False
                ) -> Setting:
-    """Returns what stays the same in a `Scene` of a run.
+    """Returns the setting of a `Scene` of a run.
 
     Args:
-        scenario: Of the run; its `visual` says how to draw.
+        scenario: Scenario of the run; its `visual` says how to draw.
         model: The controller's; loaded if it is left out.
         certified: Whether its tube is that of a certificate that holds.
     """

@@ -266,6 +266,7 @@ def measure_growth(scenario: Scenario, effort: Effort) -> list[HorizonTimes]:
                 loop.step()
             loop.plan = first_plan
         taken()
+        # Steps in turn, so that all horizons meet the same load of the machine.
         end = time.perf_counter() + effort.horizon_seconds
         while not seconds[0] or (
                 len(seconds[0]) < effort.horizon_steps and time.perf_counter() < end):
@@ -297,7 +298,7 @@ def leaf_systems(diagram: Diagram, path: str = "") -> dict[str, LeafSystem]:
 def watched_station(scenario: Scenario, watch: Stopwatch) -> Diagram:
     """Returns a station in which every system in Python is a part of `watch`.
 
-    What is timed is what Drake calls: the functions of output ports, and time derivatives. A cache
+    The functions that Drake calls are timed: those of output ports, and time derivatives. A cache
     entry counts with the system whose function asks for it.
     """
     def watched(declare: Callable) -> Callable:
@@ -389,9 +390,9 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     """Returns all measurements of a scenario.
 
     Args:
-        scenario: What is run.
+        scenario: Scenario to measure.
         effort: How much is measured; the default takes 10 s.
-        progress: Called with what is measured next.
+        progress: Called with the name of the next measurement.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.

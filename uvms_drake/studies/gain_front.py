@@ -58,11 +58,13 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
     for d_factor in disturbances:
         for factor in gains:
             scaled = Resolved(k=factor * law.k, sigma=factor * law.sigma)
+            # The scenario with these gains and this bound.
             at = replace(
                 scenario, ancillary=scaled,
                 disturbance=replace(
                     scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
             tube = resolved_law_tube(scaled, replace(basis, d_bound=at.disturbance.bound))
+            # The limits, tightened by its tube.
             rooms = room_of(at, tube.radii, model)
             emptied = next((item.name for item in rooms if not item.holds), "")
             points.append(FrontPoint(

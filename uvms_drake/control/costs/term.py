@@ -1,4 +1,4 @@
-"""What a term of the nominal MPC's stage cost is.
+"""The interface of a term of the nominal MPC's stage cost.
 
 A term of one's own is a subclass with a `residual` r, in `MpcConfig.terms`: it adds h‖r‖² at the
 beginning of every interval. What `evaluate` and the convex programs have of it are the same

@@ -1,4 +1,4 @@
-"""What an ancillary law is asked: its command, its errors and its bound along the run.
+"""The interface of an ancillary law: its command, its errors and its bound along the run.
 
 A law is a dataclass of its gains that derives from `AncillaryLaw`. One of `command` and `velocity`
 is all that a closed loop needs. `Law` in `control.laws` names those that a scenario's file may
@@ -47,7 +47,7 @@ def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> P
 
 @dataclass(frozen=True)
 class Command:
-    """What a law commands; it gives one of u and τ, and the rest follows when it is asked for."""
+    """The command of a law, which gives u or τ; the rest is computed when it is asked for."""
 
     u: Callable[[], np.ndarray]
     """Acceleration command u (6+n,) [m/s² (3), rad/s² (3+n)]."""
@@ -60,7 +60,7 @@ class Command:
 
 
 FIELDS = ("task", "position", "orientation", "joints", "z", "r")
-"""2-norms: of what the law feeds back (𝔢_y of `resolved`, 𝔢 of `transpose`), of its rows 𝔢_p [m],
+"""2-norms: of the error fed back (𝔢_y of `resolved`, 𝔢 of `transpose`), of its rows 𝔢_p [m],
 𝔢_o [rad], 𝔢_q [rad], of 𝔷 = ζ − ζ̄ and of 𝔯 [m/s, rad/s]."""
 
 

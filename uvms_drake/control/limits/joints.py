@@ -61,5 +61,5 @@ class Joints(Limit):
         return [label.translate(SUBSCRIPTS) for label in self.labels]
 
     def complaint(self, at: Points) -> str:
-        """Returns within what the joints would have to be."""
+        """Returns the range that the joints would have to be in."""
         return f"within the joint limits less the tube, {self.lower} to {self.upper}"

@@ -1,4 +1,4 @@
-"""What a limit is: bounds on some values of a motion, and all that anybody asks about them.
+"""The interface of a limit: bounds on some values of a motion, and all questions about them.
 
 A limit of one's own is a subclass with a `name`, `values` and `bounds`, and what the tube takes of
 it (`tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows, softened like
@@ -110,12 +110,12 @@ class Limit(ABC):
 
     @property
     def lower(self) -> np.ndarray:
-        """(m,) the lower bounds, less what has been taken off."""
+        """Lower bounds, raised by the margin (m,)."""
         return self.bounds()[0] + self.margin
 
     @property
     def upper(self) -> np.ndarray:
-        """(m,) the upper bounds, less what has been taken off."""
+        """Upper bounds, lowered by the margin (m,)."""
         return self.bounds()[1] - self.margin
 
     @property
@@ -146,13 +146,13 @@ class Limit(ABC):
         return list(zip(self.labels, map(float, radii), map(float, self.half), strict=True))
 
     def tightened(self, tube: TubeRadii) -> Self:
-        """Returns the limit less what the tube takes of it, if that is known."""
+        """Returns the limit tightened by the tube, if it says by how much."""
         taken = self.tube_takes(tube)
         out = copy(self)
         out.margin = self.margin if taken is None else self.margin + taken
         return out
 
-    # What it is called ----------------------------------------------------------------------------
+    # Names and units ------------------------------------------------------------------------------
 
     @property
     def parts(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""The settings of the limits, the limits made of them, and what a tube leaves of those."""
+"""The settings of the limits, the limits made of them, and those tightened by a tube."""
 
 from dataclasses import dataclass, field
 
@@ -38,7 +38,7 @@ class Limits:
     """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
     static_force: float | None = None
     """‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N]: how far it may go into the
-    surface as the controller knows it. What the surface's damping adds is not limited. A
+    surface as the controller knows it. The force of the surface's damping is not limited. A
     certificate needs it, unless the motion is kinematic."""
     q_lower: np.ndarray | None = None
     """Smallest joint angles (n,) [rad], if narrower limits than the model file's are wanted."""
@@ -82,7 +82,7 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         settings: Their bounds.
         q_lower: Joint limits of the robot (n,) [rad].
         q_upper: Joint limits of the robot (n,) [rad].
-        surface: What is pressed.
+        surface: Surface that is pressed.
         accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
 
     Raises:
