@@ -47,9 +47,9 @@ def brake_torque(inertia: float, stretch: float, rate: float) -> float:
     """Returns the torque [N m] that takes a joint back to where it is held.
 
     Args:
-        inertia: Of the joint alone [kg m²].
-        stretch: How far it is from there [rad].
-        rate: q̇ [rad/s].
+        inertia: Inertia of the joint alone [kg m²].
+        stretch: Angle from there [rad].
+        rate: Rate q̇ of the joint [rad/s].
     """
     stiffness, damping = BRAKE
     return -inertia * (stiffness * stretch + damping * rate)

@@ -15,7 +15,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 class ZeroOrderHold(Part):
     """The command is sampled every `period` and held in between, as a digital controller does.
 
-    What arrives at the robot is logged as `held_command`.
+    The command that arrives at the robot is logged as `held_command`.
     """
 
     period: float = 0.01
@@ -26,7 +26,7 @@ class ZeroOrderHold(Part):
         require(0.0 < self.period < np.inf, "period", self.period, "positive")
 
     def assumption(self) -> str:
-        """Returns what the proofs take for granted."""
+        """Returns the assumption that it breaks."""
         return "the proofs take the feedback for continuous"
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,

@@ -21,7 +21,7 @@ from uvms_drake.station.simulation import simulate
 
 
 class Signal(NamedTuple):
-    """What a panel shows."""
+    """A quantity that a panel shows."""
 
     label: str
     of: Callable[[Record], np.ndarray]
@@ -30,7 +30,7 @@ class Signal(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """Two runs that differ in one thing, and what shows it."""
+    """Two runs that differ in one thing, and the signals that show it."""
 
     scenario: str
     key: str
@@ -79,7 +79,7 @@ def draw_choices(folder: Path, progress: Callable[[str], None] | None = None,
     Args:
         folder: Where to write.
         progress: Called with the name of every figure.
-        overrides: Of all scenarios.
+        overrides: Overrides of all scenarios.
     """
     paths = []
     for name, choice in CHOICES.items():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Erratum:
-    """A statement of the paper and what a computation says about it."""
+    """A statement of the paper and the result of a computation about it."""
 
     number: str
     """Number in the list: E1, E2, ..."""
@@ -23,7 +23,7 @@ class Erratum:
 
     @property
     def verdict(self) -> str:
-        """What a table says."""
+        """Word for a table."""
         return "confirmed" if self.wrong else "not confirmed"
 
 

@@ -120,9 +120,9 @@ def local_search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray
 
     Args:
         function: Maps points (m, d) to values (m,).
-        lower: (d,).
-        upper: (d,).
-        seed: Of samples and steps.
+        lower: Lower corner of the box (d,).
+        upper: Upper corner of the box (d,).
+        seed: Seed of samples and steps.
     """
     rng = np.random.default_rng(seed)
     x = rng.uniform(lower, upper, (CANDIDATES, len(lower)))

@@ -47,7 +47,7 @@ class AdversarialDisturbance(Disturbance):
     - `along_r`: along 𝔯, which keeps ‖𝔯‖ at the solution of Ṙ = −kR + d̃.
     - `along_task_error`: along J_b(𝔮)ᵀ𝔢_b, b the block of `rows`.
     - `leading`: along the right-singular vector of J_b(𝔮) with the largest singular value.
-    - `ahead`: what makes ‖𝔢_b‖ largest `AHEAD` from now, as far as no feedback acts until then.
+    - `ahead`: along the d that makes ‖𝔢_b‖ largest `AHEAD` from now, if no feedback acts till then.
     - `constant`, `sinusoid`, `bang_bang`: a fixed direction times 1, a sine, its sign.
     - `per_channel`: a single component, its sign as of `bang_bang`.
 
@@ -113,7 +113,7 @@ class Adversary(LeafSystem):
     integration step ends there, and does not see the other side. There is no other state.
 
     Args:
-        model: Of the robot's geometry.
+        model: The robot's geometry.
         settings: Kind, bound and shape of the disturbance.
     """
 
@@ -207,11 +207,11 @@ class Adversary(LeafSystem):
 
         Args:
             builder: Where to add it.
-            model: Of the robot's geometry.
+            model: The robot's geometry.
             settings: Kind, bound and shape of the disturbance.
             state: Gives (𝔮, ζ); not every kind needs it.
-            e_y: Gives 𝔢_y; likewise.
-            r: Gives 𝔯; likewise.
+            e_y: Gives 𝔢_y; not every kind needs it.
+            r: Gives 𝔯; not every kind needs it.
             name: Name of the system.
         """
         adversary = Adversary(model, settings)

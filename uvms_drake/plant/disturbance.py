@@ -1,8 +1,8 @@
 """Disturbances d(t) with ‖d(t)‖₂ ≤ d̃ at all times, by construction.
 
 d is the paper's disturbance of the dynamics (eq:dynamics), a generalised acceleration
-[m/s², rad/s²]; the laws do not depend on what the components mean. A disturbance adds itself to a
-diagram: here those that are functions of time, in `adversary` those that are aimed.
+[m/s², rad/s²]; the laws do not depend on the meaning of the components. A disturbance adds itself
+to a diagram. Those that are functions of time are here, those that are aimed in `adversary`.
 """
 
 from abc import ABC, abstractmethod
@@ -55,8 +55,8 @@ def smooth_step(x: float) -> float:
 class Disturbance(ABC):
     """A disturbance of the robot; the fields of the dataclass are its settings.
 
-    Who writes one answers for its bound, which a certificate takes for granted; the `TubeMonitor`
-    notes where it is exceeded.
+    Its author answers for the bound, which a certificate takes for granted; the `TubeMonitor` notes
+    where it is exceeded.
     """
 
     bound: float = 0.0
@@ -73,9 +73,9 @@ class Disturbance(ABC):
 
         Args:
             builder: Where to add it.
-            model: Of the robot's geometry.
-            seed: Of what is random, zero or positive.
-            signals: Of the closed loop, with `e_y` and `r` (6+n) of its `TubeMonitor`.
+            model: The robot's geometry.
+            seed: Seed of random numbers, zero or positive.
+            signals: Signals of the closed loop, with `e_y` and `r` (6+n) of its `TubeMonitor`.
         """
 
     def add_to_kinematic(self, builder: DiagramBuilder, seed: int,
@@ -84,8 +84,8 @@ class Disturbance(ABC):
 
         Args:
             builder: Where to add it.
-            seed: Of what is random, zero or positive.
-            signals: Of the closed loop, with `e` (6) of its `TubeMonitor`.
+            seed: Seed of random numbers, zero or positive.
+            signals: Signals of the closed loop, with `e` (6) of its `TubeMonitor`.
         """
         raise InvalidParameter("kind", type(self).__name__, "another, if the motion is kinematic")
 
@@ -249,7 +249,7 @@ class RandomPoints(LeafSystem):
 
 @dataclass
 class ExcessDisturbance(Fault):
-    """The disturbance that is simulated is larger than its bound d̃, in which all else believes."""
+    """The simulated disturbance exceeds its bound d̃, on which everything else relies."""
 
     place = "disturbance"
 

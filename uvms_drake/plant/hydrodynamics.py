@@ -1,4 +1,4 @@
-"""What the water does to a robot, solved for the acceleration together with the robot itself.
+"""The water's forces on a robot, solved for the acceleration together with the robot itself.
 
 Frames: W is World (inertial), B a body with origin Bo, P a point of B. Velocities and forces of a
 body are in axes of B and in Fossen's order: ν = (v_WBo_B, ω_WB_B), f = (force, moment about Bo).

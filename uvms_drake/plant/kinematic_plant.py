@@ -2,8 +2,8 @@
 
     χ̇ = J(𝔮) ζ + w
 
-has 6 rows for 6 + n coordinates. What is simulated moves the vehicle so that exactly the
-end-effector is carried by w, and the joints are not: with J_x = [J; 0 I],
+has 6 rows for 6 + n coordinates. In the simulation w moves the vehicle such that it carries the
+end-effector along, and leaves the joints: with J_x = [J; 0 I],
 
     𝔮̇ = Γ(𝔮) [ζ + J_x(𝔮)⁻¹ (w, 0)],    which is    ẏ = J_x(𝔮) ζ + (w, 0)    for y = (χ, q).
 """

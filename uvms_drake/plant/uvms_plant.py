@@ -88,15 +88,16 @@ def make_uvms_plant(
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
-        surface: What the tip presses on; None means open water, and `force` and `penetration` are
-            not there.
-        disturbance: What is added to ζ̇; None exports an input port `disturbance` for the caller's.
+        surface: The surface in front of the tip; None means open water, and `force` and
+            `penetration` are not there.
+        disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Seed of the disturbance.
         error: Factors of the robot's parameters, if any.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
+    # The robot, started at rest.
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     uvms = add_simulated_uvms(plant, model, error)
     plant.Finalize()
@@ -106,6 +107,7 @@ def make_uvms_plant(
                                   np.zeros(coordinates.size)])
         plant.SetDefaultPositions(coordinates.to_drake(at_rest)[: coordinates.num_positions])
 
+    # All forces but the water's, in the plant's order, and their sum.
     with within("surface"):
         contact = None if surface is None else CompliantSurface.AddToBuilder(
             builder, plant, uvms.tip, surface)
@@ -119,6 +121,7 @@ def make_uvms_plant(
     for i, port in enumerate(forces):
         builder.Connect(port, total.get_input_port(i))
 
+    # The disturbance of the acceleration.
     d_drake = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "disturbance_to_drake_order")
     if disturbance is None:
         d_source = builder.AddNamedSystem("disturbance", PassThrough(coordinates.size))
@@ -128,6 +131,7 @@ def make_uvms_plant(
             d_source = disturbance.add_source(builder, coordinates.size, seed)
     builder.Connect(d_source.get_output_port(), d_drake.GetInputPort("paper_order"))
 
+    # The water, through which everything acts on the plant.
     with within("hydrodynamics"):
         water = Hydrodynamics.AddToBuilder(builder, plant, uvms.hydrodynamics)
     builder.Connect(total.get_output_port(), water.GetInputPort("generalized_force"))
@@ -137,6 +141,7 @@ def make_uvms_plant(
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
 
+    # The ports.
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
     builder.ExportInput(water.GetInputPort("current"), "current")
     for name in ("applied_spatial_force", "applied_generalized_force"):

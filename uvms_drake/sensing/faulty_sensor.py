@@ -27,7 +27,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 @dataclass
 class SensorFault(Fault, Part):
-    """A fault of what measures the state."""
+    """A fault of the sensor of the state."""
 
     place = "sensing"
 
@@ -38,7 +38,7 @@ class SensorFault(Fault, Part):
 
     @abstractmethod
     def faulty(self, held: np.ndarray) -> np.ndarray:
-        """Returns what is measured during the fault of a vector that was `held` at its start."""
+        """Returns the measurement during the fault, of a vector that was `held` at its start."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -55,7 +55,7 @@ class FrozenState(SensorFault):
     """The measured state stays what it was at `start`."""
 
     def faulty(self, held: np.ndarray) -> np.ndarray:
-        """Returns what was measured at the start."""
+        """Returns the measurement at the start."""
         return held
 
 
@@ -78,13 +78,13 @@ class LostState(SensorFault):
 
 
 def sensed(fault: SensorFault, time: float, true: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Returns what is measured of a vector: the vector itself, or what the fault makes of it.
+    """Returns the measurement of a vector: the vector itself, or another during the fault.
 
     Args:
-        fault: What is wrong with the sensor, and when.
-        time: [s].
-        true: What a sensor without a fault measures.
-        held: What it was at the fault's start; not read before.
+        fault: The fault and its time.
+        time: Present time [s].
+        true: The vector.
+        held: Its value at the fault's start; not read before.
     """
     if not is_active(fault.start, fault.duration, time):
         return true
@@ -104,11 +104,11 @@ class FaultySensor(LeafSystem):
 
     - `true`, `measured` (size): see `sensed`.
 
-    The discrete state is what is held (size), taken at the fault's start.
+    The discrete state is the vector at the fault's start (size).
 
     Args:
-        size: Of the vector.
-        fault: What is wrong, and when.
+        size: Size of the vector.
+        fault: The fault and its time.
     """
 
     def __init__(self, size: int, fault: SensorFault):

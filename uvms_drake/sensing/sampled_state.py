@@ -21,7 +21,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 class SampledState(Part):
     """The state is measured every `period`; the controller has the last sample in between.
 
-    What it has is logged as `measured_state`.
+    The sample is logged as `measured_state`.
     """
 
     period: float = 0.01
@@ -32,7 +32,7 @@ class SampledState(Part):
         require(0.0 < self.period < np.inf, "period", self.period, "positive")
 
     def assumption(self) -> str:
-        """Returns what the proofs take for granted."""
+        """Returns the assumption that it breaks."""
         return "the proofs take the state for measured at all times"
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,

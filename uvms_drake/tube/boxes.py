@@ -59,7 +59,7 @@ BLOCKS = ("position", "attitude", "task", "extended")
 
 
 class BoxBounds(NamedTuple):
-    """What is known about m boxes."""
+    """Bounds of the norm over m boxes."""
 
     upper: np.ndarray
     """(m,) bound of the norm at the feasible states of the box, −∞ if there are none."""
@@ -115,7 +115,8 @@ class JacobianBoxes:
                     and (about_tool or self._block == "position"))
 
     def bounds(self, centre: np.ndarray, half: np.ndarray) -> BoxBounds:
-        """Returns what is known about m boxes centre ± half (m, n+2)."""
+        """Returns the bounds over m boxes centre ± half (m, n+2)."""
+        # K and g at the centres, at both ends in θ, with their derivatives.
         geometry = self._geometry(centre)
         rows = self._position_rows(*geometry[:3]), self._attitude_rows(geometry[0], geometry[3])
         second = self._second_derivatives(geometry[1], half[:, :-1])
@@ -125,11 +126,13 @@ class JacobianBoxes:
         chord = (np.tan(ends[1]) - np.tan(ends[0])) ** 2 / 8.0
         mu, gradient = _multipliers(K, g, half[:, :-1], chord)
 
+        # The bound for these multipliers; no bound is needed where some g_k > 0 all over the box.
         upper = np.max(self._vertex_maximum(K, g, mu, half) + 0.5 * np.sqrt(
             second[0] + second[1] / (1.0 - np.sin(np.abs(ends)))), axis=0)
         upper += np.sum(mu, axis=1) * chord
         lowest = g.value - g.rest - np.einsum("emki,mi->emk", np.abs(g.slope), half[:, :-1])
         upper[np.any(np.min(lowest, axis=0) > chord[:, None], axis=1)] = -np.inf
+        # The norm that is reached, if the centre is feasible at one end in θ.
         feasible = np.all(g.value <= 0.0, axis=-1)
         reached = np.max(np.where(feasible, _norm(K[:, :, 0]), -np.inf), axis=0)
         return BoxBounds(upper, reached, self._score(K, mu, gradient, half, chord))
@@ -246,12 +249,12 @@ class JacobianBoxes:
                chord: np.ndarray) -> np.ndarray:
         """Returns about how much of the bound each coordinate's width is to blame for (m, n+2).
 
-        What is halved first makes a proof shorter or longer, never wrong; the weights are tuned.
+        The order of halving makes a proof shorter or longer, never wrong; the weights are tuned.
         """
         h, price = half[:, :-1], np.sum(mu, axis=1)
         bend = 0.5 * np.linalg.norm(K[0, :, 1:], axis=(-2, -1)) + 0.5 * price[:, None]
         if self._block != "position":
-            bend += 0.5  # Of a direction that only the constraints know.
+            bend += 0.5  # For a direction that only the constraints know.
         joints = h * (np.max(np.abs(gradient), axis=0) + np.sum(h, axis=1)[:, None] * bend)
         pitch = 4.0 * price * chord + half[:, -1]
         return np.concatenate([joints, pitch[:, None]], axis=1)

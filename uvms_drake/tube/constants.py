@@ -64,7 +64,7 @@ class Constant:
     """The worst value seen at a state of the set."""
 
     def to_data(self) -> dict[str, Any]:
-        """Returns the fields as what JSON can hold."""
+        """Returns the fields in types of JSON."""
         data = {field.name: getattr(self, field.name) for field in fields(self)}
         return data | {"worst": {key: list(map(float, x)) for key, x in self.worst.items()}}
 
@@ -212,7 +212,7 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
     values = sampled_values(model, config, zeta, names)
     ends = [end for name in names
             for end in _local_maxima(model, constraint_set, name, config, zeta, values[name])]
-    # What is bad for one constant is tried for all of them.
+    # A bad state for one constant is tried for all of them.
     config, zeta = (np.array(states) for states in zip(*ends, strict=True))
     values = sampled_values(model, config, zeta, names)
     out = {}

@@ -50,11 +50,11 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
     Args:
         model: Any serial arm.
         constraint_set: The set; velocities, yaw and contact make no difference.
-        names: Which; keys of `PROVABLE`.
-        rel_gap: The bound is at most so much larger than a value that is reached, relatively.
-        max_boxes: Budget of each; `value / sampled_value` tells whether it was enough.
-        samples: For the value that is reached, before the covering starts.
-        seed: Of these samples.
+        names: Names of the constants, keys of `PROVABLE`.
+        rel_gap: Largest relative gap between the bound and a value that is reached.
+        max_boxes: Budget of each constant; `value / sampled_value` tells whether it was enough.
+        samples: Number of samples for the first value that is reached.
+        seed: Seed of these samples.
 
     Raises:
         InvalidParameter: The set is empty, or an argument has no meaning.
@@ -100,6 +100,7 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
         largest = float(np.max(upper, initial=reached))
         if largest <= (1.0 + rel_gap) * reached or count >= max_boxes:
             return Covering(largest * (1.0 + ROUNDING), reached, count)
+        # Of the boxes with the largest bounds, halve those above the gap along their worst side.
         order = np.argsort(-upper, kind="stable")
         halved, rest = order[:BATCH], order[BATCH:]
         halved = halved[upper[halved] > (1.0 + rel_gap) * reached]
@@ -112,8 +113,8 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
         shift[row, which] = new_half[row, which]
         new_centre = np.concatenate([centre[halved] - shift, centre[halved] + shift])
         new_half = np.concatenate([new_half, new_half])
+        # The halves take their place; a box's bound holds in its halves.
         new = boxes.bounds(new_centre, new_half)
-        # A box's bound holds in its halves.
         new_upper = np.minimum(new.upper, np.tile(upper[halved], 2))
         reached, count = max(reached, float(np.max(new.reached))), count + len(new_centre)
         centre, half, upper, score = (

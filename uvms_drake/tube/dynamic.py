@@ -1,7 +1,7 @@
 """The tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖d‖₂ ≤ d̃.
 
-A law has a certificate if it is in `DYNAMIC_TUBES`, by its exact type: what is proven of one law is
-not proven of another one that is derived from it.
+A law has a certificate if it is in `DYNAMIC_TUBES`, by its exact type: a proof for one law is none
+for a law that is derived from it.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_atti
 
 
 def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
-    """Returns what the paper's Lemma assumes, Lipschitz constants in χ with the joints held.
+    """Returns the constants of the paper's Lemma, Lipschitz constants in χ with the joints held.
 
     With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
     """
@@ -95,12 +95,12 @@ DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
 
 TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
     Resolved: resolved_task_radius, Transpose: transpose_task_radius}
-"""Functions from a law and a `Basis` to the radius [m, rad] of what the law feeds back alone, which
-takes no search; by the law's exact type."""
+"""Functions from a law and a `Basis` to the radius [m, rad] of the error that the law feeds back,
+which takes no search; by the law's exact type."""
 
 
 def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-    """Returns what the paper's Lemma gives for the same constants and gains, for comparison."""
+    """Returns the radii of the paper's Lemma for the same constants and gains, to compare."""
     lemma = lemma_constants(basis.constants)
     tubes = paper_conditions(lemma, law.k, law.sigma, basis.d_bound)
     least = smallest_k(lemma)

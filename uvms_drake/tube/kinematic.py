@@ -17,7 +17,7 @@ the way |θ| ≤ |θ̄| + ρ ≤ θ_max. ∎
 The largest ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖ over the ball and the nominal states are searched for: in 𝔢
 by steps to the point of the ball that is furthest up the gradient, from both ends of the leading
 direction of the linearisation; in (𝔮̄, ζ̄) by samples, and by nonlinear programs from the worst of
-them. A declared safety factor multiplies what is found. The nominal states are those of the
+them. A declared safety factor multiplies the largest. The nominal states are those of the
 declared set, but for the end-effector's pitch, of which the tube is taken first: its radius is
 known, and near the singularity of the Euler angles it decides.
 
@@ -173,7 +173,7 @@ def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: floa
         radius: ‖𝔢‖ ≤ w̃/σ.
         sigma: σ [1/s].
         samples: Nominal states from which the searches start.
-        safety_factor: Multiplies what is found.
+        safety_factor: Factor of the largest values found.
         seed: Of the samples.
     """
     if radius >= declared.tip_pitch:
@@ -187,7 +187,7 @@ def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: floa
         order = np.argsort(-values, kind="stable")
         for i in order[[rank for rank in START_RANKS if rank < samples]]:
             found.append(climb(largest, model, nominal, config[i], zeta[i])[1:])
-    # What is bad for one block is tried for both.
+    # A bad state for one block is tried for both.
     config, zeta = (np.array(states) for states in zip(*found, strict=True))
     nu1, nu2 = (safety_factor * float(np.max(
         worst_errors(model, config, zeta, block, radius, sigma)[0])) for block in _BLOCKS)

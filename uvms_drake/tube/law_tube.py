@@ -1,4 +1,4 @@
-"""What the tube of an ancillary law is computed from, and what comes out."""
+"""The tube of an ancillary law, and the data that it is computed from."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from uvms_drake.tube.settings import CertificateSettings
 
 @dataclass(frozen=True)
 class Basis:
-    """What the tube of a law is computed from, besides the law."""
+    """The data that the tube of a law is computed from, besides the law."""
 
     model: ContactModel
     """The prediction model."""
@@ -36,7 +36,7 @@ class Basis:
 
 
 class LawTube(NamedTuple):
-    """The tube of a law, and what it takes."""
+    """The tube of a law, with the conditions on which it rests."""
 
     radii: TubeRadii
     conditions: tuple[Condition, ...]

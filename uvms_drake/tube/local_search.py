@@ -48,7 +48,7 @@ class _Search:
                 -(self._scale * gradient)[None] / self._value_scale)
 
     def bounded(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns (c,) what has to be in [−1, 1], and its derivatives (c, d)."""
+        """Returns the values (c,) that have to be in [−1, 1], and their derivatives (c, d)."""
         steps = DIFFERENCE * np.eye(len(s))
         x = self._start + self._scale * np.concatenate([s[None], s + steps, s - steps])
         values = self._set.normalised(self._model, *np.split(x, 2, axis=1))

@@ -1,4 +1,4 @@
-"""The terminal set F = {‖ξ‖_P ≤ ε}: the largest ε for which it does what the stability proof needs.
+"""The terminal set F = {‖ξ‖_P ≤ ε}: the largest ε that the stability proof allows.
 
 The nominal state at the knots obeys the nonlinear map of `ocp`, exactly. Under the terminal
 controller, ζ̄̇ = gain · ξ of a dynamic and ζ̄ = gain · ξ of a kinematic problem, and with V = ‖ξ‖²_P,
@@ -8,11 +8,11 @@ controller, ζ̄̇ = gain · ξ of a dynamic and ζ̄ = gain · ξ of a kinemati
     all nominal limits          so that a plan that ends in F can be continued in F.
 
 The first makes F invariant, so limits on the state are asked for in F, those on the input for the
-whole interval that starts at ξ. What is linear or conic in ξ has a closed form (`linear_radius`).
-The rest is checked on the nonlinear map: at samples on the boundary and inside, among them the
-support points of every limit, and at local minima of the margins that a nonlinear program finds
-from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It is a search for a
-counterexample that finds none, not a proof.
+whole interval that starts at ξ. Conditions that are linear or conic in ξ have a closed form
+(`linear_radius`). The others are checked on the nonlinear map: at samples on the boundary and
+inside, among them the support points of every limit, and at local minima of the margins that a
+nonlinear program finds from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It
+is a search for a counterexample that finds none, not a proof.
 """
 
 from abc import ABC, abstractmethod
@@ -44,7 +44,7 @@ SMALLEST = 1e-3
 
 @dataclass(frozen=True)
 class TerminalCheck:
-    """What was found about one terminal set."""
+    """The result of the check of one terminal set."""
 
     radius: float
     """Radius ε of the set."""
@@ -120,7 +120,7 @@ class TerminalLoop(ABC):
 
         Args:
             xi: ξ (..., its size).
-            decision: What is constant on the interval (..., 6+n).
+            decision: The input, constant on the interval (..., 6+n).
         """
 
     @abstractmethod
@@ -151,7 +151,7 @@ class TerminalLoop(ABC):
         return float(np.linalg.eigvalsh(root @ fall @ root.T)[0]) - 1.0
 
     def closed_form_limits(self) -> dict[str, tuple[float, float, float]]:
-        """Returns of each limit the room at the equilibrium, what ε = 1 takes of it, and its size.
+        """Returns, for each limit, the room at the equilibrium, the part for ε = 1, and its size.
 
         The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). Of
         the static force it takes the largest change; a spring's force may rise by less.
@@ -254,7 +254,7 @@ def linear_radius(loop: TerminalLoop) -> float:
 
 def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: float = 0.01
                    ) -> tuple[float, TerminalCheck]:
-    """Returns the largest ε that passes the check, by bisection, and what was found there.
+    """Returns the largest ε that passes the check, by bisection, and its check.
 
     The direction in which a radius fails is looked at again at every other radius. If not even a
     small set passes, ε is zero, and the check is that of the small set.
@@ -262,8 +262,8 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
     Args:
         ocp: The problem.
         samples: Number of random states per radius.
-        seed: Of the samples.
-        tolerance: Relative, of ε.
+        seed: Seed of the samples.
+        tolerance: Relative tolerance of ε.
     """
     loop = terminal_loop(ocp)
     states = unit_states(loop, samples, seed)

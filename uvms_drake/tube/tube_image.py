@@ -1,4 +1,4 @@
-"""What the tube of the law `resolved` means for velocities, attitude, inputs and forces.
+"""The tube of the law `resolved` in velocities, attitude, inputs and forces.
 
 Given a nominal state (𝔮̄, ζ̄), a nominal input ū and errors (𝔢_y, 𝔯), the real state and input follow
 by algebra, with nothing left to integrate:
@@ -19,7 +19,7 @@ whose output is at most the L₁ norm of their impulse responses times d̃ (`tub
 δ̇ = −σδ − J_x⁻¹J̇_x𝔭; ‖𝔭‖ ≤ P = d̃/(k(σ − ω)) from d‖𝔭‖/dt ≤ −(σ − ω)‖𝔭‖ + ‖𝔯‖, so ‖δ‖ ≤ ωP/σ,
 which adds σ‖δ‖ and σ²‖δ‖.
 
-What is left of (1) is small: the nominal motion seen from a slightly different configuration, and
+The rests in (1) are small: the nominal motion seen from a slightly different configuration, and
 the drift. Its largest value over the tube is taken to first order in the errors at sampled nominal
 states, where it is a support function Σ_blocks ‖∂c/∂(block)‖ radius, and the second-order part is
 measured at the maximising errors and added. Further rounds of samples close in on the worst nominal
@@ -105,15 +105,17 @@ def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndar
         nominal_u: ū (..., 6+n).
         e_y: 𝔢_y (..., 6+n); complex for a derivative.
         r: 𝔯 (..., 6+n); complex for a derivative.
-        k: [1/s].
+        k: Velocity gain [1/s].
         sigma: σ [1/s].
     """
+    # The nominal motion and its input.
     y_bar, J_bar, J_bar_dot = model.task_motion(nominal_config, nominal_zeta)
     f_bar = model.drift(nominal_config, nominal_zeta)
     y_dot = times(J_bar, nominal_zeta)
     y_ddot = times(J_bar_dot, nominal_zeta) + times(J_bar, nominal_u + f_bar)
     tau_bar = times(model.mass_matrix(model.kinematics(nominal_config)), nominal_u)
 
+    # The real state, and the input of the law in it.
     config = model.configuration(y_bar + e_y)
     kinematics = model.kinematics(config)
     J = model.task_jacobian(config)
@@ -126,6 +128,7 @@ def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndar
     bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
     M = model.mass_matrix(kinematics)
     u_rest = zeta_ref_dot + _solve(M, bias) + sigma * r - sigma**2 * p - nominal_u
+    # Less the linear parts of (1).
     attitude = wrap_angle(config[..., 3:5] - nominal_config[..., 3:5])
     return np.concatenate([zeta - nominal_zeta - r + sigma * p, attitude, u_rest,
                            times(M, u_rest + nominal_u) - tau_bar], axis=-1)
@@ -156,11 +159,11 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         u_limits: |ūᵢ| (6+n,).
         d_bound: d̃ [m/s², rad/s²].
         gains: Bounds of the norms of the position rows and the orientation rows of J_x.
-        k: [1/s].
+        k: Velocity gain [1/s].
         sigma: σ [1/s].
-        samples: Nominal states of the first round.
-        safety_factor: Multiplies what is estimated.
-        seed: Of the samples.
+        samples: Number of nominal states of the first round.
+        safety_factor: Factor of estimated suprema.
+        seed: Seed of the samples.
     """
     rng = np.random.default_rng(seed)
     radius = d_bound / (k * sigma)
@@ -171,6 +174,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         u = u_limits * np.clip(1.5 * rng.uniform(-1.0, 1.0, zeta.shape), -1.0, 1.0)
         return _Nominal(config, zeta, u)
 
+    # Samples of the whole set, then of ever smaller neighbourhoods of the worst ones.
     nominal = draw(samples)
     motion, inertia = _motion_and_inertia(model, nominal)
     values = _support(model, nominal, balls, k, sigma)
@@ -185,6 +189,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         values = np.concatenate([values[leaders], _support(model, fresh, balls, k, sigma)])
         total += len(fresh.u)
 
+    # The linear parts by their filters, with the shift ωP/σ of 𝔭; the rests as they were found.
     worst = safety_factor * np.max(values, axis=0)
     omega = safety_factor * motion
     shift = omega * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else np.inf
@@ -228,16 +233,18 @@ def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k
     For the norm of a block of channels the operator norm of its Jacobian takes the place of the
     row's norm; errors and remainder are those of the block's leading direction.
     """
+    # Jacobian of all rests by (𝔢_y, 𝔯) at zero errors.
     size = model.size
     steps = 1j * COMPLEX_STEP * np.eye(2 * size)
     lift = _Nominal(*(item[:, None] for item in _fields(nominal)))
     moved = rests(model, *_fields(lift), steps[:, :size], steps[:, size:], k, sigma)
     G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, channels, 2(6+n))
+    # One ball for each block of errors; ν₁ and ν₂ are a channel each, then every component is one.
     blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
-    rows = [(slice(0, 3),), (slice(3, 6),), *(
-        (slice(i, i + 1),) for i in range(size, 3 * size + 2))]
-    out = np.empty((len(nominal.u), len(rows)))
-    for column, (row,) in enumerate(rows):
+    channels = [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(size, 3 * size + 2))]
+    out = np.empty((len(nominal.u), len(channels)))
+    for column, row in enumerate(channels):
+        # To first order, the largest value over the balls, and the errors at which it is reached.
         out[:, column], error = 0.0, np.zeros((len(nominal.u), 2 * size))
         for block, radius in zip(blocks, balls, strict=True):
             part = G[:, row, block]
@@ -246,6 +253,7 @@ def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k
             # One sign for all blocks, so that their contributions add up.
             sign = np.where(np.sum(left[:, :, 0], axis=1) < 0.0, -1.0, 1.0)
             error[:, block] = radius * sign[:, None] * right[:, 0, :]
+        # The part of second order, at these errors.
         exact = rests(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
         linear = times(G[:, row], error)
         out[:, column] += np.linalg.norm(exact[:, row] - linear, axis=1)

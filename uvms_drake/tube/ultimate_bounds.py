@@ -8,14 +8,14 @@ from uvms_drake.model.surface.law import Surface
 
 def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, tip_speed: float
                     ) -> dict[str, float]:
-    """Returns what is left once the nominal state has come to the task.
+    """Returns the largest errors once the nominal state has come to the task.
 
     `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
     ‖force part of 𝔉 − 𝔉_des‖, see `Surface.force_error`.
 
     Args:
         tube: The radii.
-        surface: What is pressed, as the controller knows it.
+        surface: The surface, as the controller knows it.
         chi_des: Pose of the task (6,), at which the surface gives 𝔉_des.
         tip_speed: Bound of ‖𝔢̇_p‖ [m/s].
     """

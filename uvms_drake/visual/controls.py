@@ -1,4 +1,4 @@
-"""What a person can do in Meshcat while a run goes on."""
+"""Buttons and sliders in Meshcat for a person who watches a run."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ DISTURBANCE = "disturbance [%]"
 
 
 def stop_button(meshcat: Meshcat) -> Callable[[], bool]:
-    """Adds a button, and returns what says whether it has been pressed."""
+    """Adds a button, and returns a function that tells whether it has been pressed."""
     meshcat.AddButton(STOP, "Escape")
     return lambda: meshcat.GetButtonClicks(STOP) > 0
 
@@ -51,7 +51,7 @@ class ForceSlider(LeafSystem):
         super().__init__()
         self._force = vector("force", force, 6)
         magnitude = float(np.linalg.norm(self._force[:3]))
-        # A slider rounds to its steps; what it shows for the task's own force means exactly that.
+        # A slider rounds to its steps; its first value means exactly the task's force.
         self._first, self._magnitude = magnitude, magnitude
         self._meshcat = meshcat if magnitude > 0.0 else None
         if self._meshcat is not None:
@@ -92,7 +92,7 @@ class DisturbanceSlider(LeafSystem):
     It has no state. At 100 %, where the slider starts, nothing is changed.
 
     Args:
-        size: Of the disturbance.
+        size: Size of the disturbance.
         meshcat: Where the slider is.
     """
 

@@ -18,9 +18,9 @@ class DrawnRobot:
 
     Args:
         stage: Where to draw.
-        name: Of the robot on the stage.
+        name: Name of the robot on the stage.
         model: A shipped robot or a robot's folder.
-        color: Of all of it; None: that of its file.
+        color: Colour of all of it; None: that of its file.
     """
 
     def __init__(self, stage: Stage, name: str, model: str, color: Rgba | None = None):

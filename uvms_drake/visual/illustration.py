@@ -33,19 +33,19 @@ class Illustration(LeafSystem):
 
     - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
     - `plan`: the current `Plan` (abstract).
-    - `force` (6) [N, N m]: 𝔉; unconnected means what the surface's law gives for the pose at rest.
+    - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
     - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
 
     A picture is drawn at the end of the first step of the simulation in each period of the rate: an
     event of its own period would end an integration step, and so change the run that is watched.
 
     The Context has no state. The system itself remembers the time of the last picture, and its
-    `Scene` what is drawn, trail and all, as Meshcat does: there is one picture, on which all
-    Contexts draw, and nothing that is simulated depends on it.
+    `Scene` the picture, trail and all, as Meshcat does: there is one picture, on which all Contexts
+    draw, and nothing that is simulated depends on it.
 
     Args:
         meshcat: Where to draw.
-        setting: What stays the same.
+        setting: The values that stay the same.
     """
 
     def __init__(self, meshcat: Meshcat, setting: Setting):

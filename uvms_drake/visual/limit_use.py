@@ -13,14 +13,14 @@ ACTIVE = 0.98
 class LimitUse:
     """Says which part of its limits a motion uses; 1 is all.
 
-    Both the real motion, of the limits themselves, and the nominal one, of what the tube leaves of
-    them, are looked at; what is said is the larger part. So a limit that holds the plan back is
+    It is the larger one of two parts: that of the real motion of the limits themselves, and that of
+    the nominal motion of the limits tightened by the tube. So a limit that holds the plan back is
     active, though the real robot stays off it.
 
     Args:
-        model: The controller's.
-        limits: Those of the real robot, by name.
-        nominal: What the tube leaves of them.
+        model: The controller's model.
+        limits: Limits of the real robot, by name.
+        nominal: The same, tightened by the tube.
     """
 
     def __init__(self, model: UvmsModel, limits: dict[str, Limit], nominal: dict[str, Limit]):
@@ -35,7 +35,7 @@ class LimitUse:
             state: (𝔮, ζ) (2(6+n),).
             u: 𝔲 (6+n,); not read if the motion is kinematic.
             nominal_state: (𝔮̄, ζ̄) (2(6+n),).
-            nominal_input: ū (6+n,), likewise.
+            nominal_input: ū (6+n,); not read if the motion is kinematic.
         """
         return np.maximum(self._lengths(self._limits, state, u),
                           self._lengths(self._nominal, nominal_state, nominal_input))

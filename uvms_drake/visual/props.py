@@ -1,6 +1,6 @@
-"""What is drawn beside the robot: arrows, numbers, paths, the wall, the tube, bars for limits.
+"""Drawings beside the robot: arrows, numbers, paths, the wall, the tube, bars for limits.
 
-White is the plan and what is wanted, colour is what really happens; they differ in lightness too.
+The plan and the task are white, the real motion is coloured; they differ in lightness too.
 Each of these objects has a path of its own on the stage, and the frame of the path above it.
 """
 
@@ -89,9 +89,9 @@ class Trail:
 
     Args:
         stage: Where to draw.
-        path: Of the trail on the stage.
-        color: Of the dots.
-        radius: Of the dots [m].
+        path: Path of the trail on the stage.
+        color: Colour of the dots.
+        radius: Radius of the dots [m].
     """
 
     DOTS = 200
@@ -128,9 +128,9 @@ class DrawnWall:
 
     Args:
         stage: Where to draw.
-        path: Of the wall on the stage.
-        point: Of the plane, in the middle of the dent (3,) [m].
-        normal: Of the plane, towards the robot (3,).
+        path: Path of the wall on the stage.
+        point: Point of the plane, in the middle of the dent (3,) [m].
+        normal: Normal of the plane, towards the robot (3,).
     """
 
     SIZE = 1.0  # m
@@ -176,11 +176,11 @@ class DrawnTube:
 
     Args:
         stage: Where to draw.
-        path: Of the tube on the stage, in Σ_I.
+        path: Path of the tube on the stage, in Σ_I.
         inset: Path of the inset, in Meshcat's own axes.
-        radius: Of the tube in position [m].
-        magnification: Of the inset.
-        text: What the inset is called.
+        radius: Radius of the tube in position [m].
+        magnification: Magnification of the inset.
+        text: Caption of the inset.
         height: Of a line of the text [m].
         facing: Attitude of the text.
     """
@@ -210,8 +210,8 @@ class Bars:
 
     Args:
         stage: Where to draw.
-        path: Of the row on the stage; it is in the xz-plane, seen from −y, centred above it.
-        names: Of the limits.
+        path: Path of the row on the stage; it is in the xz-plane, seen from −y, centred above it.
+        names: Names of the limits.
     """
 
     WIDTH = 1.45  # of the row

@@ -44,7 +44,7 @@ UP = np.array([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class Moment:
-    """What is to be seen at an instant, in the order of the paper."""
+    """The values that a picture shows at an instant, in the order of the paper."""
 
     state: np.ndarray
     """Real state (𝔮, ζ) (2(6+n),)."""
@@ -64,7 +64,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Setting:
-    """What stays the same in a scene."""
+    """The values of a scene that stay the same in a run."""
 
     robot: str
     """A shipped robot or a robot's folder."""
@@ -91,7 +91,7 @@ class Setting:
 
 
 class Scene:
-    """Draws moments of a run in Meshcat, and remembers what it has drawn.
+    """Draws moments of a run in Meshcat, and remembers the last one.
 
     The robot; the nominal one as a ghost, its deviation enlarged; the force, real in colour and
     desired in white; the end-effector's trail and planned path; the tube at the tip, to scale and
@@ -99,7 +99,7 @@ class Scene:
 
     Args:
         meshcat: Where to draw.
-        setting: What stays the same.
+        setting: The values that stay the same.
     """
 
     camera: np.ndarray
@@ -135,7 +135,7 @@ class Scene:
         self._time = np.inf
 
     def _draw_surface(self) -> tuple[DrawnWall | Polyline, np.ndarray]:
-        """Returns what is drawn for the surface, and where it is touched at rest (3,)."""
+        """Returns the drawing of the surface, and where it is touched at rest (3,)."""
         rest, normal = self._law.anchor, self._law.normal
         if normal is None:
             self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
@@ -144,7 +144,7 @@ class Scene:
         return DrawnWall(self._stage, f"{NED}/wall", rest, normal), rest
 
     def _draw_hud(self, certified: bool, radius: float, newton: float) -> None:
-        """Places the camera and draws what faces it: bars, numbers, inset and legend."""
+        """Places the camera and draws the things that face it: bars, numbers, inset, legend."""
         stage, meshcat = self._stage, self._stage.meshcat
         for part, color in WATER.items():
             meshcat.SetProperty("/Background/<object>", part, color)
@@ -210,7 +210,7 @@ class Scene:
 
 
 def _facing(direction: np.ndarray) -> RotationMatrix:
-    """Returns the attitude of what is upright in its xz-plane and seen along `direction` (3,)."""
+    """Returns the attitude whose xz-plane is upright and seen along `direction` (3,)."""
     y = direction / np.linalg.norm(direction)
     x = np.cross(y, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)

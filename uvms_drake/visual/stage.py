@@ -1,7 +1,7 @@
 """Meshcat as a stage: objects are made once and moved, so that a recording shows what was live.
 
 Colour and visibility do not survive in a recording (RobotLocomotion/drake #20879); position,
-attitude and scale do. So what changes its length is scaled, and what is to vanish is scaled away.
+attitude and scale do. So an object that changes its length, or is hidden, is scaled.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def turn_down(meshcat: Meshcat) -> None:
 class Stage:
     """Moves and stretches objects by path, at the time of `begin`.
 
-    A recording interpolates between what it was given. Here a value that stays is given once, and
+    A recording interpolates between the values given. Here a value that stays is given once, and
     once more before it changes: that keeps a replay small and lets nothing drift in between.
     Transform and scale of the same path overwrite each other: use one of them for each path.
     """
@@ -73,7 +73,7 @@ class Stage:
         self.stretch(path, size, size, size)
 
     def _changes(self, path: str, value: np.ndarray) -> list[tuple[float, np.ndarray]]:
-        """Returns what has to be given for `value` to hold now: (time, value)."""
+        """Returns the pairs (time, value) to give so that `value` holds now, and not before."""
         given = self._given.get(path)
         if given is None:
             self._given[path] = self._now, value
