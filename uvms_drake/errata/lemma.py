@@ -113,7 +113,7 @@ def lost_terms(constants: LemmaConstants, J: np.ndarray, sigma: float,
     """E3: Λ₁ as printed, and with the terms that the proof loses, against what states need.
 
     Args:
-        constants: Of the robot.
+        constants: Constants of the robot.
         J: A Jacobian (6, 6+n) with ‖J‖ = J̄.
         sigma: σ.
         claimed: The Λ₁ to check; the printed one if None.
@@ -241,7 +241,7 @@ def terminal_shapes(num_joints: int = NUM_JOINTS, gain_columns: int | None = Non
 
     Args:
         num_joints: n.
-        gain_columns: Of 𝔎; the printed 6 + n if None.
+        gain_columns: Number of columns of 𝔎; the printed 6 + n if None.
         quadratic: Whether Q̃ is Q + 𝔎ᵀR𝔎 instead.
     """
     size, state = 6 + num_joints, 12 + num_joints  # of u and of ξ = (e, ζ)

@@ -213,7 +213,7 @@ class RandomPoints(LeafSystem):
         size: Number of components.
         bound: d̃.
         bandwidth: Half the rate of the points [Hz].
-        seed: Of the points, zero or positive.
+        seed: Seed of the points, zero or positive.
     """
 
     def __init__(self, size: int, bound: float, bandwidth: float, seed: int):

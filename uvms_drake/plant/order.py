@@ -30,7 +30,7 @@ class ToPaperOrder(LeafSystem):
     This system does not have any state.
 
     Args:
-        coordinates: Of the robot in the plant.
+        coordinates: Coordinates of the robot in the plant.
     """
 
     def __init__(self, coordinates: Coordinates):
@@ -87,7 +87,7 @@ class ToDrakeOrder(LeafSystem):
     This system does not have any state.
 
     Args:
-        coordinates: Of the robot in the plant.
+        coordinates: Coordinates of the robot in the plant.
     """
 
     def __init__(self, coordinates: Coordinates):

@@ -63,7 +63,7 @@ class Sampler(LeafSystem):
 
     Args:
         period: Time between two samples [s].
-        size: Of the vector.
+        size: Size of the vector.
     """
 
     def __init__(self, period: float, size: int):

@@ -123,7 +123,7 @@ def paper_conditions(constants: LemmaConstants, k: float, sigma: float, d_bound:
     taken for an upper one.
 
     Args:
-        constants: Of the robot over its constraint sets.
+        constants: Constants of the robot over its constraint sets.
         k: Velocity gain [1/s].
         sigma: σ.
         d_bound: d̃, bound of ‖d‖₂.

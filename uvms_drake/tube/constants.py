@@ -203,8 +203,8 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
         constraint_set: The set over which they are suprema.
         names: Which; keys of `QUANTITIES`.
         samples: Number of states sampled; local searches start from the worst of them.
-        safety_factor: At least 1; suprema are multiplied by it, the infimum divided.
-        seed: Of the samples.
+        safety_factor: Factor of the suprema and divisor of the infimum, at least 1.
+        seed: Seed of the samples.
     """
     require(samples >= 1, "samples", samples, "a positive integer")
     require(1.0 <= safety_factor < np.inf, "safety_factor", safety_factor, "at least 1")

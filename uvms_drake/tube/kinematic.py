@@ -174,7 +174,7 @@ def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: floa
         sigma: σ [1/s].
         samples: Nominal states from which the searches start.
         safety_factor: Factor of the largest values found.
-        seed: Of the samples.
+        seed: Seed of the samples.
     """
     if radius >= declared.tip_pitch:
         return np.inf, np.inf

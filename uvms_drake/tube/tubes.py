@@ -136,7 +136,7 @@ def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: f
     where 𝔢ᵀJJᵀ𝔢 ≥ J̲E², ‖𝔟‖ ≤ L_𝔠E and ‖𝔩‖ ≤ L₁E + L₂‖𝔷‖ ≤ L₁E + L₂(R + σJ̄E). Collect E and R. ∎
 
     Args:
-        constants: Of the robot over its constraint sets; see there what they presuppose.
+        constants: Constants of the robot over its constraint sets; see there what they presuppose.
         k: Velocity gain [1/s].
         sigma: σ.
         d_bound: d̃, bound of ‖d‖₂.
@@ -178,7 +178,7 @@ def smallest_k(constants: LemmaConstants, sigma: float | None = None) -> GainBou
     falls as σ → 0, and the limit at σ = 0 is returned, which is no gain to use. ∎
 
     Args:
-        constants: Of the robot over its constraint sets.
+        constants: Constants of the robot over its constraint sets.
         sigma: σ; the best one if None.
     """
     c, J = constants, constants.J_max

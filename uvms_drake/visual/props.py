@@ -181,7 +181,7 @@ class DrawnTube:
         radius: Radius of the tube in position [m].
         magnification: Magnification of the inset.
         text: Caption of the inset.
-        height: Of a line of the text [m].
+        height: Height of a line of the text [m].
         facing: Attitude of the text.
     """
 
