@@ -14,11 +14,11 @@ class Excess(NamedTuple):
 
     limit: Limit
     part: int
-    """Of the value that exceeds it most."""
+    """Index of the value that exceeds it most."""
     time: float
     """First instant at which it does [s]."""
     amount: float
-    """By how much, at most, in the limit's own unit."""
+    """Largest excess, in the limit's own unit."""
 
     @property
     def text(self) -> str:

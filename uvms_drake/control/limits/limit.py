@@ -19,24 +19,25 @@ from uvms_drake.control.points import About, Points, Slopes, slopes
 
 
 class Rows(NamedTuple):
-    """lower ≤ value + what `slopes` say ≤ upper."""
+    """lower ≤ value + slopes · change ≤ upper."""
 
     value: np.ndarray
-    """(..., m)."""
+    """Values at the points (..., m)."""
     slopes: Slopes
+    """Derivatives of the values."""
     lower: np.ndarray
-    """(m,)."""
+    """Lower bounds (m,)."""
     upper: np.ndarray
-    """(m,)."""
+    """Upper bounds (m,)."""
 
 
 class Cone(NamedTuple):
-    """‖value + what `slopes` say‖₂ ≤ bound."""
+    """‖value + slopes · change‖₂ ≤ bound."""
 
     value: np.ndarray
-    """(..., r)."""
+    """Vectors at the points (..., r)."""
     slopes: Slopes
-    """The same everywhere: (r, 6+n) each."""
+    """Derivatives of the vectors, the same at all points (r, 6+n)."""
     bound: float
 
 
