@@ -40,9 +40,9 @@ def test_it_is_one_html_file_that_loads_nothing(write, tmp_path):
     assert not re.search(r'<(script|link|img|iframe)\b[^>]*\b(src|href)="(?!data:)', html)
 
 
-def test_twenty_seconds_are_less_than_ten_megabytes(tmp_path):
+def test_twenty_seconds_are_less_than_six_megabytes(tmp_path):
     write_replay(synthetic_record(20.0), tmp_path / "replay.html")
-    assert (tmp_path / "replay.html").stat().st_size < 10e6
+    assert (tmp_path / "replay.html").stat().st_size < 6e6
 
 
 @pytest.mark.parametrize("name", ["girona500_bilateral", "paper_kinematic"])

@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.visual`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -18,9 +20,11 @@ from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.config import VisualConfig, check_visual
 from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, ForceSlider
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
-from uvms_drake.visual.props import round_magnification
+from uvms_drake.visual.props import PLAN, Mark
+from uvms_drake.visual.readout import Readout
 from uvms_drake.visual.scene import Scene
 from uvms_drake.visual.stage import VANISHED, Stage, frame_at
+from uvms_drake.visual.tube import round_magnification
 
 FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -36,6 +40,14 @@ class Given:
 
     def SetProperty(self, path, name, value, time_in_recording=None):
         self.scales.append((path, time_in_recording, value))
+
+
+def quiet_stage(given):
+    """Returns a stage that forgets its objects and their properties."""
+    given.SetObject = lambda *_: None
+    stage = Stage(given)
+    stage.see_through = lambda *_: None
+    return stage
 
 
 @pytest.fixture
@@ -90,6 +102,34 @@ def test_the_magnification_is_a_round_number(radius, expected):
     assert round_magnification(radius, 0.1) == expected
 
 
+@pytest.mark.parametrize(("value", "shown"), [
+    (0.04, "0.0"), (7.26, "7.3"), (12.3, "12.3"), (99.96, "99.9"), (-1.0, "0.0"), (9.96, "10.0")])
+def test_a_readout_shows_the_digits_of_a_number(value, shown):
+    given = Given()
+    readout = Readout(quiet_stage(given), "number", "t = ", " s", 99.0, 1.0)
+    readout.show(value)
+    digits = {path.split("/")[1]: path.split("/")[2] for path, _, scale in given.scales
+              if scale == [1.0, 1.0, 1.0]}
+    whole = "".join(digits.get(power, "") for power in ("2", "1"))
+    assert f"{whole}.{digits['0']}" == shown
+
+
+def test_where_nothing_is_touched_no_force_is_drawn(meshcat):
+    record = replace(synthetic_record(0.2), scenario=load_scenario("paper_kinematic"))
+    Scene(meshcat, setting_of(record.scenario)).show(moment_of(record, 0), 0.0)
+    assert meshcat.HasPath("ned/uvms")
+    assert not any(meshcat.HasPath(path) for path in ("ned/force", "ned/spring", "numbers"))
+
+
+def test_the_contact_is_marked_while_there_is_one(record):
+    given = Given()
+    mark = Mark(quiet_stage(given), "mark", PLAN, 0.1)
+    for place in (None, np.ones(3), None):
+        mark.show(place)
+    assert [scale[0] for _, _, scale in given.scales[-3:]] == [VANISHED, 1.0, VANISHED]
+    assert ("mark", -np.inf, (1.0, 1.0, 1.0)) in given.transforms
+
+
 def test_the_tube_is_where_the_nominal_tip_is(meshcat, record, model):
     Scene(meshcat, setting_of(record.scenario)).show(moment_of(record, 100), 0.0)
     nominal = model.task_pose(record.nominal_config[100])[:3]
@@ -102,17 +142,18 @@ def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
     use = LimitUse(model, limits, tighten(limits, scenario.tube))
     rest, u = np.concatenate([scenario.start.eta, scenario.start.q, np.zeros(10)]), np.zeros(10)
     used = dict(zip(use.names, use(rest, u, rest, u), strict=True))
-    assert used["ν₁"] == 0.0
-    assert used["roll"] == pytest.approx(0.03 / (0.15 - scenario.tube.roll))
+    assert used["vehicle speed  ≤ 0.25 m/s"] == 0.0
+    assert used["vehicle roll  ≤ 0.15 rad"] == pytest.approx(0.03 / (0.15 - scenario.tube.roll))
     fast = rest.copy()
     fast[10] = 0.24
     for real, nominal, speed in ((fast, rest, 0.24 / 0.25), (rest, fast, 0.24 / 0.24)):
         assert use(real, u, nominal, u)[0] == pytest.approx(speed)
     assert use(rest, u, fast, u)[0] >= ACTIVE > use(fast, u, rest, u)[0]
-    assert use(rest, scenario.limits.u, rest, u)[use.names.index("u")] == 1.0
+    assert use(rest, scenario.limits.u, rest, u)[use.names.index("input u, worst of 10")] == 1.0
     pressing = np.concatenate([model.configuration(make_ocp(scenario).y_des), np.zeros(10)])
     for real, nominal, room in ((rest, rest, np.inf), (pressing, rest, 45.0), (rest, pressing, 43)):
-        assert use(real, u, nominal, u)[use.names.index("force")] == pytest.approx(20.0 / room)
+        used = use(real, u, nominal, u)[use.names.index("force, at rest  ≤ 45 N")]
+        assert used == pytest.approx(20.0 / room)
 
 
 def test_the_slider_says_what_the_task_does_until_it_is_moved(meshcat):

@@ -4,7 +4,7 @@ import numpy as np
 
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.station.motions import limits_of
+from uvms_drake.station.motions import limits_of, motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.visual.limit_use import LimitUse
@@ -28,4 +28,5 @@ def setting_of(scenario: Scenario, model: ContactModel | None = None, *, certifi
         goal=model.surface.pose_for(force, scenario.task.pose),
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
-        horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified)
+        horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
+        has_forces=motion_of(scenario).has_forces)

@@ -11,6 +11,8 @@ from uvms_drake.model.uvms import add_uvms
 from uvms_drake.visual.stage import NED, Stage
 
 GREY = Rgba(0.7, 0.7, 0.7, 1.0)
+FAR_SIDE = 1.0
+"""three.js's BackSide."""
 
 
 class DrawnRobot:
@@ -20,7 +22,9 @@ class DrawnRobot:
         stage: Where to draw.
         name: Name of the robot on the stage.
         model: A shipped robot or a robot's folder.
-        color: Colour of all of it; None: that of its file.
+        color: Colour of all of it; None: that of its file. A robot in a colour of its own shows
+            its far faces only: where it coincides with another one they are behind that one's
+            near faces, so that the two do not flicker; the rest of it is an outline.
     """
 
     def __init__(self, stage: Stage, name: str, model: str, color: Rgba | None = None):
@@ -44,6 +48,10 @@ class DrawnRobot:
                 own = properties.GetPropertyOrDefault("phong", "diffuse", GREY)
                 stage.make(f"{path}/{shape.get_value()}", inspector.GetShape(shape), color or own,
                            inspector.GetPoseInFrame(shape))
+                if color is not None:
+                    for key, value in (("material.side", FAR_SIDE), ("material.depthWrite", False)):
+                        stage.meshcat.SetProperty(
+                            f"{path}/{shape.get_value()}/<object>", key, value)
 
     def show(self, config: np.ndarray) -> None:
         """Draws the robot at 𝔮 (6+n,)."""

@@ -3,41 +3,30 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Meshcat, Rgba, Sphere
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.geometry import Meshcat, Rgba
 
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.drawn_robot import DrawnRobot
+from uvms_drake.visual.floor import Floor
+from uvms_drake.visual.hud import Hud
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
-from uvms_drake.visual.props import (
-    GLASS,
-    PLAN,
-    REAL,
-    Arrow,
-    Bars,
-    DrawnTube,
-    DrawnWall,
-    Number,
-    Polyline,
-    Trail,
-    round_magnification,
-)
-from uvms_drake.visual.stage import NED, Stage, frame_at
-from uvms_drake.visual.textured import label
+from uvms_drake.visual.pressing import Pressing
+from uvms_drake.visual.props import PLAN, REAL, Polyline, Trail
+from uvms_drake.visual.stage import NED, Stage
+from uvms_drake.visual.tube import DrawnTube, round_magnification
 
 WATER = {"top_color": [0.36, 0.60, 0.72], "bottom_color": [0.04, 0.16, 0.26]}
-GHOST = Rgba(1.0, 1.0, 1.0, 0.3)
-SPRING = Rgba(0.3, 0.3, 0.3)
+GHOST = Rgba(1.0, 1.0, 1.0, 0.75)
 INSET_RADIUS = 0.1  # m, of the tube in the inset
-ARROW = 0.3
-"""Length of the arrow of the largest force expected, as a fraction of the scene's size."""
 ZOOM = 2.3
 """Zoom of a camera that is far away, so that parallels look like it."""
-BESIDE = 0.12
-"""Distance of the number from the end of the arrow, as a fraction of the scene's size."""
+BELOW = 0.55
+"""Smallest distance of the level grid below the middle, as a fraction of the scene's size."""
+ASIDE = 0.3
+"""Distance of the start in y from which on the camera changes sides, likewise."""
 UP = np.array([1.0, -1.0, -1.0])
 """Signs of the axes of Σ_I in Meshcat, whose z points up."""
 
@@ -88,14 +77,16 @@ class Setting:
     """Settings of the drawing."""
     certified: bool
     """Whether the tube is that of a certificate that holds."""
+    has_forces: bool = True
+    """Whether anything is touched and pressed."""
 
 
 class Scene:
     """Draws moments of a run in Meshcat, and remembers the last one.
 
-    The robot; the nominal one as a ghost, its deviation enlarged; the force, real in colour and
-    desired in white; the end-effector's trail and planned path; the tube at the tip, to scale and
-    in an inset; the wall with its dent, or the paper's spring; and a bar for each limit.
+    The robot; an outline of the nominal one, its deviation enlarged; the end-effector's trail and
+    planned path; the tube at the tip, to scale and in an inset; what is pressed and how hard; a
+    level grid; the time; and a bar for each limit.
 
     Args:
         meshcat: Where to draw.
@@ -110,68 +101,65 @@ class Scene:
     def __init__(self, meshcat: Meshcat, setting: Setting):
         self._law, self._model = setting.surface, setting.model
         self._stage = stage = Stage(meshcat)
-        self._goal, start = setting.goal[:3], setting.start
-        chi = self._model.task_pose(start)[:6]
-        self._middle = 0.5 * (start[:3] + self._goal) * UP
-        self._unit = max(float(np.linalg.norm(self._goal - start[:3])) / 1.4,
-                         float(np.linalg.norm(chi[:3] - start[:3])))
-        largest = max(float(np.linalg.norm(force[:3]))
-                      for force in (setting.force, self._law.force(chi, np.zeros(6))))
-        self._newton = ARROW * self._unit / (largest or 1.0)
+        middle, unit = self._framed(setting)
         radius = setting.radius
         self._enlarged = (setting.visual.magnification
                           or round_magnification(radius, INSET_RADIUS))
 
+        # The things themselves.
         self._robot = DrawnRobot(stage, "uvms", setting.robot)
         self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
-        self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * self._unit)
-        self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN,
-                              0.003 * self._unit, radius)
-        self._force = Arrow(stage, f"{NED}/force", 0.016 * self._unit, REAL)
-        self._desired = Arrow(stage, f"{NED}/desired_force", 0.024 * self._unit, GLASS)
-        self._surface, self._rest = self._draw_surface()
+        self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * unit)
+        self._path = Polyline(stage, f"{NED}/path", setting.horizon + 1, PLAN, 0.003 * unit, radius)
+        level = Floor.CELL * np.ceil((BELOW * unit - middle[2]) / Floor.CELL)
+        Floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
+              int(np.ceil(2.5 * unit / Floor.CELL)))
+
+        # The camera, and the things that face it.
+        # It looks at a robot that comes from the side, not after it.
+        side = 1.0 if setting.start[1] - self._goal[1] > ASIDE * unit else -1.0
+        self.camera = middle + unit * np.array([-0.72, 2.75 * side, 0.8])
+        self.target = middle + unit * np.array([0.0, 0.0, 0.1])
+        self._look(meshcat)
         self._use = setting.limit_use
-        self._draw_hud(setting.certified, radius, largest)
+        self._hud = Hud(stage, self.camera, self.target, unit, self._use.names,
+                        self._legend(setting.has_forces, level))
+        name = "certified tube" if setting.certified else "declared tube"
+        size = f"enlarged {self._enlarged:g}×" if self._enlarged != 1.0 else "to scale"
+        self._tube = DrawnTube(stage, f"{NED}/tube", self._hud.placed("inset", 1.22, 0.56), radius,
+                               self._enlarged, f"{name}\n{size}", 0.055 * unit, self._hud.facing)
+        self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
+                                  self._hud.facing) if setting.has_forces else None
         self._time = np.inf
 
-    def _draw_surface(self) -> tuple[DrawnWall | Polyline, np.ndarray]:
-        """Returns the drawing of the surface, and where it is touched at rest (3,)."""
-        rest, normal = self._law.anchor, self._law.normal
-        if normal is None:
-            self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
-            return Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01), rest
-        rest = self._goal - ((self._goal - rest) @ normal) * normal
-        return DrawnWall(self._stage, f"{NED}/wall", rest, normal), rest
+    def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
+        """Returns the middle (3,) [m] in Meshcat's axes of what happens, and its size [m]."""
+        vehicle = setting.start[:3]
+        tip, self._goal = self._model.task_pose(setting.start)[:3], setting.goal[:3]
+        points = UP * np.array([vehicle, vehicle + self._goal - tip, tip, self._goal])
+        room = float(np.linalg.norm(tip - vehicle)) * 0.6
+        low, high = points.min(axis=0) - room, points.max(axis=0) + room
+        return 0.5 * (low + high), float(max((high - low)[[0, 2]] / [2.5, 1.3]))
 
-    def _draw_hud(self, certified: bool, radius: float, newton: float) -> None:
-        """Places the camera and draws the things that face it: bars, numbers, inset, legend."""
-        stage, meshcat = self._stage, self._stage.meshcat
+    def _look(self, meshcat: Meshcat) -> None:
+        """Places the camera in the water."""
         for part, color in WATER.items():
             meshcat.SetProperty("/Background/<object>", part, color)
         for path in ("/Grid", "/Axes"):
             meshcat.SetProperty(path, "visible", False)
-        middle, unit = self._middle, self._unit
-
-        def place(x: float, y: float, z: float) -> np.ndarray:
-            return middle + unit * np.array([x, y, z])
-
-        self.camera, self.target = place(-0.98, -2.7, 0.74), place(-0.14, 0.0, 0.04)
         meshcat.SetCameraPose(self.camera, self.target)
         meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
-        facing = _facing(self.target - self.camera)
-        self._bars = Bars(stage, "hud/limits", self._use.names)
-        X_limits = RigidTransform(facing, place(-0.2, 0.0, 0.68)).GetAsMatrix4()
-        meshcat.SetTransform("hud/limits", X_limits @ np.diag([unit, unit, unit, 1.0]))
-        self._number = Number(stage, "hud/force", max(round(2.0 * newton), 40), "{} N",
-                              0.1 * unit, facing)
-        name = "certified tube" if certified else "declared tube"
-        self._tube = DrawnTube(stage, f"{NED}/tube", "hud/inset", radius, self._enlarged,
-                          f"{name}\nenlarged {self._enlarged:g}×", 0.055 * unit, facing)
-        meshcat.SetTransform("hud/inset", RigidTransform(place(0.88, 0.0, 0.56)))
-        stage.make("hud/legend", label(
-            "red: real force and path     white: desired force, planned path, nominal robot "
-            f"(deviation {self._enlarged:g}×)\nbars: part of each limit in use, red where active",
-            0.055 * unit), None, RigidTransform(facing, place(-0.14, 0.0, -0.81)))
+
+    def _legend(self, has_forces: bool, level: float) -> str:
+        """Returns the meaning of colours, bars and lines."""
+        forces = (("force and ", "     yellow: contact", "desired force, ") if has_forces
+                  else ("", "", ""))
+        walls = ", 0.1 m on the wall" if has_forces and self._law.normal is not None else ""
+        size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
+        return (f"red: real {forces[0]}path{forces[1]}     white: {forces[2]}planned path, outline "
+                f"of the nominal robot{size}\n"
+                "bars: part of a limit that real or planned motion uses, red at the limit     "
+                f"level grid at z = {level:g} m, lines every {Floor.CELL:g} m{walls}")
 
     def show(self, moment: Moment, time: float) -> None:
         """Draws a moment at `time` [s]; in a recording, too."""
@@ -188,30 +176,7 @@ class Scene:
         self._trail.show(tip)
         self._path.show(moment.path)
         self._tube.show(tip, nominal_tip)
-        self._show_surface(chi)
-        force = self._law.force(chi, np.zeros(6)) if moment.force is None else moment.force
-        self._show_force(tip, force[:3], moment.desired_force[:3])
+        if self._pressing is not None:
+            self._pressing.show(chi, moment.force, moment.desired_force)
         used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
-        self._bars.show(used, used >= ACTIVE)
-
-    def _show_surface(self, chi: np.ndarray) -> None:
-        if isinstance(self._surface, DrawnWall):
-            self._surface.show(float(self._law.penetration(chi)))
-        else:
-            self._surface.show(np.array([self._rest, chi[:3]]))
-
-    def _show_force(self, tip: np.ndarray, force: np.ndarray, desired: np.ndarray) -> None:
-        self._force.show(tip, self._newton * force)
-        self._desired.show(tip, self._newton * desired)
-        longest = max(force, desired, key=np.linalg.norm)
-        length = float(np.linalg.norm(longest)) or 1.0
-        beyond = tip + (self._newton + BESIDE * self._unit / length) * longest
-        self._number.show(beyond * UP, float(np.linalg.norm(force)))
-
-
-def _facing(direction: np.ndarray) -> RotationMatrix:
-    """Returns the attitude whose xz-plane is upright and seen along `direction` (3,)."""
-    y = direction / np.linalg.norm(direction)
-    x = np.cross(y, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return RotationMatrix(np.column_stack([x, y, np.cross(x, y)]))
+        self._hud.show(time, used, used >= ACTIVE)

@@ -49,6 +49,11 @@ class Stage:
         if pose is not None:
             self.meshcat.SetTransform(path, pose)
 
+    def see_through(self, path: str, order: float = 1.0) -> None:
+        """Lets an object be seen through all that is in front; a higher `order` is on top."""
+        for name, value in (("material.depthTest", False), ("renderOrder", order)):
+            self.meshcat.SetProperty(f"{path}/<object>", name, value)
+
     def begin(self, time: float) -> None:
         """Begins the picture at `time` [s]."""
         if time < self._now:  # Somebody starts anew.

@@ -12,6 +12,8 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh
 
 FONT_PIXELS = 40
+CORNERS = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+"""Of a picture, from the lower left one on against the clock."""
 
 
 def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image: np.ndarray, *,
@@ -61,28 +63,47 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
         contents=json.dumps(gltf), extension=".gltf", filename_hint="textured")))
 
 
-def label(text: str, height: float, *, bold: bool = False) -> Mesh:
-    """Returns white text as a mesh in the xz-plane, upright, read along x and from −y.
+ALIGNMENTS = {"left": 1.0, "center": 0.0, "right": -1.0}
+
+
+def label(text: str, height: float, *, bold: bool = False,
+          color: tuple[float, float, float] = (1.0, 1.0, 1.0), align: str = "center") -> Mesh:
+    """Returns text as a mesh in the xz-plane, upright, read along x and from −y.
 
     Args:
-        text: One or more lines, with their middle at the origin.
+        text: One or more lines, with their middle at the origin's height.
         height: Height of a line [m].
         bold: Whether the letters are bold.
+        color: Red, green and blue, 0 to 1.
+        align: Part of the text at the origin: `left` end, `center` or `right` end.
     """
-    # Transparent pixels are white too, or the letters' edges would be dark.
-    figure = Figure(dpi=72.0, facecolor=(1.0, 1.0, 1.0, 0.0))  # A point is a pixel.
+    # Transparent pixels have the colour too, or the letters' edges would be dark.
+    figure = Figure(dpi=72.0, facecolor=(*color, 0.0))  # A point is a pixel.
     canvas = FigureCanvasAgg(figure)
-    drawn = figure.text(0.5, 0.5, text, size=FONT_PIXELS, family="DejaVu Sans", color="white",
+    drawn = figure.text(0.5, 0.5, text, size=FONT_PIXELS, family="DejaVu Sans", color=color,
                         weight="bold" if bold else "normal", ha="center", va="center",
-                        multialignment="center")
+                        multialignment=align)
     size = np.ceil(drawn.get_window_extent(canvas.get_renderer()).size) + 8.0
     figure.set_size_inches(*size / 72.0)
     canvas.draw()
     x, z = 0.5 * height / (1.2 * FONT_PIXELS) * size
     corners = np.array([[-x, 0.0, -z], [x, 0.0, -z], [x, 0.0, z], [-x, 0.0, z]])
-    uv = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-    return textured_mesh(corners, uv, np.array([[0, 1, 2], [0, 2, 3]]),
+    corners[:, 0] += ALIGNMENTS[align] * x
+    return textured_mesh(corners, CORNERS, np.array([[0, 1, 2], [0, 2, 3]]),
                          np.asarray(canvas.buffer_rgba()))
+
+
+def rectangle(x: float, z: float, color: tuple[float, float, float, float]) -> Mesh:
+    """Returns a rectangle in the xz-plane, its middle at the origin, that no light shades.
+
+    Args:
+        x: Its width [m].
+        z: Its height [m].
+        color: Red, green, blue and opacity, 0 to 1.
+    """
+    pixel = np.tile(np.round(255.0 * np.array(color)), (2, 2, 1)).astype(np.uint8)
+    corners = 0.5 * np.array([[-x, 0.0, -z], [x, 0.0, -z], [x, 0.0, z], [-x, 0.0, z]])
+    return textured_mesh(corners, CORNERS, np.array([[0, 1, 2], [0, 2, 3]]), pixel)
 
 
 def _y_up(vectors: np.ndarray) -> np.ndarray:

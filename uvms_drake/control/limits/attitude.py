@@ -38,6 +38,11 @@ class VehicleAngle(AbsoluteLimit):
         """Returns the radius of the angle."""
         return np.array([getattr(tube, self.name)])
 
+    @property
+    def bars(self) -> list[str]:
+        """The angle and its limit."""
+        return [f"vehicle {self.name}  ≤ {self.upper[0]:.3g} rad"]
+
     def complaint(self, at: Points) -> str:
         """Returns which angle would have to be within what."""
         return (f"such that the vehicle's {self.name}, {self.values(at)[0]:.3g}, is within "
@@ -72,8 +77,8 @@ class TipPitch(AbsoluteLimit):
 
     @property
     def bars(self) -> list[str]:
-        """The tool's name."""
-        return ["tool"]
+        """The angle and its limit."""
+        return [f"tool pitch  ≤ {self.upper[0]:.3g} rad"]
 
     def complaint(self, at: Points) -> str:
         """Returns which angle would have to be within what."""

@@ -57,7 +57,7 @@ class Accelerations(InputLimit):
     @property
     def bars(self) -> list[str]:
         """One for all channels."""
-        return ["u"]
+        return [f"input u, worst of {len(self.bound)}"]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
         """Returns that of the channel of which most is used."""

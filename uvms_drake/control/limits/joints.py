@@ -57,8 +57,9 @@ class Joints(Limit):
 
     @property
     def bars(self) -> list[str]:
-        """q₁, q₂, ..."""
-        return [label.translate(SUBSCRIPTS) for label in self.labels]
+        """The joints and their limits."""
+        return [f"{label.translate(SUBSCRIPTS)}  {lower:.2g} … {upper:.2g} rad"
+                for label, lower, upper in zip(self.labels, self.lower, self.upper, strict=True)]
 
     def complaint(self, at: Points) -> str:
         """Returns the range that the joints would have to be in."""

@@ -9,8 +9,10 @@ from uvms_drake.control.limits.limit import AbsoluteLimit, Cone
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import About, Points, Slopes
 
-BLOCKS = {"nu1": (slice(0, 3), "ν₁"), "nu2": (slice(3, 6), "ν₂"), "qdot": (slice(6, None), "q̇")}
-"""Block of ζ of each speed, and the label of its bar."""
+BLOCKS = {"nu1": (slice(0, 3), "vehicle speed", "m/s"),
+          "nu2": (slice(3, 6), "vehicle turn rate", "rad/s"),
+          "qdot": (slice(6, None), "joint speed", "rad/s")}
+"""Block of ζ of each speed, what its bar is called, and its unit."""
 
 
 @dataclass
@@ -44,5 +46,5 @@ class Speed(AbsoluteLimit):
 
     @property
     def bars(self) -> list[str]:
-        """The symbol of the block."""
-        return [BLOCKS[self.name][1]]
+        """The speed and its limit."""
+        return [f"{BLOCKS[self.name][1]}  ≤ {self.upper[0]:.3g} {BLOCKS[self.name][2]}"]

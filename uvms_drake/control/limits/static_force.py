@@ -76,7 +76,7 @@ class StaticForce(AbsoluteLimit):
     @property
     def bars(self) -> list[str]:
         """One for the force."""
-        return ["force"]
+        return [f"force, at rest  ≤ {self.upper[0]:.3g} N"]
 
     def complaint(self, at: Points) -> str:
         """Returns how hard it would have to press."""
