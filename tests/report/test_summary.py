@@ -105,8 +105,7 @@ def test_a_force_of_zero_has_no_direction():
 
 
 @pytest.mark.parametrize(("wrench", "unit"), [
-    ([20, 0, 0, 0, 0, 0], "N"), ([0, 0, 0, 0, 1, 0], "N m"), ([20, 0, 0, 0, 1, 0], "N, N m"),
-    ([0, 0, 0, 0, 0, 0], "N")])
+    ([20, 0, 0, 0, 0, 0], "N"), ([0, 0, 0, 0, 1, 0], "N m"), ([20, 0, 0, 0, 1, 0], "N, N m")])
 def test_errors_are_in_the_unit_of_what_is_desired(wrench, unit):
     summary = summarise(desiring(wrench, synthetic_record()))
     text = format_summary(summary)
@@ -368,3 +367,10 @@ def test_a_run_without_events_has_none():
     record = synthetic_record(1.0)
     assert summarise(record)["events"] == []
     assert "events        none" in format_summary(summarise(record))
+
+
+def test_a_force_that_nobody_desires_is_not_judged():
+    lines = format_summary(summarise(desiring([0] * 6, synthetic_record()))).splitlines()
+    (line,) = (line for line in lines if line.startswith("force "))
+    assert line.split() == ["force", "no", "force", "desired"]
+    assert lines[lines.index(line) + 1] == ""

@@ -13,6 +13,7 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.disturbance import RandomDisturbance, SinusoidalDisturbance
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import (
     Scenario,
     check_scenario,
@@ -81,9 +82,58 @@ def test_no_text_is_lost_in_the_dump(description, tmp_path):
     assert dump_scenario(loaded) == dump
 
 
-def test_an_empty_file_is_the_default_scenario_named_after_the_file(tmp_path):
-    scenario = load_text(tmp_path, "")
+@pytest.mark.parametrize("text", ["", "null", "{}", "# Nothing."])
+def test_an_empty_file_is_no_scenario(text, tmp_path):
+    with pytest.raises(ScenarioError, match=r"^the file = (None|\{\}): must be a mapping of keys"):
+        load_text(tmp_path, text)
+
+
+def test_what_a_file_does_not_say_is_the_default_and_its_name_the_files(tmp_path):
+    scenario = load_text(tmp_path, "seed: 0")
     assert dump_scenario(scenario) == dump_scenario(Scenario(name="mine"))
+
+
+def test_a_file_takes_over_what_it_does_not_say_from_its_base(tmp_path):
+    scenario = load_text(
+        tmp_path, "base: girona500_contact\nduration: 10\ntask: {force: [15, 0, 0, 0, 0, 0]}\n"
+        "surface: {stiffness: 800}\ndisturbance: !RandomDisturbance {bound: 0.05}\n")
+    assert dump_scenario(scenario) == dump_scenario(load_scenario("girona500_contact", [
+        "name=mine", "description=''", "duration=10", "task.force=[15, 0, 0, 0, 0, 0]",
+        "surface.stiffness=800", "disturbance=!RandomDisturbance {bound: 0.05}"]))
+
+
+def test_a_base_is_a_file_beside_and_may_have_one_itself(tmp_path):
+    folder = tmp_path / "inside"
+    folder.mkdir()
+    (folder / "first.yaml").write_text("base: girona500_bilateral\nseed: 3\nduration: 7\n")
+    (tmp_path / "second.yaml").write_text("base: inside/first.yaml\nseed: 4\n")
+    scenario = load_scenario(str(tmp_path / "second.yaml"), ["log_period=0.1"])
+    assert (scenario.name, scenario.seed, scenario.duration) == ("second", 4, 7.0)
+    assert scenario.law == load_scenario("girona500_bilateral").law
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("base: girona500_contcat", "must be one of girona500_bilateral"),
+    ("base: nothing.yaml", "must be a file that exists, or one of"),
+    ("base: mine.yaml", "base = 'mine.yaml': must be another file: this one has itself as its"),
+    ("base: [girona500_contact]", "base = ['girona500_contact']: must be a shipped scenario's"),
+    ("base: ''", "must be a file: this is a folder"),
+    ("base: girona500_contact\nsurface: {stifness: 1}", "surface.stifness = 1: must be under one"),
+    ("base: girona500_contact\nsurface: !BilateralSpring {}", "must be left out: K⁻¹𝔉_des"),
+    ("seed: 010", "line 1: 010 is not decimal in YAML"),
+    ("base: girona500_contact\nduration: 1:30", "line 2: 1:30 is not decimal in YAML"),
+    ("seed: 1e30", "seed = 1000000000000000019884624838656: must be at most 9223372036854775807"),
+    ("base: girona500_contact\nstart: {eta: [0, 0, 0, 0, 0, 100]}",
+     "must be with angles within ±2π")])
+def test_what_a_file_cannot_mean_is_one_line(text, expected, tmp_path):
+    (tmp_path / "mine.yaml").write_text(text)
+    try:
+        line = ""
+        make_ocp(load_scenario(str(tmp_path / "mine.yaml")))
+    except (ScenarioError, InvalidParameter) as error:
+        line = str(error)
+    assert expected in line
+    assert "\n" not in line
 
 
 def test_the_default_of_every_choice_is_its_first_type():

@@ -155,3 +155,9 @@ def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
 def test_a_failed_run_keeps_its_own_message():
     with pytest.raises(RunFailed, match=r"^no plan$"):
         _run(Simulator(Breaks(RunFailed("no plan"))), 1.0)
+
+
+def test_the_end_of_a_run_is_logged_where_the_period_does_not_go_into_it():
+    record = simulate(load_scenario("girona500_contact", ["duration=0.33", "log_period=0.1"]))
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2, 0.3, 0.33], atol=1e-12)
+    np.testing.assert_allclose(record.mpc_time, [0.0, 0.2], atol=1e-12)

@@ -9,15 +9,18 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.station.scenario import dump_scenario
 
 SETUP_FILE = "setup.json"
 RUNS_FILE = "runs.jsonl"
+
+NO_OTHER = "a folder without another campaign in it (of another scenario, seed, option or program)"
 
 
 class RunLog:
@@ -85,15 +88,31 @@ def run_log(folder: Path, campaign: Campaign) -> Iterator[RunLog]:
         except OSError:
             _require(False, folder, "a folder that no other process is working in")
         if path.exists():
-            same = read_setup(folder).identity == campaign.identity
-            _require(same, folder, "a folder without another campaign in it (of another "
-                     "scenario, seed, option or program)")
+            _require(read_setup(folder).identity == campaign.identity, folder, NO_OTHER)
         else:
             text = json.dumps(asdict(campaign), indent=1, ensure_ascii=False)
             draft = path.with_suffix(".part")
             draft.write_text(text + "\n", encoding="utf-8")
             os.replace(draft, path)
         yield RunLog(file)
+
+
+def require_same(folder: Path, drafted: Campaign, *, certified: bool) -> None:
+    """Raises `InvalidParameter` if another campaign is in a folder, before anything is certified.
+
+    Args:
+        folder: May be empty, or not exist.
+        drafted: The campaign without its certificate.
+        certified: Whether it will have one.
+    """
+    if not (folder / SETUP_FILE).exists():
+        return
+    found, base = read_setup(folder), drafted.base
+    mpc = replace(found.base.mpc, terminal_radius=base.mpc.terminal_radius)
+    scenario = dump_scenario(replace(found.base, tube=base.tube, mpc=mpc))
+    same = replace(found, scenario=scenario, certified=drafted.certified, walls=drafted.walls,
+                   targets=drafted.targets).identity == drafted.identity
+    _require(same and found.certified == certified, folder, NO_OTHER)
 
 
 def _is_empty(folder: Path) -> bool:

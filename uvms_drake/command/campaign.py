@@ -12,7 +12,15 @@ from typing import Any, TextIO
 from uvms_drake.campaign.campaign import Campaign, make_campaign, require_same_code
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
 from uvms_drake.campaign.pool import Pool, cluster_pool, local_pool, run_all
-from uvms_drake.campaign.store import RunLog, read_indices, read_setup, run_log
+from uvms_drake.campaign.store import (
+    RUNS_FILE,
+    SETUP_FILE,
+    RunLog,
+    read_indices,
+    read_setup,
+    require_same,
+    run_log,
+)
 from uvms_drake.campaign.summary import (
     all_well,
     format_campaign,
@@ -71,6 +79,8 @@ def run_campaign(args: argparse.Namespace) -> int:
         require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
                 "left out: no run could be repeated")
         check_inputs(scenario)
+        require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
+                                           outside=args.outside), certified=not args.uncertified)
         check_step(scenario)
         announce = cache(_announce)  # Once, for the scenario and all other surfaces.
         certificate = None if args.uncertified else sound(
@@ -89,9 +99,13 @@ def run_campaign(args: argparse.Namespace) -> int:
         runs = [log.runs[index] for index in range(args.runs)]
         summary = summarise_campaign(campaign, [run["result"] for run in runs])
         times = summarise_times([run["wall"] for run in runs])
-        _write(output, summary, times, certificate)
+        written = _write(output, summary, times, certificate)
     print(format_campaign(summary, times, str(output)))
-    return 0 if all_well(summary) else 1
+    print(f"\nwritten to {output}: {', '.join(sorted((SETUP_FILE, RUNS_FILE, *written)))}")
+    well, never = all_well(summary), summary["counts"]["never_settled"]
+    print(("all promises kept" if well else "PROMISES BROKEN, or too many runs do not count")
+          + (f"; the force never settled in {never} of {args.runs} runs" if never else ""))
+    return 0 if well else 1
 
 
 def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
@@ -117,8 +131,8 @@ def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool) -> None:
 
 
 def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
-           certificate: Certificate | None) -> None:
-    """Writes the files of a campaign that is done, all together."""
+           certificate: Certificate | None) -> list[str]:
+    """Writes the files of a campaign that is done, all together, and returns their names."""
     with output_folder(output, OWN_FILES, replaces=True) as own:
         folder = own.folder
         for name, data in ((CAMPAIGN_FILE, summary), (TIMES_FILE, times)):
@@ -127,6 +141,7 @@ def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
         if certificate is not None:
             write_certificate(certificate, folder)
         make_campaign_figures(summary, times, folder)
+    return own.kept
 
 
 def _cores() -> int:

@@ -43,4 +43,6 @@ def list_errata(args: argparse.Namespace) -> int:
             (output.folder / ERRATA_FILE).write_text(text, encoding="utf-8")
             draw_choices(output.folder, progress)
     print(errata_table(errata))
+    if args.output is not None:
+        print(f"written to {args.output}: {', '.join(sorted(output.kept))}", file=sys.stderr)
     return 0 if all(erratum.wrong for erratum in errata) else 1

@@ -30,12 +30,14 @@ from uvms_drake.command.progress import ProgressLine, alarms_above, announce_cer
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.record import Record
+from uvms_drake.station.remarks import remarks
 from uvms_drake.station.scenario import (
     Scenario,
     load_scenario,
     reported_in,
     scenario_source,
     set_options,
+    shipped_scenarios,
 )
 
 # What takes long to import (simulation, summary, figures, replay) is imported where it is used.
@@ -43,12 +45,26 @@ from uvms_drake.station.scenario import (
 BROKEN = 3
 """Exit status of a run that was carried through and has broken a promise or a limit."""
 
+EPILOG = f"""\
+scenarios that are shipped (see 'uvms-drake scenarios'):
+  {', '.join(shipped_scenarios())}
+
+keys that are changed most ('uvms-drake keys' lists all, with units and defaults):
+  duration, seed, start.eta, start.q, task.force, task.pose, surface.stiffness, surface.point,
+  disturbance.bound, current, ancillary.k, ancillary.sigma, mpc.horizon, mpc.time_step,
+  limits.u, limits.static_force, simulator.max_step_size, log_period
+
+A file of one's own that begins with 'base: girona500_contact' says only what differs.
+
+Exit status {BROKEN}: a certified run has left its tube, or a run has violated a limit.
+"""
+
 
 def add_run(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
     run = commands.add_parser("run", help="simulate a scenario and write data and figures",
-                              allow_abbrev=False, epilog=(
-        f"Exit status {BROKEN}: a certified run has left its tube, or a run has violated a limit."))
+                              allow_abbrev=False, epilog=EPILOG,
+                              formatter_class=argparse.RawDescriptionHelpFormatter)
     run.set_defaults(command=run_scenario)
     take_scenario(run)
     run.add_argument("--output", type=folder, metavar="DIR",
@@ -89,6 +105,8 @@ def run_scenario(args: argparse.Namespace) -> int:
         again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
                             "--output", str(path)])
         certificate = _committed(scenario, source, path / CERTIFICATE_FILE, again)
+    for line in remarks(scenario):
+        print(f"note: {line}", file=sys.stderr)
     own = (*DATA_FILES, *picture_files(), *([] if certificate else [CERTIFICATE_FILE]))
     with output_folder(path, own, replaces=True) as output:
         if not args.uncertified:

@@ -11,6 +11,7 @@ import difflib
 import inspect
 import itertools
 import math
+import re
 import textwrap
 import types
 import typing
@@ -25,6 +26,7 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 
 T = typing.TypeVar("T")
 
+NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 LARGEST = 1e50
 """Largest number in a file: what is computed from it, such as a square, is finite too."""
 
@@ -42,7 +44,7 @@ def read_yaml(path: Path) -> object:
 def parse_yaml(text: str) -> object:
     """Returns the raw data of a YAML text, or raises a `ScenarioError` that names the line."""
     try:
-        _require_distinct_keys(yaml.compose(text, Loader=yaml.SafeLoader))
+        _require_plain(yaml.compose(text, Loader=yaml.SafeLoader))
         return yaml_load_data(text, private=True)
     except ScenarioError:
         raise
@@ -53,11 +55,19 @@ def parse_yaml(text: str) -> object:
         raise ScenarioError(f"{where}{' '.join(str(problem).split())}") from None
 
 
-def _require_distinct_keys(root: yaml.Node | None) -> None:
-    """Raises for the first key that a mapping has twice; PyYAML would take the last in silence."""
+def _require_plain(root: yaml.Node | None) -> None:
+    """Raises for what YAML 1.1 reads otherwise than people do, in silence.
+
+    A key that a mapping has twice, of which PyYAML takes the last; and a number that is not
+    decimal: 010 is eight, and 1:30 is ninety.
+    """
     waiting, seen = [root], set()
     while waiting:
         node = waiting.pop()
+        if isinstance(node, yaml.ScalarNode) and node.tag in NUMBERS and (
+                ":" in node.value or re.match(r"[-+]?0[0-9_]", node.value)):
+            raise ScenarioError(f"line {node.start_mark.line + 1}: {node.value} is not decimal in "
+                                "YAML; it must be without zeros in front, and without colons")
         if id(node) in seen or not isinstance(node, yaml.CollectionNode):
             continue
         seen.add(id(node))  # An alias is the node that it stands for, and can be within itself.

@@ -143,6 +143,7 @@ class SinusoidalDisturbance(OpenLoopDisturbance):
         for key in ("frequency", "phase"):
             value = getattr(self, key)
             require(bool(np.isfinite(value)), key, value, "finite")
+        require(self.frequency >= 0.0, "frequency", self.frequency, "zero or positive")
         frequency, phase = self.frequency, self.phase
         return DirectedDisturbance(self.bound, unit_vector(self.direction, size),
                                    lambda time: np.sin(frequency * time + phase))

@@ -206,7 +206,10 @@ def _format_force(force: dict) -> list[str]:
     settled = (f"within the tolerance for good after {force['settling_time_s']:.2f} s"
                if force["settling_time_s"] is not None else "never settled within the tolerance")
     overshoot, last, unit = force["overshoot"], force["last_5_s"], wrench_unit(force["desired"])
+    if not np.any(force["desired"]):
+        return [f"{'force':<14}no force desired"]
     impact = "started in contact" if overshoot is None else (
+        "never in contact" if force["peak_normal"] == 0.0 else
         f"impact overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
     peak, off = "no force desired", ""
     if force["peak_normal"] is not None:

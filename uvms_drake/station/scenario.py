@@ -51,6 +51,7 @@ from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
 MOTIONS = ("dynamic", "kinematic")
+LARGEST_SEED = 2**63 - 1
 LONGEST_NAME = 100
 """Length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a folder's suffix."""
 
@@ -150,8 +151,13 @@ def shipped_scenarios() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def scenario_path(name_or_path: str) -> Path:
-    """Returns the file of a shipped scenario or of a path; a shipped name goes first."""
+def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
+    """Returns the file of a shipped scenario or of a path; a shipped name goes first.
+
+    Args:
+        name_or_path: One of them.
+        key: What is to blame if there is none.
+    """
     shipped = shipped_scenarios()
     path = shipped.get(name_or_path, Path(name_or_path))
     there = False
@@ -167,7 +173,7 @@ def scenario_path(name_or_path: str) -> Path:
         allowed = f"a file that exists, or {known}"
     else:
         allowed = f"{known}, or a YAML file that exists"
-    raise ScenarioError(f"scenario = {shortened(name_or_path)!r}: must be {allowed}"
+    raise ScenarioError(f"{key} = {shortened(name_or_path)!r}: must be {allowed}"
                         + (f" (did you mean '{close[0]}'?)" if close else ""))
 
 
@@ -203,7 +209,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
     """
     path = scenario_path(name_or_path)
     with reported_in(path.name):
-        scenario = load_typed(Scenario, _without_private_keys(read_yaml(path)))
+        scenario = load_typed(Scenario, _with_base(read_yaml(path), path, ()))
         scenario.name = scenario.name or path.stem
     options = set_options(overrides) if options is None else options
     with reported_in(scenario_source(name_or_path, options)):
@@ -246,6 +252,10 @@ def check_scenario(scenario: Scenario) -> None:
     The parts check their own parameters when they are built; this is what no part owns.
     """
     require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
+    require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
+    angles = np.asarray(scenario.start.eta, dtype=float)[3:]
+    require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", scenario.start.eta,
+            "with angles within ±2π")
     _require_positive("duration", scenario.duration)
     _require_positive("log_period", scenario.log_period)
     require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
@@ -290,13 +300,40 @@ def _require_positive(key: str, value: float) -> None:
     require(0.0 < value < np.inf, key, value, "positive")
 
 
-def _without_private_keys(raw: object) -> object:
-    """Drops top-level keys that start with an underscore: room for YAML anchors."""
-    if raw is None:
-        return {}
-    if not isinstance(raw, dict):
-        return raw
-    return {key: value for key, value in raw.items() if not str(key).startswith("_")}
+def _with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
+    """Returns a file's raw data, with what its `base` says where it says nothing itself.
+
+    Top-level keys that start with an underscore are dropped: room for YAML anchors.
+
+    Args:
+        raw: Of the file.
+        path: The file; its folder is where the path of a base begins.
+        above: Files of which it is the base.
+    """
+    if not isinstance(raw, dict) or not raw:
+        raise InvalidParameter("the file", raw, "a mapping of keys to values, such as "
+                               "`base: girona500_contact`")
+    own = {key: value for key, value in raw.items() if not str(key).startswith("_")}
+    if "base" not in own:
+        return own
+    base = own.pop("base")
+    require(isinstance(base, str), "base", base, "a shipped scenario's name, or a YAML file")
+    beside = path.parent / base
+    named = base in shipped_scenarios() or (not Path(base).suffix and not beside.exists())
+    file = scenario_path(base if named else str(beside), "base")
+    require(file.resolve() not in [each.resolve() for each in (*above, path)], "base", base,
+            "another file: this one has itself as its base")
+    below = _with_base(read_yaml(file), file, (*above, path))
+    inherited = {key: value for key, value in below.items() if key not in ("name", "description")
+                 } if isinstance(below, dict) else {}
+    return _merged(inherited, own)
+
+
+def _merged(base: object, own: object) -> object:
+    """Returns `own` with the entries of `base` that it leaves out; a tag leaves nothing out."""
+    if not (isinstance(base, dict) and isinstance(own, dict)) or "_tag" in own:
+        return own
+    return {**base, **{key: _merged(base.get(key), value) for key, value in own.items()}}
 
 
 def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") -> object:

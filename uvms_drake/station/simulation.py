@@ -58,6 +58,9 @@ def simulate(
     wall_time = _run(simulator, scenario.duration)
     if context.get_time() < scenario.duration:
         scenario = replace(scenario, duration=context.get_time())
+    sampled = station.GetSubsystemByName("log.state").FindLog(context).sample_times()
+    if context.get_time() - sampled[-1] > 1e-6 * scenario.log_period:
+        station.ForcedPublish(context)  # The period does not go into the duration.
     logs = read_logs(station, context)
     require_finite(logs)
     return make_record(scenario, logs, wall_time, certified, model)

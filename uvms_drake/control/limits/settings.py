@@ -149,5 +149,7 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
                 require(accelerations or not np.size(getattr(limits, key)), key,
                         getattr(limits, key), "left out, if the motion is kinematic: there the "
                         "velocity is the input")
+                require(np.size(getattr(limits, key)) > 0 or size == 0, key, [], f"given: {size} "
+                        "positive numbers (a file with `base: NAME` takes them over)")
                 value = vector(key, getattr(limits, key), size)
                 require(bool(np.all(value > 0.0)), key, value, f"{size} positive numbers")

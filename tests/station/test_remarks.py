@@ -1,0 +1,22 @@
+"""Tests of `uvms_drake.station.remarks`."""
+
+import pytest
+
+from uvms_drake.station.remarks import remarks
+from uvms_drake.station.scenario import load_scenario, shipped_scenarios
+
+
+@pytest.mark.parametrize("name", list(shipped_scenarios()))
+def test_nothing_is_in_vain_in_a_shipped_scenario(name):
+    assert remarks(load_scenario(name)) == []
+
+
+@pytest.mark.parametrize(("override", "expected"), [
+    ("faults=[{start: 3}, !LostState {start: 20}]",
+     "faults[1].start = 20 s is after the end of the run: it never happens"),
+    ("task.pose.0=7", "task.pose is 6.98 m off the surface: along its normal, the desired force "
+     "decides where the end-effector goes"),
+    ("simulator.max_step_size=1",
+     "simulator.max_step_size = 1 s is cut to 0.02 s by the log or the MPC")])
+def test_what_has_no_effect_is_said(override, expected):
+    assert remarks(load_scenario("girona500_contact", [override])) == [expected]
