@@ -26,7 +26,7 @@ from typing import ClassVar, Generic, NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.control.costs.level_vehicle import LevelVehicle
+from uvms_drake.control.costs import AnyTerm
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.costs.term import CostTerm
 from uvms_drake.control.limits import Limit
@@ -45,9 +45,6 @@ from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
 
 INITIAL_STATES = ("nominal", "measured")
 INPUT_REFERENCES = ("equilibrium", "zero")
-
-OwnTerm = LevelVehicle
-"""Terms that a file may add to the task's cost, by their YAML tags; several would be a union."""
 
 
 @dataclass
@@ -80,7 +77,7 @@ class MpcConfig:
     it is left out. A run that has one is not reproducible bit for bit."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
-    terms: list[OwnTerm] = field(default_factory=list)
+    terms: list[AnyTerm] = field(default_factory=list)
     """Further terms of the cost; a script may put any `CostTerm` here. Nothing is certified with
     one: the proofs are about the task's cost alone."""
 

@@ -1,1 +1,6 @@
 """Parts between plant and controller, one a file; they know neither the one nor the other."""
+
+from uvms_drake.sensing.sampled_state import SampledState
+
+AnySensing = SampledState
+"""The parts that a scenario's file may name."""

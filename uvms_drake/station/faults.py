@@ -1,21 +1,18 @@
-"""The faults and parts that a scenario's file may name, and whether those of a scenario fit."""
+"""The faults that a scenario's file may name, and whether those of a scenario fit."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.actuation.zero_order_hold import ZeroOrderHold
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.model.part import Component, Fault
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
-from uvms_drake.sensing.sampled_state import SampledState
 
 AnyFault = (SolverFailure | SolverTimeout | DroppedPeriod | FrozenState | LostState | StuckJoint
             | ExcessDisturbance)
-AnySensing = SampledState
-AnyActuation = ZeroOrderHold
+"""The faults that a scenario's file may name; the first is the one meant without a tag."""
 
 
 def check_components(key: str, components: Sequence[Component], motion: str) -> None:

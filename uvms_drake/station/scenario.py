@@ -16,6 +16,7 @@ from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 import uvms_drake
+from uvms_drake.actuation import AnyActuation
 from uvms_drake.common.errors import (
     InvalidParameter,
     RunFailed,
@@ -26,27 +27,16 @@ from uvms_drake.common.errors import (
     within,
 )
 from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_yaml
-from uvms_drake.control.laws import Law, Resolved
+from uvms_drake.control.laws import AnyLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.plant.adversary import AdversarialDisturbance
-from uvms_drake.plant.disturbance import (
-    ConstantDisturbance,
-    RandomDisturbance,
-    SinusoidalDisturbance,
-)
+from uvms_drake.model.surface import AnySurface, UnilateralPlane
+from uvms_drake.plant import AnyDisturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
+from uvms_drake.sensing import AnySensing
 from uvms_drake.station.cost import check_cost
-from uvms_drake.station.faults import (
-    AnyActuation,
-    AnyFault,
-    AnySensing,
-    check_components,
-    check_faults,
-)
+from uvms_drake.station.faults import AnyFault, check_components, check_faults
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
@@ -111,11 +101,10 @@ class Scenario:
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
     model_error: ModelError = field(default_factory=ModelError)
     """Difference of the simulated robot from the one that the controller knows."""
-    surface: UnilateralPlane | BilateralSpring = field(default_factory=UnilateralPlane)
+    surface: AnySurface = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """Difference of the simulated surface from `surface`, which the controller knows."""
-    disturbance: (SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance
-                  | AdversarialDisturbance) = field(default_factory=SinusoidalDisturbance)
+    disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
     sensing: list[AnySensing] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
     actuation: list[AnyActuation] = field(default_factory=list)
@@ -126,7 +115,7 @@ class Scenario:
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
     mpc: MpcConfig = field(default_factory=MpcConfig)
-    ancillary: Law = field(default_factory=Resolved)
+    ancillary: AnyLaw = field(default_factory=Resolved)
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
         integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))

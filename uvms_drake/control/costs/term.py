@@ -3,7 +3,7 @@
 A term of one's own is a subclass with a `residual` r, in `MpcConfig.terms`: it adds h‖r‖² at the
 beginning of every interval. What `evaluate` and the convex programs have of it are the same
 function: its value, and its Gauss–Newton model about a plan. To have it in YAML files, put it into
-`ocp.OwnTerm`. No proof here covers it: with one, there is no certificate.
+`AnyTerm` of `control.costs`. No proof here covers it: with one, there is no certificate.
 """
 
 from abc import ABC, abstractmethod

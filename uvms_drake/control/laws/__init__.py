@@ -3,5 +3,5 @@
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.laws.transpose import Transpose
 
-Law = Resolved | Transpose
+AnyLaw = Resolved | Transpose
 """The laws that a scenario's file may name; the first is the one meant without a tag."""

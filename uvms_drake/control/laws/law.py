@@ -1,7 +1,7 @@
 """The interface of an ancillary law: its command, its errors and its bound along the run.
 
 A law is a dataclass of its gains that derives from `AncillaryLaw`. One of `command` and `velocity`
-is all that a closed loop needs. `Law` in `control.laws` names those that a scenario's file may
+is all that a closed loop needs. `AnyLaw` in `control.laws` names those that a scenario's file may
 name, and `tube.dynamic` and `tube.kinematic` those that have a certificate.
 """
 

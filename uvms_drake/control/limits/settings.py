@@ -16,7 +16,7 @@ from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface.law import Surface
 
-OwnLimit = TipBox | TipVelocity
+AnyLimit = TipBox | TipVelocity
 """Limits that a scenario may have besides those that every robot has, by their YAML tags."""
 
 
@@ -48,7 +48,7 @@ class Limits:
     """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
     """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
-    more: list[OwnLimit] = field(default_factory=list)
+    more: list[AnyLimit] = field(default_factory=list)
     """Further limits; a script may put any `Limit` here."""
 
 

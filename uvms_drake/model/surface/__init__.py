@@ -3,5 +3,5 @@
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 
-ScenarioSurface = UnilateralPlane | BilateralSpring
+AnySurface = UnilateralPlane | BilateralSpring
 """Surfaces that a file may name by tag; the first is the one meant if there is none."""
