@@ -18,6 +18,7 @@ from uvms_drake.report.figures import FIGURES, UNCERTIFIED, make_figures
 
 NAMES = {"task_error.png", "force.png", "velocities.png", "joints.png", "inputs.png",
          "disturbance.png", "mpc.png", "deviation.png"}
+SETTLED = "counts as settled, $\\pm$"
 PAPERS = {"position_errors.png", "orientation_errors.png", "input_norms.png"}
 WITH_TUBE = {"task_error.png", "velocities.png", "joints.png", "inputs.png", "deviation.png"}
 
@@ -104,7 +105,7 @@ def test_a_radius_that_is_left_out_is_the_total(record):
     np.testing.assert_allclose(levels(axes_of("velocities.png", record)[0], "tightened"), [0.26])
     np.testing.assert_allclose(
         levels(axes_of("joints.png", record)[0], "tightened"), [-0.394, 1.454])
-    assert "0.006 m" in axes_of("task_error.png", record)[1].get_title(loc="left")
+    assert "6 mm" in axes_of("task_error.png", record)[1].get_title(loc="left")
 
 
 def test_joints_have_the_limits_in_force_full_and_tightened(record):
@@ -131,10 +132,10 @@ def test_inputs_are_tightened_channel_by_channel(record):
 
 def test_the_tube_about_the_task_error_is_that_of_position_and_of_orientation(record):
     for row, (part, bound, unit) in enumerate(
-            ((slice(0, 3), 0.005, "m"), (slice(3, 6), 0.004, "rad"))):
+            ((slice(0, 3), 5, "mm"), (slice(3, 6), 4, "mrad"))):
         left, right = axes_of("task_error.png", record)[2 * row: 2 * row + 2]
         assert f"{bound} {unit}" in right.get_title(loc="left")
-        nominal = (record.chi_nominal - record.chi_des)[:, part].T
+        nominal = 1e3 * (record.chi_nominal - record.chi_des)[:, part].T
         for axis in (left, right):
             bands = [c for c in axis.collections if isinstance(c, PolyCollection)]
             for band, e_bar in zip(bands, nominal, strict=True):
@@ -185,10 +186,11 @@ def bands(axis):
 
 
 @pytest.mark.parametrize(("wrench", "force", "torque"), [
-    ([20, 0, 0, 0, 0, 0], [("$\\pm$2 N", 18, 22)], []),
-    ([-20, 0, 0, 0, 0, 0], [("$\\pm$2 N", -22, -18)], []),
-    ([0, 0, 0, 0, 5, 0], [], [("$\\pm$2 N m", 3, 7)]),
-    ([0, 20, 0, 5, 7, 0], [("$\\pm$2 N, N m", 18, 22)], [("$\\pm$2 N, N m", 3, 7), ("_", 5, 9)]),
+    ([20, 0, 0, 0, 0, 0], [(SETTLED + "2 N", 18, 22)], []),
+    ([-20, 0, 0, 0, 0, 0], [(SETTLED + "2 N", -22, -18)], []),
+    ([0, 0, 0, 0, 5, 0], [], [(SETTLED + "2 N m", 3, 7)]),
+    ([0, 20, 0, 5, 7, 0], [(SETTLED + "2 N, N m", 18, 22)],
+     [(SETTLED + "2 N, N m", 3, 7), ("_", 5, 9)]),
 ])
 def test_the_tolerance_is_about_what_is_desired_in_its_unit(record, wrench, force, torque):
     axes = axes_of("force.png", desiring(wrench, record))
@@ -225,3 +227,40 @@ def test_the_effective_disturbance_is_drawn_where_it_is_another_one(record):
     drawn = [line for line in lines[1] if line.get_color() == ORANGE]
     np.testing.assert_allclose(
         drawn[0].get_ydata(), 1.5 * np.linalg.norm(record.disturbance, axis=1))
+
+
+def test_the_certified_band_begins_when_the_plan_is_at_the_task(record):
+    at_task = np.all(np.abs(record.chi_nominal - record.chi_des) < 2e-4, axis=1)
+    plan = np.where(at_task[:, None], record.chi_des, record.chi_nominal)
+    axis = FIGURES["force.png"](replace(record, chi_nominal=plan), certified=1.5).axes[0]
+    (band,) = [band for band in axis.collections if "certified" in str(band.get_label())]
+    corners = band.get_paths()[0].vertices
+    assert np.percentile(corners[:, 1], [0, 100]).tolist() == [18.5, 21.5]
+    error = np.linalg.norm(plan - record.chi_des, axis=1)
+    assert np.min(corners[:, 0]) == record.time[np.flatnonzero(error > 1e-3)[-1] + 1]
+    assert "certified" not in texts_of(FIGURES["force.png"](record))
+
+
+def test_contact_and_settling_are_marked(record):
+    axis = axes_of("force.png", record)[0]
+    texts = {text.get_text(): text.xy[0] for text in axis.texts}
+    touched = record.time[np.flatnonzero(record.penetration > 0.0)[0]]
+    assert texts["contact"] == touched < texts["settled"] < record.time[-1]
+
+
+def test_components_of_a_disturbance_that_are_alike_are_one_line(record):
+    axis = axes_of("disturbance.png", record)[0]
+    assert len(axis.get_lines()) == 1
+    assert "each of the 10 components" in texts_of(axis.figure)
+    other = record.disturbance * np.linspace(0.5, 1.0, 10)
+    axis = axes_of("disturbance.png", replace(record, disturbance=other))[0]
+    assert len(axis.get_lines()) == 10
+    assert "joints" in texts_of(axis.figure)
+
+
+def test_a_slack_of_zero_is_said_and_not_scaled(record):
+    none = replace(record, mpc_terminal_slack=np.zeros_like(record.mpc_terminal_slack))
+    axis = axes_of("mpc.png", none)[1]
+    assert "zero at every step" in texts_of(axis.figure)
+    assert axis.get_yticks().tolist() == [0.0]
+    assert "zero at every step" not in texts_of(axes_of("mpc.png", record)[1].figure)

@@ -83,20 +83,26 @@ def draw_proportion(results: Results) -> Figure:
     """
     figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
     axis = figure.subplots()
+    seen = [np.ones((1, 2))]  # The bounds themselves are always in the picture.
     for promised, label, color in ((True, "promised", BLUE), (False, "not promised", ORANGE)):
-        points = [(result["worst_disturbance"], result["ratio_trajectory"]) for result in results
-                  if (result["proportional"] is not None) == promised
-                  and result["worst_disturbance"] and result["ratio_trajectory"]]
-        if points:
-            axis.plot(*np.array(points).T, color=color, label=label, **DOT)
-    if max(axis.get_xlim()) > 10.0:
-        _log(axis, *np.array(axis.get_xlim()).clip(0.1))
+        points = np.array([
+            (result["worst_disturbance"], result["ratio_trajectory"]) for result in results
+            if (result["proportional"] is not None) == promised
+            and result["worst_disturbance"] and result["ratio_trajectory"]]).reshape(-1, 2)
+        axis.plot(*points.T, color=color, label=f"{label}, {len(points)} runs", **DOT)
+        seen.append(points)
+    low, high = (end(np.vstack(seen), axis=0) for end in (np.min, np.max))
+    line = np.array([0.0, high[0]])
+    axis.set_xlim(0.0, 1.06 * high[0])
+    axis.set_ylim(0.0, 1.06 * high[1])
+    if max(high) > 10.0:
+        line = np.geomspace(0.8 * low[0], 1.25 * high[0])
+        _log(axis, 0.8 * low[0], 1.25 * high[0])
         axis.set_yscale("log")
+        axis.set_ylim(0.8 * low[1], 1.25 * max(high[1], 1.0))
         axis.yaxis.set_major_locator(LogLocator())
         axis.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    ends = [min(*axis.get_xlim(), *axis.get_ylim()), max(*axis.get_xlim(), *axis.get_ylim())]
-    axis.plot(ends, ends, **{**LIMIT, "label": r"$D/\tilde{d}$"})
-    axis.margins(0.02)
+    axis.plot(line, line, **{**LIMIT, "label": r"$D/\tilde{d}$"})
     axis.set_xlabel(r"largest disturbance of a run over its bound, $D/\tilde{d}$")
     axis.set_ylabel("deviation over bound along the run")
     figure.legend(ncols=3, loc="outside upper center")

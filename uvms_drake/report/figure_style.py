@@ -11,8 +11,11 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
+PURPLE = "#CC79A7"
 """Colours of Okabe and Ito's palette, told apart with every kind of colour vision."""
 XYZ = (BLUE, VERMILION, GREEN)
+DARKER = ("#00395A", "#6B2F00", "#004F3A")
+"""The same three colours, of half the lightness."""
 
 STYLE: dict[Any, Any] = {
     "axes.grid": True,
@@ -44,9 +47,12 @@ STYLE: dict[Any, Any] = {
 COLUMN_WIDTH = 3.5  # inches, of a two-column paper
 REAL: dict[str, Any] = {"color": BLUE, "label": "real"}
 NOMINAL: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (3, 1.5)), "label": "nominal"}
+DESIRED: dict[str, Any] = {"color": PURPLE, "linewidth": 0.9, "linestyle": (0, (5, 1.5, 1, 1.5)),
+                           "label": "desired"}
 LIMIT: dict[str, Any] = {
-    "color": BLACK, "linewidth": 0.8, "linestyle": (0, (6, 2)), "label": "limit"}
-TIGHTENED: dict[str, Any] = {**LIMIT, "linestyle": (0, (1, 1.5)), "label": "tightened"}
+    "color": BLACK, "linewidth": 0.9, "linestyle": "-", "label": "limit"}
+TIGHTENED: dict[str, Any] = {**LIMIT, "color": VERMILION, "linestyle": (0, (1, 1.5)),
+                             "label": "tightened"}
 
 
 def tube_label(certified: bool) -> str:
@@ -93,6 +99,13 @@ def room_above_zero(axis: Axes) -> None:
     axis.set_ylim(0.0, 1.12 * highest if highest > 0.0 else 1.0)
 
 
+def instant(axis: Axes, time: float, text: str, align: str = "left") -> None:
+    """Marks an instant [s] by a thin line with a word above it, which begins or ends there."""
+    axis.axvline(time, color="0.35", linewidth=0.6)
+    axis.annotate(text, (time, 1.0), (0.0, 1.0), xycoords=axis.get_xaxis_transform(),
+                  textcoords="offset points", fontsize=6, color="0.35", va="bottom", ha=align)
+
+
 def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
     """Puts one legend for all panels on top; its entries come from the axes `source`."""
     entries = dict(zip(*reversed(source.get_legend_handles_labels()), strict=True))
@@ -102,6 +115,6 @@ def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
 def real_nominal_tube_above(figure: Figure, certified: bool) -> None:
     """Puts a legend on top that tells real, nominal and tube apart where colour does not."""
     handles = [Line2D([], [], color="0.45", label="real"),
-               Line2D([], [], color=BLACK, linewidth=0.7, linestyle="--", label="nominal"),
+               Line2D([], [], color="0.2", linewidth=0.8, linestyle="--", label="nominal"),
                Patch(color="0.8", label=tube_label(certified))]
     figure.legend(handles=handles, ncols=3, loc="outside upper center")

@@ -1,6 +1,7 @@
 """The figures of a run, one idea each, at the width of a column in a paper."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import matplotlib
@@ -12,15 +13,19 @@ from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighte
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.report.events import events
 from uvms_drake.report.figure_style import (
-    BLACK,
     BLUE,
+    DARKER,
+    DESIRED,
+    GREEN,
     LIMIT,
     ORANGE,
     STYLE,
     TIGHTENED,
     VERMILION,
     XYZ,
+    instant,
     legend_above,
     log_ticks,
     panels,
@@ -35,18 +40,31 @@ from uvms_drake.report.kinematic_figures import (
     draw_position_errors,
 )
 from uvms_drake.report.signals import settling_index, wrench_unit
+from uvms_drake.report.summary import summarise_force
 from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
 UNCERTIFIED = "run without a certificate"
+SAME = 1e-12
+"""Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
+AT_TASK = 1e-3
+"""Error of the nominal pose from which on the plan counts as at the task [m, rad]."""
 
 
-def make_figures(record: Record, output_dir: Path) -> list[Path]:
-    """Writes all figures of a run as PNG files into a folder and returns their paths."""
+def make_figures(record: Record, output_dir: Path, bounds: Mapping[str, float] | None = None
+                 ) -> list[Path]:
+    """Writes all figures of a run as PNG files into a folder and returns their paths.
+
+    Args:
+        record: Record of the run.
+        output_dir: Folder of the files.
+        bounds: Ultimate bounds of the run's certificate, if it has one.
+    """
+    figures = FIGURES | {"force.png": partial(draw_force, certified=(bounds or {}).get("force"))}
     paths = []
     for name in figures_of(record.scenario):
-        draw = FIGURES[name]
+        draw = figures[name]
         with matplotlib.rc_context(STYLE):
             figure = draw(record)
             if not record.certified:
@@ -67,20 +85,20 @@ def figures_of(scenario: Scenario) -> list[str]:
 def draw_task_error(record: Record) -> Figure:
     """Draws χ − χ_des, real and nominal, with the tube; on the right close to zero."""
     figure, axes = panels(2, 3.2, columns=2)
-    real = pose_difference(record.chi, record.chi_des)
-    nominal = pose_difference(record.chi_nominal, record.chi_des)
+    real = 1e3 * pose_difference(record.chi, record.chi_des)
+    nominal = 1e3 * pose_difference(record.chi_nominal, record.chi_des)
     tube = resolved_radii(record.scenario.tube)
-    rows = ((slice(0, 3), ("$x$", "$y$", "$z$"), "position", "m"),
-            (slice(3, 6), (r"$\phi$", r"$\theta$", r"$\psi$"), "orientation", "rad"))
+    rows = ((slice(0, 3), ("$x$", "$y$", "$z$"), "position", "mm"),
+            (slice(3, 6), (r"$\phi$", r"$\theta$", r"$\psi$"), "orientation", "mrad"))
     for row, (part, labels, name, unit) in zip(axes, rows, strict=True):
-        bound = getattr(tube, name)
+        bound = 1e3 * getattr(tube, name)
         for axis in row:
-            for color, label, e, e_bar in zip(
-                    XYZ, labels, real[:, part].T, nominal[:, part].T, strict=True):
+            for color, darker, label, e, e_bar in zip(
+                    XYZ, DARKER, labels, real[:, part].T, nominal[:, part].T, strict=True):
                 axis.fill_between(record.time, e_bar - bound, e_bar + bound, color=color,
                                   alpha=0.18, linewidth=0)
                 axis.plot(record.time, e, color=color, label=label)
-                axis.plot(record.time, e_bar, color=BLACK, linewidth=0.7, linestyle="--")
+                axis.plot(record.time, e_bar, color=darker, linewidth=0.8, linestyle="--")
         row[0].legend(ncols=3, loc="best")
         reach = 2.5 * bound or 2.5 * float(np.max(np.abs(real[-1, part]))) or 1.0
         row[1].set_ylim(-reach, reach)
@@ -90,14 +108,22 @@ def draw_task_error(record: Record) -> Figure:
     return figure
 
 
-def draw_force(record: Record) -> Figure:
-    """Draws 𝔉 and the penetration, and after an approach the force from contact to settling."""
+def draw_force(record: Record, certified: float | None = None) -> Figure:
+    """Draws 𝔉 and the penetration, and after an approach the force from contact to settling.
+
+    Args:
+        record: Record of the run.
+        certified: Certified bound of the force error once the plan is at the task [N].
+    """
     torque, approach = bool(np.any(record.force[:, 3:])), not record.penetration[0] > 0.0
     rows = 2 + torque + approach
     figure, axes = panels(rows, 0.6 + 1.2 * rows, sharex=False)
     whole = axes[: 2 + torque]
     _draw_wrench(whole[0], record, slice(0, 3), "$F_{}$")
     _draw_tolerance(whole[0], record, slice(0, 3))
+    if certified is not None:
+        _draw_certified(whole[0], record, certified)
+    _draw_instants(whole[0], record)
     whole[0].set_ylabel("force [N]")
     if torque:
         _draw_wrench(whole[1], record, slice(3, 6), "$M_{}$")
@@ -117,16 +143,43 @@ def draw_force(record: Record) -> Figure:
         _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
         axes[-1].set_ylabel("force [N]")
         axes[-1].set_xlim(*_impact_window(record))
-        axes[-1].set_title("from the first contact to settling")
-    legend_above(figure, axes[0], 5)
+        _draw_instants(axes[-1], record)
+        over = summarise_force(record)["overshoot"]
+        assert isinstance(over, dict)
+        axes[-1].set_title("\n" if over["percent"] is None else
+                           f"overshoot {over['newton']:.2g} N, {over['percent']:.3g} %\n")
+    legend_above(figure, axes[0], 3)
     return figure
 
 
 def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
     for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True):
         axis.plot(record.time, force, color=color, label=name.format(letter))
-    for i, goal in enumerate(np.unique(record.desired_force[:, part], axis=1).T):
-        axis.plot(record.time, goal, **{**LIMIT, "label": "_" if i else "desired"})
+    goals = np.unique(record.desired_force[:, part], axis=1).T
+    for i, goal in enumerate(goal for goal in goals if np.any(goal)):
+        axis.plot(record.time, goal, **{**DESIRED, "label": "_" if i else "desired"})
+
+
+def _draw_certified(axis: Axes, record: Record, bound: float) -> None:
+    """Draws within what the force is certified to be from when on the plan is at the task."""
+    error = np.linalg.norm(pose_difference(record.chi_nominal, record.chi_des), axis=1)
+    start = settling_index(error, AT_TASK)
+    if start is None:
+        return
+    goals = record.desired_force[start:, :3]
+    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
+        axis.fill_between(
+            record.time[start:], goal - bound, goal + bound, color=GREEN, alpha=0.25, linewidth=0,
+            label="_" if i else f"certified with the plan at the task, $\\pm${bound:.3g} N")
+
+
+def _draw_instants(axis: Axes, record: Record) -> None:
+    """Marks the first contact and the instant of settling."""
+    first = {event.kind: event.start for event in reversed(events(record))}
+    if first.get("contact", 0.0) > 0.0:
+        instant(axis, first["contact"], "contact", "right")
+    if "settled" in first:
+        instant(axis, first["settled"], "settled")
 
 
 def _draw_deepest(axis: Axes, record: Record) -> None:
@@ -149,7 +202,8 @@ def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
     goals = record.desired_force[:, part]
     for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
         axis.fill_between(record.time, goal - tolerance, goal + tolerance, color=BLUE, alpha=0.12,
-                          linewidth=0, label="_" if i else f"$\\pm${tolerance:g} {unit}")
+                          linewidth=0, label="_" if i else
+                          f"counts as settled, $\\pm${tolerance:g} {unit}")
 
 
 def draw_velocities(record: Record) -> Figure:
@@ -184,7 +238,7 @@ def draw_joints(record: Record) -> Figure:
                 axis.axhline(limit, **LIMIT)
                 axis.axhline(tightened, **TIGHTENED)
         axis.set_ylabel(f"$q_{{{i + 1}}}$ [rad]")
-    _name_tube(axes[0], record)
+    _name_tube(axes[0], record, resolved_radii(record.scenario.tube).joints)
     legend_above(figure, axes[0])
     return figure
 
@@ -220,21 +274,26 @@ def draw_disturbance(record: Record) -> Figure:
     motion = motion_of(record.scenario)
     symbol, unit = motion.disturbance_symbol, motion.disturbance_unit
     blocks = (slice(0, 3), slice(3, 6), slice(6, None))
+    alike = float(np.max(np.ptp(record.disturbance, axis=1))) < SAME
+    if alike:
+        axes[0].plot(record.time, record.disturbance[:, 0], color=BLUE,
+                     label=f"each of the {record.disturbance.shape[1]} components: they are alike")
     for block, color, name in zip(blocks, XYZ, motion.disturbance_blocks, strict=False):
-        axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
-                     label=name)
+        if not alike:
+            axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
+                         label=name)
     norm = np.linalg.norm(record.disturbance, axis=1)
     effective = np.linalg.norm(record.effective_disturbance, axis=1)
-    axes[1].plot(record.time, norm, color=BLACK)
-    title = rf"dashed: bound $\tilde{{{symbol}}}$"
+    axes[1].plot(record.time, norm, color="0.35", label="applied")
     if not np.allclose(norm, effective, atol=1e-6):
-        axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8)
-        title += "; orange: with what the controller does not know"
-    axes[1].axhline(record.scenario.disturbance.bound, **{**LIMIT, "color": VERMILION})
-    axes[1].set_title(title)
+        axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8,
+                     label="with what the controller does not know")
+    bound = record.scenario.disturbance.bound
+    axes[1].axhline(bound, **{**LIMIT, "label": rf"bound $\tilde{{{symbol}}}$ = {bound:.3g}"})
     axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
     axes[1].set_ylabel(rf"$\|{symbol}\|_2$ [{unit}]")
     room_above_zero(axes[1])
+    axes[1].legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     legend_above(figure, axes[0])
     return figure
 
@@ -255,6 +314,9 @@ def draw_mpc(record: Record) -> Figure:
     axes[1].set_ylabel("terminal slack [-]")
     axes[1].set_xlim(record.time[0], record.time[-1])
     room_above_zero(axes[1])
+    if not np.any(record.mpc_terminal_slack):
+        axes[1].set_title("zero at every step")
+        axes[1].set_yticks([0.0])
     legend_above(figure, axes[0])
     return figure
 
@@ -294,9 +356,10 @@ def nominal_limits(record: Record) -> dict[str, Limit]:
     return tighten(real_limits(record), record.scenario.tube)
 
 
-def _name_tube(axis: Axes, record: Record) -> None:
+def _name_tube(axis: Axes, record: Record, taken: float | None = None) -> None:
     """Says above an axis where the tightened limits come from."""
-    axis.set_title(f"tightened by the {tube_label(bool(record.certified))}")
+    by = "" if taken is None else f", by {1e3 * taken:.2g} mrad"
+    axis.set_title(f"tightened by the {tube_label(bool(record.certified))}{by}")
 
 
 def _impact_window(record: Record) -> tuple[float, float]:
