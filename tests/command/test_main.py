@@ -314,7 +314,8 @@ def test_a_robot_that_is_no_sdformat_is_refused(capsys, tmp_path):
 
 
 def test_a_browser_can_watch(capsys, tmp_path):
-    assert main(["run", "--duration", "0.1", "--meshcat", "--output", str(tmp_path), *QUICK]) == 0
+    assert main(["run", "--duration", "0.1", "--meshcat", "--no-wait", "--output",
+                 str(tmp_path), *QUICK]) == 0
     assert "watch at http://localhost:" in capsys.readouterr().err
 
 

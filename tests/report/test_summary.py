@@ -129,7 +129,8 @@ def test_inputs_are_limited_on_both_sides(channel, name):
     limit = record.scenario.limits.u[channel]
     u[100, channel] = -limit - 0.5
     row = summarise(replace(record, u=u))["constraints"][name]
-    assert row == {"limit": limit, "worst": limit + 0.5, "margin": pytest.approx(-0.5)}
+    assert row == {"limit": limit, "worst": limit + 0.5, "margin": pytest.approx(-0.5),
+                   "unit": "m/s²" if name == "u_surge" else "rad/s²"}
 
 
 def test_velocities_are_limited_by_blocks():
@@ -151,7 +152,7 @@ def test_joints_have_a_lower_and_an_upper_limit():
     state[3, 6] = -0.5
     constraints = summarise(replace(record, state=state))["constraints"]
     assert constraints["q1_min"] == {
-        "limit": -0.4, "worst": -0.5, "margin": pytest.approx(-0.1)}
+        "limit": -0.4, "worst": -0.5, "margin": pytest.approx(-0.1), "unit": "rad"}
     assert constraints["q1_max"]["margin"] > 0.0
 
 
@@ -170,7 +171,8 @@ def test_the_attitude_of_the_vehicle_is_limited_on_both_sides(name, angle):
     state, limit = record.state.copy(), getattr(record.scenario.limits, name)
     state[70, angle] = -limit - 0.125
     row = summarise(replace(record, state=state))["constraints"][name]
-    assert row == {"limit": limit, "worst": limit + 0.125, "margin": pytest.approx(-0.125)}
+    assert row == {"limit": limit, "worst": limit + 0.125, "margin": pytest.approx(-0.125),
+                   "unit": "rad"}
 
 
 def test_forces_are_constraints_only_if_they_are_limited():
@@ -182,8 +184,10 @@ def test_forces_are_constraints_only_if_they_are_limited():
     constraints = summarise(limited)["constraints"]
     assert list(constraints) == CONSTRAINTS + [
         name.replace("u_", "tau_") for name in CONSTRAINTS if name.startswith("u_")]
-    assert constraints["tau_surge"] == {"limit": 120.0, "worst": 130.0, "margin": -10.0}
-    assert constraints["tau_q4"] == {"limit": 2.0, "worst": 0.5, "margin": 1.5}
+    assert constraints["tau_surge"] == {"limit": 120.0, "worst": 130.0, "margin": -10.0,
+                                        "unit": "N"}
+    assert constraints["tau_q4"] == {"limit": 2.0, "worst": 0.5, "margin": 1.5,
+                                     "unit": "N m"}
     assert "tau_q4" in format_summary(summarise(limited))
 
 
@@ -193,7 +197,8 @@ def test_the_force_that_is_limited_is_that_of_the_pose_on_the_surface_that_is_kn
     chi[3, 0] = 0.015
     record = replace(synthetic_record(), chi=chi)
     force = summarise(record)["constraints"]["static_force"]
-    assert force == {"limit": 45.0, "worst": pytest.approx(14.0), "margin": pytest.approx(31.0)}
+    assert force == {"limit": 45.0, "worst": pytest.approx(14.0), "margin": pytest.approx(31.0),
+                     "unit": "N"}
     stiff = replace(record.scenario, surface_error=SurfaceError(stiffness=2.0))
     assert summarise(replace(record, scenario=stiff))["constraints"]["static_force"] == force
     free = replace(record.scenario, limits=replace(record.scenario.limits, static_force=None))

@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.visual.illustration` and of what a person can do while a run goes on."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from uvms_drake.report.replay import moment_of
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.setting import setting_of
 from uvms_drake.station.simulation import simulate
+from uvms_drake.visual import controls
 from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.controls import DISTURBANCE, FORCE, STOP, stop_button
 from uvms_drake.visual.scene import Scene
@@ -90,3 +92,26 @@ def test_the_sliders_change_desired_force_and_disturbance_while_it_runs(meshcat)
     assert not np.any(record.disturbance[end])
     assert not np.any(record.mpc_refused)
     assert record.force[-1, 0] == pytest.approx(25.0, abs=1.0)
+
+
+def test_a_watched_run_waits_for_a_browser_and_stays_until_the_button(monkeypatch):
+    connected, pressed = iter([0, 0, 1]), []
+    seen = SimpleNamespace(
+        GetNumActiveConnections=lambda: next(connected), GetButtonNames=lambda: [STOP],
+        DeleteButton=pressed.append, AddButton=lambda *_: None,
+        GetButtonClicks=lambda name: len(pressed) - 1)
+    monkeypatch.setattr(controls.time, "sleep", pressed.append)
+    controls.wait_for_browser(seen)
+    assert pressed == [controls.POLL] * 2
+    pressed.clear()
+    controls.wait_for_end(seen)
+    assert pressed == [STOP, controls.POLL]
+
+
+def test_control_c_ends_the_waiting(meshcat, monkeypatch):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(controls.time, "sleep", interrupted)
+    controls.wait_for_end(meshcat)
+    assert controls.CLOSE in meshcat.GetButtonNames()

@@ -62,8 +62,8 @@ def write_pictures(record: Record, certificate: Certificate | None, folder: Path
         from uvms_drake.report.figures import make_figures
         from uvms_drake.report.html import format_report
 
-        report = format_report(record, make_figures(
-            record, folder, certificate and certificate.bounds), certificate)
+        bounds = certificate.bounds if certificate else None
+        report = format_report(record, make_figures(record, folder, bounds), certificate)
         (folder / REPORT_FILE).write_text(report, encoding="utf-8")
     if replay:
         from uvms_drake.report.replay import write_replay

@@ -6,7 +6,7 @@ import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
@@ -39,6 +39,9 @@ from uvms_drake.station.scenario import (
     set_options,
     shipped_scenarios,
 )
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
 
 # What takes long to import (simulation, summary, figures, replay) is imported where it is used.
 
@@ -73,7 +76,10 @@ def add_run(commands: argparse._SubParsersAction) -> None:
     run.add_argument("--seed", metavar="N", help="short for --set seed=N")
     run.add_argument("--duration", metavar="S", help="short for --set duration=S [s]")
     run.add_argument("--meshcat", action="store_true",
-                     help="show the run in a browser, in real time")
+                     help="show the run in a browser, in real time: it begins when a browser has "
+                          "opened the page, which stays until the button on it or Ctrl-C")
+    run.add_argument("--no-wait", action="store_true",
+                     help="with --meshcat: wait for nobody, neither before nor after the run")
     run.add_argument("--uncertified", action="store_true",
                      help="run without a certificate, with the tube that the scenario declares")
     run.add_argument("--no-figures", action="store_true",
@@ -120,12 +126,19 @@ def run_scenario(args: argparse.Namespace) -> int:
         # The run itself, and its files.
         with reported_in(source):
             check_step(scenario)
-        record = _simulate(scenario, source, args.meshcat, certified=not args.uncertified)
+        show = _open_meshcat(args.no_wait) if args.meshcat else None
+        record = _simulate(scenario, source, show, certified=not args.uncertified)
         summary = write_data(record, output.folder)
         output.keep(replaces=True)  # Whatever becomes of the pictures.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
                        replay=not args.no_replay)
-    return _report(summary, path, output.kept)
+    status = _report(summary, path, output.kept)
+    if show is not None and not args.no_wait:
+        from uvms_drake.visual.controls import wait_for_end
+
+        print(f"still at {show.web_url()}: Ctrl-C, or the button there, ends it", file=sys.stderr)
+        wait_for_end(show)
+    return status
 
 
 def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
@@ -203,20 +216,28 @@ def sound(certificate: Certificate, source: str) -> Certificate:
     return certificate
 
 
-def _simulate(scenario: Scenario, source: str, show: bool, certified: bool) -> Record:
+def _open_meshcat(no_wait: bool) -> "Meshcat":
+    """Returns a Meshcat with a browser on it, unless nobody is to be waited for."""
+    from pydrake.geometry import Meshcat
+
+    from uvms_drake.visual.controls import wait_for_browser
+
+    meshcat = Meshcat()
+    waiting = "" if no_wait else "; the run begins when a browser has opened it"
+    print(f"watch at {meshcat.web_url()}{waiting}", file=sys.stderr)
+    if not no_wait:
+        wait_for_browser(meshcat)
+    return meshcat
+
+
+def _simulate(scenario: Scenario, source: str, meshcat: "Meshcat | None", certified: bool
+              ) -> Record:
     """Returns the record of a run, with progress and alarms on stderr."""
     from uvms_drake.station.simulation import simulate
+    from uvms_drake.visual.controls import stop_button
 
-    meshcat = stop = None
-    if show:
-        from pydrake.geometry import Meshcat
-
-        from uvms_drake.visual.controls import stop_button
-
-        meshcat = Meshcat()
-        stop = stop_button(meshcat)
-        print(f"watch at {meshcat.web_url()}", file=sys.stderr)
+    stop = None if meshcat is None else stop_button(meshcat)
     with (closing(ProgressLine(scenario.duration, sys.stderr)) as progress, alarms_above(progress),
           reported_in(source)):
         return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
-                        stop=stop, realtime_rate=1.0 if show else None)
+                        stop=stop, realtime_rate=None if meshcat is None else 1.0)

@@ -40,6 +40,15 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}
 
 
+def constraint_units(record: Record) -> dict[str, str]:
+    """Returns the units of `constraint_signals` by the same names, empty where it is not known."""
+    model = load_model(record.scenario)
+    y = np.concatenate([record.chi[0], record.config[0, 6:]])
+    at = Points(model, record.config[0], y, record.zeta[0], record.u[0], record.tau[0])
+    return {name: limit.unit_of(name) for limit in limits_of(record.scenario, model).values()
+            for name in limit.signals(at)}
+
+
 def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
     """Returns the unit of 𝔉 and its errors by what 𝔉_des (6,) has: a force, a torque or both."""
     force, torque = np.any(desired[:3]), np.any(desired[3:])

@@ -17,6 +17,7 @@ from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.signals import (
     constraint_signals,
+    constraint_units,
     disturbance_above,
     settling_index,
     wrench_unit,
@@ -112,13 +113,14 @@ def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[
 
 
 def summarise_constraints(record: Record) -> dict[str, object]:
-    """Returns limit, worst value and margin of each constraint; negative if violated."""
+    """Returns limit, worst value, margin and unit of each constraint; negative if violated."""
     out: dict[str, object] = {}
+    units = constraint_units(record)
     for name, (signal, limit) in constraint_signals(record).items():
         lower = name.endswith("_min")
         worst = np.min(signal) if lower else np.max(signal)
         out[name] = {"limit": limit, "worst": worst,
-                     "margin": worst - limit if lower else limit - worst}
+                     "margin": worst - limit if lower else limit - worst, "unit": units[name]}
     return out
 
 
@@ -229,7 +231,7 @@ def _format_constraints(constraints: dict) -> list[str]:
     for name, row in constraints.items():
         mark = "" if row["margin"] >= 0.0 else "  VIOLATED"
         numbers = "".join(f"{row[key]:>11.4g}" for key in ("limit", "worst", "margin"))
-        rows.append(f"{name:<14}{numbers}{mark}")
+        rows.append(f"{name:<14}{numbers}  {row['unit']}{mark}".rstrip())
     return rows
 
 

@@ -1,6 +1,8 @@
 """Buttons and sliders in Meshcat for a person who watches a run."""
 
+import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -14,7 +16,8 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import vector
 
-STOP = "Stop the run"
+STOP, CLOSE = "Stop the run", "Close the page's server"
+POLL = 0.05  # s
 FORCE = "desired force [N]"
 SLIDER_STEP = 0.5  # N
 DISTURBANCE = "disturbance [%]"
@@ -24,6 +27,22 @@ def stop_button(meshcat: Meshcat) -> Callable[[], bool]:
     """Adds a button, and returns a function that tells whether it has been pressed."""
     meshcat.AddButton(STOP, "Escape")
     return lambda: meshcat.GetButtonClicks(STOP) > 0
+
+
+def wait_for_browser(meshcat: Meshcat) -> None:
+    """Returns as soon as a browser shows the scene."""
+    while meshcat.GetNumActiveConnections() == 0:
+        time.sleep(POLL)
+
+
+def wait_for_end(meshcat: Meshcat) -> None:
+    """Returns when somebody has pressed the button, or Ctrl-C."""
+    if STOP in meshcat.GetButtonNames():
+        meshcat.DeleteButton(STOP)
+    meshcat.AddButton(CLOSE, "Escape")
+    with suppress(KeyboardInterrupt):
+        while meshcat.GetButtonClicks(CLOSE) == 0:
+            time.sleep(POLL)
 
 
 class ForceSlider(LeafSystem):

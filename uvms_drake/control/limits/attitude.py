@@ -38,6 +38,10 @@ class VehicleAngle(AbsoluteLimit):
         """Returns the radius of the angle."""
         return np.array([getattr(tube, self.name)])
 
+    def unit_of(self, signal: str) -> str:
+        """Returns rad."""
+        return "rad"
+
     @property
     def bars(self) -> list[str]:
         """The angle and its limit."""
@@ -74,6 +78,10 @@ class TipPitch(AbsoluteLimit):
     def closed_form(self, size: int) -> list[Slopes]:
         """Returns a row of the identity."""
         return [Slopes(np.eye(size)[TIP_PITCH: TIP_PITCH + 1])]
+
+    def unit_of(self, signal: str) -> str:
+        """Returns rad."""
+        return "rad"
 
     @property
     def bars(self) -> list[str]:

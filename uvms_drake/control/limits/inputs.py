@@ -21,6 +21,8 @@ class InputLimit(Limit):
     """|value of each channel| ≤ bound."""
 
     about: ClassVar[About] = "input"
+    units: ClassVar[tuple[str, str]]
+    """Units of the channels of straight motion, and of turning."""
 
     bound: np.ndarray
     """Largest size of each entry (6+n,)."""
@@ -35,12 +37,17 @@ class InputLimit(Limit):
         return {f"{self.name}_{channel}": (values[..., i], float(upper[i]))
                 for i, channel in enumerate(input_names(len(upper) - 6))}
 
+    def unit_of(self, signal: str) -> str:
+        """Returns the unit of straight motion or of turning."""
+        return self.units[0 if signal.rsplit("_", 1)[1] in input_names(0)[:3] else 1]
+
 
 @dataclass
 class Accelerations(InputLimit):
     """|𝔲ᵢ| ≤ bound [m/s² (3), rad/s² (3 + n)]."""
 
     name = "u"
+    units: ClassVar[tuple[str, str]] = "m/s²", "rad/s²"
 
     def values(self, at: Points) -> np.ndarray:
         """Returns 𝔲."""
@@ -69,6 +76,7 @@ class Forces(InputLimit):
     """|τᵢ| = |(M(𝔮)𝔲)ᵢ| ≤ bound [N (3), N m (3 + n)]."""
 
     name = "tau"
+    units: ClassVar[tuple[str, str]] = "N", "N m"
 
     def values(self, at: Points) -> np.ndarray:
         """Returns τ."""

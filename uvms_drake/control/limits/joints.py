@@ -55,6 +55,10 @@ class Joints(Limit):
         """q1, q2, ..."""
         return [f"q{i + 1}" for i in range(len(self.q_lower))]
 
+    def unit_of(self, signal: str) -> str:
+        """Returns rad."""
+        return "rad"
+
     @property
     def bars(self) -> list[str]:
         """The joints and their limits."""

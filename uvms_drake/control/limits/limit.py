@@ -177,6 +177,10 @@ class Limit(ABC):
             out[f"{label}_max"] = (values[..., i], float(self.upper[i]))
         return out
 
+    def unit_of(self, signal: str) -> str:
+        """Returns the unit of one of the `signals`, if it is known."""
+        return ""
+
     @property
     def bars(self) -> list[str]:
         """Names of the bars that show it."""

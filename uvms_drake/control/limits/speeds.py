@@ -44,6 +44,10 @@ class Speed(AbsoluteLimit):
         block = BLOCKS[self.name][0]
         return Cone(at.zeta[..., block], self.closed_form(at.model.size)[0], self.upper[0])
 
+    def unit_of(self, signal: str) -> str:
+        """Returns that of the block."""
+        return BLOCKS[self.name][2]
+
     @property
     def bars(self) -> list[str]:
         """The speed and its limit."""

@@ -73,6 +73,10 @@ class StaticForce(AbsoluteLimit):
         return None if limit.one_sided else Cone(
             limit.value, Slopes(_by_y(limit, at)), limit.bound)
 
+    def unit_of(self, signal: str) -> str:
+        """Returns N."""
+        return "N"
+
     @property
     def bars(self) -> list[str]:
         """One for the force."""
