@@ -111,8 +111,6 @@ def run_scenario(args: argparse.Namespace) -> int:
         again = shlex.join([PROGRAM, "certify", args.scenario, *set_options(overrides),
                             "--output", str(path)])
         certificate = _committed(scenario, source, path / CERTIFICATE_FILE, again)
-    for line in remarks(scenario):
-        print(f"note: {line}", file=sys.stderr)
     own = (*DATA_FILES, *picture_files(), *([] if certificate else [CERTIFICATE_FILE]))
     with output_folder(path, own, replaces=True) as output:
         if not args.uncertified:
@@ -126,6 +124,8 @@ def run_scenario(args: argparse.Namespace) -> int:
         # The run itself, and its files.
         with reported_in(source):
             check_step(scenario)
+            for line in remarks(scenario):
+                print(f"note: {line}", file=sys.stderr)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
         record = _simulate(scenario, source, show, certified=not args.uncertified)
         summary = write_data(record, output.folder)
