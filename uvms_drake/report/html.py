@@ -80,7 +80,9 @@ def load_run(folder: Path) -> tuple[Record, Certificate | None]:
         raise refused(f"{name}: {error.strerror or error}") from None
     except ScenarioError as error:
         raise refused(str(error)) from None
-    except (KeyError, ValueError, EOFError, BadZipFile, zlib.error):
+    except KeyError as error:
+        raise refused(f"its {LOG_FILE} is of another version: {error.args[0]}") from None
+    except (ValueError, EOFError, BadZipFile, zlib.error):
         raise refused(f"its {LOG_FILE} or {TIMING_FILE} is damaged") from None
     if not record.certified:
         return record, None
