@@ -92,20 +92,29 @@ def test_the_force_bound_is_reached_by_some_state_in_the_tube_and_exceeded_by_no
 
 
 def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypatch):
-    monkeypatch.setattr("uvms_drake.certificate.certify.certify", lambda _: pytest.fail("computed"))
+    monkeypatch.setattr("uvms_drake.certificate.certify.certify",
+                        lambda *_: pytest.fail("computed"))
     again = certified_once(load_scenario("girona500_contact", ["seed=5", "duration=3"]),
-                           announce=lambda: pytest.fail("announced"))
+                           progress=lambda *_: pytest.fail("announced"))
     assert again.to_data() == certificate.to_data()
 
 
-def test_it_is_announced_before_it_is_computed(certificate, scenario, monkeypatch, tmp_path):
+def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
+        scenario, monkeypatch, tmp_path):
+    stages = []
+    few = replace(scenario, certificate=replace(
+        scenario.certificate, tube_samples=10, terminal_samples=10))
+    certify(few, progress=lambda what, done: stages.append((what, done)))
+    assert [what for what, _ in stages] == ["constants", "tube", "terminal set", "first plan"]
+    assert [done for _, done in stages] == sorted(done for _, done in stages)
+
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    order = []
+    certificate, calls = certify(few), []
     monkeypatch.setattr("uvms_drake.certificate.certify.certify",
-                        lambda _: order.append("computed") or certificate)
+                        lambda _, progress: calls.append(progress) or certificate)
     for _ in range(2):
-        certified_once(scenario, announce=lambda: order.append("announced"))
-    assert order == ["announced", "computed"]
+        certified_once(few, progress=stages.append)
+    assert calls == [stages.append]
 
 
 @pytest.mark.parametrize(("overrides", "begins"), [

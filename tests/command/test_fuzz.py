@@ -5,6 +5,7 @@ through. Every case is a function of its number, so that one that fails can be l
 """
 
 import copy
+import os
 import signal
 
 import numpy as np
@@ -16,7 +17,9 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.scenario import dump_scenario, load_scenario, shipped_scenarios
 from uvms_drake.station.simulation import require_finite
 
-CASES = 500
+CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "500"))
+FIRST = int(os.environ.get("UVMS_DRAKE_FUZZ_FIRST", "0"))
+"""Number of the first case: others than the usual ones are looked at by another one."""
 CHUNKS = 10
 SECONDS = 20
 """A case that takes longer does not come back."""
@@ -151,7 +154,7 @@ def test_a_signal_that_is_not_finite_ends_in_one_line():
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_any_file_ends_in_a_run_or_in_one_line(tmp_path, capsys, deadline, chunk):
     failures = []
-    for number in range(chunk, CASES, CHUNKS):
+    for number in range(FIRST + chunk, FIRST + CASES, CHUNKS):
         file, output = tmp_path / f"case{number}.yaml", tmp_path / f"out{number}"
         file.write_bytes(case(number))
         deadline()
@@ -167,4 +170,82 @@ def test_any_file_ends_in_a_run_or_in_one_line(tmp_path, capsys, deadline, chunk
             failures.append((number, status, err))
         if output.exists() != (status in (0, 3)):
             failures.append((number, status, "half-written"))
+    assert not failures
+
+
+WORDS = {
+    "": ["run", "plot", "certify", "bench", "campaign", "errata", "scenarios", "keys", "fly", "-h"],
+    "scenario": ["girona500_contact", "girona500_contcat", "paper_kinematic", "/", "", ".", "a\0b",
+                 "/dev/null", "nowhere/mine.yaml", "--", "-", "é" * 200, "mine.yaml"],
+    "value": ["0", "-1", "1e30", "nan", "inf", "", "x", "010", "1:30", "[1", "{}", "!No {}", "null",
+              "true", "\0", "--seed", "1e-9", "../..", "[]"],
+    "key": ["seed", "duration", "name", "limits.u", "limits.u.3", "limits.tau", "tube.u",
+            "mpc.horizon", "mpc.time_step", "surface", "surface.stiffness", "task.pose",
+            "task.posture", "faults", "start.eta", "motion", "model", "log_period", "base", "", ".",
+            "a.b.c", "ancillary.k"],
+    "option": ["--seed", "--duration", "--propose", "--runs", "--workers", "--model-error",
+               "--replay", "--scheduler", "--output"],
+    "flag": ["--uncertified", "--front", "--laws", "--outside", "--no-figures", "--fast", "--help",
+             "--version", "-x"]}
+
+
+def command_line(number):
+    """Returns words that are no command that anybody would give; nearly all are refused."""
+    rng = np.random.default_rng([number, 1])
+
+    def one(kind):
+        return WORDS[kind][rng.integers(len(WORDS[kind]))]
+
+    args = [one("")] if rng.uniform() < 0.95 else []
+    for _ in range(rng.integers(0, 5)):
+        match rng.integers(5):
+            case 0:
+                args.append(one("scenario"))
+            case 1:
+                args += ["--set", f"{one('key')}={one('value')}"]
+            case 2:
+                args += [one("option"), one("value")]
+            case 3:
+                args.append(one("flag"))
+            case _:
+                args += ["--set", one("value")]
+    return args
+
+
+def test_any_command_line_is_refused_in_one_line_or_goes_on(
+        tmp_path, capsys, deadline, monkeypatch):
+    """What would take long is stopped where it begins, after all that is looked at before."""
+    class Begun(Exception):
+        pass
+
+    def begin(*args, **kwargs):
+        raise Begun
+
+    for what in ("uvms_drake.certificate.certify.certified_once", "uvms_drake.errata.all_errata",
+                 "uvms_drake.station.simulation.simulate", "uvms_drake.studies.bench.measure",
+                 "uvms_drake.command.campaign.certified_once",
+                 "uvms_drake.command.campaign.local_pool"):
+        monkeypatch.setattr(what, begin)
+    failures = []
+    for number in range(FIRST, FIRST + CASES // 5):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        args = command_line(number)
+        deadline()
+        try:
+            status = main(args)
+        except Begun:
+            continue
+        except SystemExit as ended:  # --help and --version.
+            status = ended.code
+        except BaseException as error:
+            failures.append((args, repr(error)))
+            continue
+        err = capsys.readouterr().err
+        said = [line for line in err.splitlines() if "error: " in line]
+        if status not in (0, 1, 2) or "Traceback" in err or len(said) != (status in (1, 2)):
+            failures.append((args, status, err))
+        if status == 2 and list(folder.iterdir()):
+            failures.append((args, status, "half-written"))
     assert not failures

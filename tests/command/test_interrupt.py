@@ -1,6 +1,7 @@
 """Tests of what ends a command early: signals, closed pipes, full disks, what is in the way."""
 
 import os
+import random
 import resource
 import signal
 import subprocess
@@ -105,3 +106,61 @@ def test_a_run_that_violates_a_limit_says_so_last_and_has_a_status_of_its_own(tm
     assert main([*args, "--set", "current=[3, 0, 0]", "--duration", "1"]) == 3
     assert capsys.readouterr().out.splitlines()[-1].startswith("LIMITS VIOLATED: ")
     assert (tmp_path / "log.npz").is_file()
+
+
+TRIES = int(os.environ.get("UVMS_DRAKE_INTERRUPTIONS", "4"))
+FULL_DISKS = int(os.environ.get("UVMS_DRAKE_FULL_DISKS", "4"))
+COMMANDS = {
+    "run": ["run", "--duration", "1"], "run without": [*SHORT, "--duration", "3"],
+    "pictures": ["run", "--uncertified", "--duration", "0.2"], "certify": ["certify", "--front"],
+    "bench": ["bench", "girona500_bilateral"], "errata": ["errata"],
+    "campaign": ["campaign", "--uncertified", "--runs", "3", "--set", "duration=1"]}
+
+
+@pytest.mark.parametrize("number", range(TRIES))
+def test_a_signal_ends_any_command_in_one_line(number, tmp_path):
+    """Or comes too late."""
+    draw = random.Random(number)
+    name = draw.choice(sorted(COMMANDS))
+    signal_number = draw.choice((signal.SIGINT, signal.SIGTERM))
+    output = tmp_path / "out"
+    process = command(*COMMANDS[name], "--output", str(output), cwd=tmp_path,
+                      env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")})
+    while process.poll() is None and not catches(process.pid):
+        time.sleep(0.01)
+    time.sleep(draw.uniform(0.0, 12.0))
+    process.send_signal(signal_number)
+    err = process.communicate(timeout=120)[1]
+    said = [line for line in err.splitlines() if "interrupted" in line]
+    assert "Traceback" not in err, (name, err)
+    if process.returncode in (0, 1, 3):
+        assert not said, (name, err)
+    else:
+        assert process.returncode == 128 + signal_number, (name, err)
+        assert len(said) == 1, (name, err)
+        if "nothing written" in err and name != "campaign":
+            assert not output.exists(), (name, err)
+    if output.exists():
+        assert not [item.name for item in output.iterdir() if item.name.startswith(".run-")]
+
+
+@pytest.mark.parametrize("number", range(FULL_DISKS))
+def test_a_full_disk_is_one_line_and_leaves_whole_files_and_those_of_others(number, tmp_path):
+    """A file cannot grow beyond a random size."""
+    size = int(10.0 ** random.Random(number).uniform(0.0, 6.5))
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    (tmp_path / "mine.txt").write_text("mine")
+    process = command("run", "--uncertified", "--duration", "0.1", "--output", str(tmp_path),
+                      preexec_fn=limit)
+    err = process.communicate(timeout=120)[1]
+    names = {path.name for path in tmp_path.iterdir()} - {"mine.txt"}
+    assert "Traceback" not in err
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+    assert names in (set(), DATA) or process.returncode == 0
+    assert process.returncode in (0, 1, 2)
+    if process.returncode:
+        (line,) = (line for line in err.splitlines() if "error: " in line)
+        assert ("saved in" in line) == (names == DATA)

@@ -3,7 +3,7 @@
 import io
 import logging
 
-from uvms_drake.command.progress import LINES, ProgressLine, alarms_above
+from uvms_drake.command.progress import LINES, ProgressLine, StageBar, alarms_above
 from uvms_drake.common.alarm import LOGGER, warn
 
 
@@ -53,4 +53,26 @@ def test_an_alarm_takes_the_place_of_the_line_which_goes_on_below(caplog):
 def test_nothing_reported_is_nothing_written():
     stream = Terminal()
     ProgressLine(20.0, stream).close()
+    assert stream.getvalue() == ""
+
+
+def test_stages_are_a_bar_with_the_time_left_on_a_terminal_and_one_line_in_a_log_file():
+    for stream in (Terminal(), io.StringIO()):
+        report = StageBar("certifying", stream)
+        for what, done in (("constants", 0.0), ("tube", 0.5), ("first plan", 0.9)):
+            report(what, done)
+        report.close()
+        if not stream.isatty():
+            assert stream.getvalue() == "certifying ...\n"
+            continue
+        first, second, third, end = stream.getvalue().split("\r")[1:]
+        assert first == f"[{' ' * 20}] certifying: constants\033[K"
+        assert second.startswith(f"[{'#' * 10}{' ' * 10}] certifying: tube, about 0 s left")
+        assert third.startswith(f"[{'#' * 18}  ] certifying: first plan, about ")
+        assert end == "\033[K"
+
+
+def test_no_stage_is_nothing_written():
+    stream = Terminal()
+    StageBar("certifying", stream).close()
     assert stream.getvalue() == ""

@@ -6,7 +6,6 @@ campaigns are the same if their `identity` is.
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,6 +17,7 @@ from uvms_drake.campaign.walls import CertifiedWall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.common.schema import load_typed
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import retargeted_ocp
@@ -104,7 +104,7 @@ def _code(scenario: Scenario) -> dict[str, Any]:
 
 def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None,
                   model_error: float = 0.0, outside: bool = False,
-                  announce: Callable[[], None] = lambda: None) -> Campaign:
+                  progress: Progress = silent) -> Campaign:
     """Returns the campaign of a scenario.
 
     Args:
@@ -113,22 +113,22 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
         certificate: One that holds for the scenario; None if its declared tube is taken.
         model_error: As of `Campaign`.
         outside: As of `Campaign`.
-        announce: Called before a certificate has to be computed, which takes long.
+        progress: As of `certified_once`.
     """
     applied = scenario
     walls: tuple[CertifiedWall, ...] = ()
     targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
     if certificate is not None:
-        applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate, announce)
+        applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate, progress)
         targets = tuple(target for index, wall in enumerate(walls)
-                        for target in _targets_on(with_wall(applied, wall), index))
+                        for target in _targets_on(with_wall(applied, wall), index, progress))
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
         model_error=model_error, outside=outside, walls=walls, targets=targets,
         **_code(scenario))
 
 
-def _targets_on(scenario: Scenario, wall: int) -> list[Target]:
+def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Target]:
     """Returns the desired forces that can be held on a surface, each with its terminal set.
 
     If no force acts, it is the scenario's own alone.
@@ -136,6 +136,7 @@ def _targets_on(scenario: Scenario, wall: int) -> list[Target]:
     Args:
         scenario: With the tube of the surface's certificate in it.
         wall: Index of the surface.
+        progress: As of `certified_once`.
     """
     own = Target(wall, 1.0, scenario.mpc.terminal_radius)
     force = np.asarray(scenario.task.force, dtype=float)
@@ -145,7 +146,8 @@ def _targets_on(scenario: Scenario, wall: int) -> list[Target]:
 
     def compute() -> list[list[float]]:
         found = []
-        for factor in FORCES:
+        for i, factor in enumerate(FORCES):
+            progress("terminal sets of other forces", i / len(FORCES))
             if factor == 1.0:
                 continue
             try:

@@ -5,7 +5,6 @@ faces makes no difference: a translation and a turn about the vertical of everyt
 dynamics, limits and tube as they are.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +15,7 @@ from pydrake.math import RotationMatrix
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.progress import Progress
 from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.euler import wrap_angle
@@ -40,7 +40,7 @@ class CertifiedWall:
     """Radius ε of the terminal set at the scenario's desired force."""
 
 
-def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[], None]
+def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
              ) -> tuple[CertifiedWall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
@@ -49,7 +49,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
     Args:
         scenario: As it is loaded.
         certificate: One that holds for it.
-        announce: As of `certified_once`.
+        progress: As of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
     for stiffness, tilt in OTHER_WALLS if motion_of(scenario).has_forces else ():
@@ -57,7 +57,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, announce: Callable[[]
             continue
         other = _with_surface(scenario, stiffness, tilt)
         try:
-            found = certified_once(other, announce)
+            found = certified_once(other, progress)
         except InvalidParameter:  # The task cannot be held there, or the start presses too hard.
             continue
         if found.certified:

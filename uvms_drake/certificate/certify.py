@@ -7,7 +7,6 @@ to go on with: then the certificate is void, and says which condition failed fir
 on the scenario's motion and law, see `Motion.tubes`; a law that is not there has no certificate.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
@@ -39,8 +39,12 @@ UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
 
-def certify(scenario: Scenario) -> Certificate:
+def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     """Returns the certificate of a scenario; void or not.
+
+    Args:
+        scenario: What to certify.
+        progress: Called at the beginning of every stage.
 
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
@@ -55,7 +59,9 @@ def certify(scenario: Scenario) -> Certificate:
         return draft.adding([Condition(
             f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0)])
     try:
+        progress("constants", 0.0)
         basis = basis_of(scenario, model)
+        progress("tube", 0.5)
         found = motion.tubes[type(law)](law, basis)
         draft = replace(
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
@@ -63,7 +69,9 @@ def certify(scenario: Scenario) -> Certificate:
         if not draft.certified:
             return draft
         draft = draft.adding(room_of(scenario, found.radii, model))
-        return _with_terminal_set(draft, found, scenario, model) if draft.certified else draft
+        if not draft.certified:
+            return draft
+        return _with_terminal_set(draft, found, scenario, model, progress)
     except NotOffered as error:
         return draft.adding([Condition(
             f"certificate of the surface {error.value}, it must be {error.allowed}",
@@ -113,16 +121,15 @@ def check_inputs(scenario: Scenario) -> ContactModel:
     return model
 
 
-def certified_once(scenario: Scenario, announce: Callable[[], None] = lambda: None) -> Certificate:
+def certified_once(scenario: Scenario, progress: Progress = silent) -> Certificate:
     """Returns the certificate of a scenario, from the cache if nothing has changed since.
 
     Args:
         scenario: Scenario to certify.
-        announce: Called first if the certificate has to be computed, which takes long.
+        progress: As of `certify`; not called if the certificate is in the cache.
     """
     def compute() -> dict:
-        announce()
-        return certify(scenario).to_data()
+        return certify(scenario, progress).to_data()
 
     data = cached({"certificate": fingerprint(scenario)}, compute)
     return replace(Certificate.from_data(data), scenario=scenario.name)
@@ -187,7 +194,8 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
 
 
 def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
-                       model: ContactModel) -> Certificate:
+                       model: ContactModel, progress: Progress) -> Certificate:
+    progress("terminal set", 0.6)
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario), model)
@@ -206,6 +214,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])
     if not draft.certified:
         return draft
+    progress("first plan", 0.9)
     ocp = make_ocp(draft.applied_to(scenario), model)  # With the terminal set.
     return draft.adding(first_plan(ocp, start)[1])
 

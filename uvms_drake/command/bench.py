@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from uvms_drake.command.files import folder, take_scenario
+from uvms_drake.command.progress import stream_of
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario import (
     load_scenario,
@@ -30,7 +31,7 @@ def bench_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.studies.bench_table import format_bench
 
     def progress(what: str) -> None:
-        print(f"measuring {what} ...", file=sys.stderr)
+        print(f"measuring {what} ...", file=stream_of(args))
 
     scenario = load_scenario(args.scenario, args.overrides)
     path = args.output if args.output is not None else Path("out") / scenario.name

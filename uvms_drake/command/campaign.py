@@ -5,7 +5,6 @@ import json
 import os
 import sys
 import time
-from functools import cache
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -31,6 +30,7 @@ from uvms_drake.campaign.vary import vary
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
+from uvms_drake.command.progress import StageBar, stream_of
 from uvms_drake.command.run import sound
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
@@ -82,16 +82,18 @@ def run_campaign(args: argparse.Namespace) -> int:
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
         check_step(scenario)
-        announce = cache(_announce)  # Once, for the scenario and all other surfaces.
+        progress = StageBar("certifying the scenario and other surfaces (two minutes, the first "
+                            "time)", stream_of(args))
         certificate = None if args.uncertified else sound(
-            certified_once(scenario, announce), source)
+            certified_once(scenario, progress), source)
         campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
-                                 outside=args.outside, announce=announce)
+                                 outside=args.outside, progress=progress)
+        progress.close()
         vary(campaign, 0)
     # The runs, and their summary.
     with run_log(output, campaign) as log:
         try:
-            _run(campaign, args.runs, log, pool)
+            _run(campaign, args.runs, log, pool, stream_of(args))
         except KeyboardInterrupt:
             print(f"\nuvms-drake: interrupted, {len(log.runs)} runs are in {output}; the same "
                   "command goes on with the others", file=sys.stderr)
@@ -114,16 +116,11 @@ def folder_of(args: argparse.Namespace, scenario: Scenario) -> Path:
     return args.output if args.output is not None else Path("out") / f"{scenario.name}-{kind}"
 
 
-def _announce() -> None:
-    print("certifying the scenario and other surfaces (two minutes, the first time) ...",
-          file=sys.stderr, flush=True)
-
-
-def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool) -> None:
+def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool, stream: TextIO) -> None:
     missing = [index for index in range(runs) if index not in log.runs]
     if len(missing) < runs:
-        print(f"{runs - len(missing)} of {runs} runs are there already", file=sys.stderr)
-    progress = CampaignProgress(len(missing), sys.stderr)
+        print(f"{runs - len(missing)} of {runs} runs are there already", file=stream)
+    progress = CampaignProgress(len(missing), stream)
     for _, run in run_all(campaign, missing, pool):
         log.append(run)
         progress.step()
@@ -151,7 +148,8 @@ def _cores() -> int:
 
 def replay_run(args: argparse.Namespace) -> int:
     """Runs one run of a campaign once more, alone, and writes its data and figures."""
-    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "outside", "replay"}:
+    for name in set(vars(args)) - {"command", "parser", "scenario", "output", "outside", "replay",
+                                  "quiet"}:
         option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
         require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
                 "left out with --replay: the campaign in the folder decides it")

@@ -2,13 +2,14 @@
 
 import argparse
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.files import folder, take_scenario
-from uvms_drake.command.progress import announce_certifying
+from uvms_drake.command.progress import CERTIFYING, StageBar, stream_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.control.laws import Resolved
@@ -59,14 +60,16 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with output_folder(path, [CERTIFICATE_FILE]) as output:
         with reported_in(source):
             check_inputs(scenario)  # Before anything is announced.
-            certificate = certified_once(scenario, announce_certifying)
+            with closing(StageBar(CERTIFYING, stream_of(args))) as progress:
+                certificate = certified_once(scenario, progress)
         write_certificate(certificate, output.folder)
     print(format_certificate(certificate))
     print(f"written to {path}: {CERTIFICATE_FILE}", file=sys.stderr)
     # Studies that were asked for.
     if args.front:
-        print("computing what other gains would give ...", file=sys.stderr)
-        print(f"\n{format_front(front(scenario))}")
+        with closing(StageBar("computing what other gains give", stream_of(args))) as progress:
+            points = front(scenario, progress=progress)
+        print(f"\n{format_front(points)}")
     if args.propose is not None:
         with reported_in(source):
             law, error = propose_gains(scenario, args.propose)
@@ -77,8 +80,9 @@ def certify_scenario(args: argparse.Namespace) -> int:
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     if args.laws:
-        print("computing what both laws would give ...", file=sys.stderr)
-        print(f"\n{format_laws(compare_laws(scenario))}")
+        with closing(StageBar("computing what both laws give", stream_of(args))) as progress:
+            rows = compare_laws(scenario, progress=progress)
+        print(f"\n{format_laws(rows)}")
     return 0 if certificate.certified else 1
 
 

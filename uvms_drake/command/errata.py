@@ -4,7 +4,8 @@ import argparse
 import logging
 import sys
 
-from uvms_drake.command.files import folder
+from uvms_drake.command.files import folder, take_quiet
+from uvms_drake.command.progress import StageBar, stream_of
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.output import output_folder
 
@@ -16,6 +17,7 @@ def add_errata(commands: argparse._SubParsersAction) -> None:
     errata = commands.add_parser("errata", help="compute what is wrong in the paper",
                                  allow_abbrev=False)
     errata.set_defaults(command=list_errata)
+    take_quiet(errata)
     errata.add_argument("--output", type=folder, metavar="DIR",
                         help="also write errata.md, and a figure for each of three choices that "
                              "the paper's text leaves, simulated both ways")
@@ -29,19 +31,17 @@ def list_errata(args: argparse.Namespace) -> int:
     from uvms_drake.errata import all_errata, errata_markdown, errata_table
     from uvms_drake.errata.choices import CHOICES, draw_choices
 
-    def progress(what: str) -> None:
-        print(f"drawing {what} ...", file=sys.stderr)
-
     LOGGER.setLevel(logging.ERROR)  # What is drawn goes wrong on purpose.
-    print("computing the errata ...", file=sys.stderr)
+    progress = StageBar("computing the errata", stream_of(args))
     if args.output is None:
-        errata = all_errata()
+        errata = all_errata(progress)
     else:
         with output_folder(args.output, [ERRATA_FILE, *CHOICES]) as output:
-            errata = all_errata()
+            errata = all_errata(progress)
             text = errata_markdown(errata) + "\n"
             (output.folder / ERRATA_FILE).write_text(text, encoding="utf-8")
             draw_choices(output.folder, progress)
+    progress.close()
     print(errata_table(errata))
     if args.output is not None:
         print(f"written to {args.output}: {', '.join(sorted(output.kept))}", file=sys.stderr)

@@ -35,6 +35,12 @@ def take_scenario(command: argparse.ArgumentParser) -> None:
                          dest="overrides",
                          help="any value of the scenario, in YAML, such as limits.u.0=0.2; can be "
                               "repeated")
+    take_quiet(command)
+
+
+def take_quiet(command: argparse.ArgumentParser) -> None:
+    """Adds what keeps the progress off stderr."""
+    command.add_argument("--quiet", action="store_true", help="do not report progress")
 
 
 def picture_files() -> tuple[str, ...]:

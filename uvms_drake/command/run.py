@@ -3,10 +3,10 @@
 import argparse
 import shlex
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from uvms_drake.certificate.certificate import (
     CERTIFICATE_FILE,
@@ -26,7 +26,13 @@ from uvms_drake.command.files import (
     write_pictures,
 )
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.progress import ProgressLine, alarms_above, announce_certifying
+from uvms_drake.command.progress import (
+    CERTIFYING,
+    ProgressLine,
+    StageBar,
+    alarms_above,
+    stream_of,
+)
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.record import Record
@@ -115,7 +121,7 @@ def run_scenario(args: argparse.Namespace) -> int:
     with output_folder(path, own, replaces=True) as output:
         if not args.uncertified:
             if certificate is None:
-                certificate = _new_certificate(scenario, source)
+                certificate = _new_certificate(scenario, source, stream_of(args))
                 write_certificate(certificate, output.folder)
             scenario = certificate.applied_to(scenario)
             print("certified: the force is off by less than "
@@ -127,7 +133,8 @@ def run_scenario(args: argparse.Namespace) -> int:
             for line in remarks(scenario):
                 print(f"note: {line}", file=sys.stderr)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
-        record = _simulate(scenario, source, show, certified=not args.uncertified)
+        record = _simulate(scenario, source, show, certified=not args.uncertified,
+                           quiet=args.quiet)
         summary = write_data(record, output.folder)
         output.keep(replaces=True)  # Whatever becomes of the pictures.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
@@ -198,11 +205,11 @@ def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certi
     return sound(certificate, source)
 
 
-def _new_certificate(scenario: Scenario, source: str) -> Certificate:
+def _new_certificate(scenario: Scenario, source: str, stream: TextIO) -> Certificate:
     from uvms_drake.certificate.certify import certified_once
 
-    with reported_in(source):
-        certificate = certified_once(scenario, announce_certifying)
+    with reported_in(source), closing(StageBar(CERTIFYING, stream)) as progress:
+        certificate = certified_once(scenario, progress)
     return sound(replace(certificate, made_by="run"), source)
 
 
@@ -230,14 +237,18 @@ def _open_meshcat(no_wait: bool) -> "Meshcat":
     return meshcat
 
 
-def _simulate(scenario: Scenario, source: str, meshcat: "Meshcat | None", certified: bool
-              ) -> Record:
+def _simulate(scenario: Scenario, source: str, meshcat: "Meshcat | None", *, certified: bool,
+              quiet: bool) -> Record:
     """Returns the record of a run, with progress and alarms on stderr."""
     from uvms_drake.station.simulation import simulate
     from uvms_drake.visual.controls import stop_button
 
     stop = None if meshcat is None else stop_button(meshcat)
-    with (closing(ProgressLine(scenario.duration, sys.stderr)) as progress, alarms_above(progress),
-          reported_in(source)):
+    with ExitStack() as stack:
+        stack.enter_context(reported_in(source))
+        progress = None
+        if not quiet:  # Then alarms go where Python's logging takes them.
+            progress = stack.enter_context(closing(ProgressLine(scenario.duration, sys.stderr)))
+            stack.enter_context(alarms_above(progress))
         return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
                         stop=stop, realtime_rate=None if meshcat is None else 1.0)

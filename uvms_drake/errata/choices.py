@@ -13,6 +13,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
 from uvms_drake.station.record import Record
@@ -72,19 +73,18 @@ CHOICES = {
 }
 
 
-def draw_choices(folder: Path, progress: Callable[[str], None] | None = None,
+def draw_choices(folder: Path, progress: Progress = silent,
                  overrides: Sequence[str] = ()) -> list[Path]:
     """Simulates all choices, writes their figures into a folder and returns the paths.
 
     Args:
         folder: Where to write.
-        progress: Called with the name of every figure.
+        progress: Called before every figure.
         overrides: Overrides of all scenarios.
     """
     paths = []
-    for name, choice in CHOICES.items():
-        if progress is not None:
-            progress(name)
+    for i, (name, choice) in enumerate(CHOICES.items()):
+        progress(name, i / len(CHOICES))
         records = [simulate(load_scenario(choice.scenario, [f"{choice.key}={option}", *overrides]))
                    for option in choice.options]
         with matplotlib.rc_context(STYLE):

@@ -3,13 +3,15 @@
 from collections.abc import Callable
 from functools import partial
 
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.errata import lemma, simulation
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import robot_constants
 
 
-def all_errata() -> list[Erratum]:
+def all_errata(progress: Progress = silent) -> list[Erratum]:
     """Returns E1, E2, ..., in order; it takes some seconds."""
+    progress("constants", 0.0)
     constants, J = robot_constants()
     sigma = 2.0 * constants.L_c / constants.J_min  # σ̲ = L_𝔠: twice the least.
     checks: tuple[Callable[[], Erratum], ...] = (
@@ -28,4 +30,8 @@ def all_errata() -> list[Erratum]:
         lemma.terminal_shapes,
         lemma.configuration_set,
     )
-    return [check() for check in checks]
+    found = []
+    for i, check in enumerate(checks):
+        progress(f"E{i + 1}", (i + 1) / (len(checks) + 1))
+        found.append(check())
+    return found

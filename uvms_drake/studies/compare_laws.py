@@ -16,6 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.certificate.certify import basis_of
 from uvms_drake.common.errors import require
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw
 from uvms_drake.control.tube_monitor import TubeMonitor, TubeReport
@@ -53,14 +54,17 @@ class LawRow:
     """Lower bound d̃/σ̲ of the paper's radius [m, rad]; inf if σ̲ ≤ 0."""
 
 
-def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS) -> list[LawRow]:
+def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS,
+                 progress: Progress = silent) -> list[LawRow]:
     """Returns a row for every law, with the scenario's model, limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
     basis = basis_of(scenario, load_model(scenario))
     lemma = lemma_constants(basis.constants)
-    rows = []
+    rows: list[LawRow] = []
+    laws = tuple(laws)
     for law in laws:
+        progress(law.name, len(rows) / len(laws))
         radius = TASK_RADII.get(type(law))
         certified = math.inf if radius is None else radius(law, basis)
         margin = law.sigma * lemma.J_min - lemma.L_c

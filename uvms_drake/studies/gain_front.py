@@ -12,6 +12,7 @@ import numpy as np
 
 from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import require
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws import Resolved
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model
@@ -44,7 +45,7 @@ class FrontPoint:
 
 
 def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
-          gains: Iterable[float] = GAINS) -> list[FrontPoint]:
+          gains: Iterable[float] = GAINS, progress: Progress = silent) -> list[FrontPoint]:
     """Returns the points for all combinations of factors on d̃ and on (k, σ)."""
     law = scenario.ancillary
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic for a front")
@@ -53,10 +54,11 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
     surface = model.surface
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     basis = basis_of(scenario, model)
-    gains = tuple(gains)
-    points = []
+    disturbances, gains = tuple(disturbances), tuple(gains)
+    points: list[FrontPoint] = []
     for d_factor in disturbances:
         for factor in gains:
+            progress("tubes", len(points) / (len(disturbances) * len(gains)))
             scaled = Resolved(k=factor * law.k, sigma=factor * law.sigma)
             # The scenario with these gains and this bound.
             at = replace(
