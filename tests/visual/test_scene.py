@@ -103,15 +103,16 @@ def test_the_magnification_is_a_round_number(radius, expected):
 
 
 @pytest.mark.parametrize(("value", "shown"), [
-    (0.04, "0.0"), (7.26, "7.3"), (12.3, "12.3"), (99.96, "99.9"), (-1.0, "0.0"), (9.96, "10.0")])
+    (0.04, "0.0"), (7.26, "7.3"), (12.3, "12.3"), (99.96, "99.9"), (-1.0, "0.0"), (9.96, "10.0"),
+    (0.4, "0"), (7.6, "8"), (12.3, "12"), (123.0, "99"), (-1.0, "0")])
 def test_a_readout_shows_the_digits_of_a_number(value, shown):
-    given = Given()
-    readout = Readout(quiet_stage(given), "number", "t = ", " s", 99.0, 1.0)
+    given, tenths = Given(), "." in shown
+    readout = Readout(quiet_stage(given), "number", "t = ", " s", 99.0, 1.0, tenths=tenths)
     readout.show(value)
     digits = {path.split("/")[1]: path.split("/")[2] for path, _, scale in given.scales
               if scale == [1.0, 1.0, 1.0]}
     whole = "".join(digits.get(power, "") for power in ("2", "1"))
-    assert f"{whole}.{digits['0']}" == shown
+    assert (f"{whole}.{digits['0']}" if tenths else whole) == shown
 
 
 def test_where_nothing_is_touched_no_force_is_drawn(meshcat):

@@ -46,7 +46,8 @@ class Pressing:
         stage.meshcat.SetTransform("numbers", RigidTransform(facing, np.zeros(3)))
         highest = max(2.0 * largest, 40.0)
         self._numbers = [
-            Readout(stage, f"numbers/{name}", "", f" N {name}", highest, HEIGHT * unit, color)
+            Readout(stage, f"numbers/{name}", "", f" N {name}", highest, HEIGHT * unit, color,
+                    tenths=False)
             for name, color in (("real", REAL_TEXT), ("desired", (1.0, 1.0, 1.0)))]
 
     def _draw_surface(self, goal: np.ndarray) -> tuple[DrawnWall | Polyline, np.ndarray]:

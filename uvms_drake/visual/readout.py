@@ -12,7 +12,7 @@ POINT = 0.27
 
 
 class Readout:
-    """A number to a tenth between two texts: all ten digits are made at each place, one is shown.
+    """A number between two texts: all ten digits are made at each place, one is shown.
 
     It is in the xz-plane, seen from −y, and begins at the origin of its path.
 
@@ -23,13 +23,15 @@ class Readout:
         largest: Largest number that is shown.
         height: Height of a line.
         color: Colour of all of it: red, green and blue from 0 to 1.
+        tenths: Whether it is shown to a tenth; every change of a digit is in the recording.
     """
 
     def __init__(self, stage: Stage, path: str, before: str, after: str, largest: float,
-                 height: float, color: tuple[float, float, float] = (1.0, 1.0, 1.0)):
+                 height: float, color: tuple[float, float, float] = (1.0, 1.0, 1.0),
+                 *, tenths: bool = True):
         self._stage, self._path = stage, path
         whole = len(str(int(largest)))
-        self._powers = [*range(whole, 0, -1), 0]  # of ten, of the tenths
+        self._powers = [*range(whole, 0, -1), *([0] if tenths else [])]  # of ten, of the tenths
         self._digit = DIGIT * height
         self._largest = 10 ** (whole + 1) - 1
 
@@ -43,16 +45,18 @@ class Readout:
             left = (i + 0.5) * DIGIT + (0.0 if power else POINT)
             for digit in range(10):
                 write(f"{power}/{digit}/text", str(digit), left, "center")
-        write("point", ".", whole * DIGIT + 0.5 * POINT, "center")
-        write("after", after, (whole + 1) * DIGIT + POINT, "left")
+        if tenths:
+            write("point", ".", whole * DIGIT + 0.5 * POINT, "center")
+        write("after", after, (whole + 1) * DIGIT + POINT if tenths else whole * DIGIT, "left")
 
     def show(self, value: float, place: np.ndarray | None = None) -> None:
         """Shows the nearest number that there is, at `place` (3,) if it is to move."""
         # The text before the number is close to its first digit.
-        tenths = min(max(round(10.0 * value), 0), self._largest)
+        unit = 1 if self._powers[-1] == 0 else 10  # of the last digit, in tenths
+        tenths = min(max(round(10.0 * value / unit) * unit, 0), self._largest)
         if place is not None:
             self._stage.move(self._path, frame_at(place))
-        missing = len(self._powers) - max(len(str(tenths)), 2)
+        missing = self._powers[0] - max(len(str(tenths)) - 1, 1)
         self._stage.move(f"{self._path}/before", frame_at([missing * self._digit, 0.0, 0.0]))
         for power in self._powers:
             shown = tenths // 10**power % 10 if power < 2 or tenths >= 10**power else None
