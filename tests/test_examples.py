@@ -59,41 +59,33 @@ def test_the_loop_by_hand_comes_to_the_desired_force(tmp_path):
 
 
 def test_waves_of_ones_own_push_to_and_fro(tmp_path):
-    lowest, highest = (float(x) for x in re.search(
-        r"surge (\S+) to (\S+) m", run("own_disturbance.py", 5.0, tmp_path)).groups())
+    text = run("own_disturbance.py", 5.0, tmp_path)
+    lowest, highest = (float(x) for x in re.search(r"surge (\S+) to (\S+) m", text).groups())
     assert -0.1 < lowest < -0.02 < 0.02 < highest < 0.1
+    reached, desired = last_numbers(text)
+    assert abs(reached - desired) < 2.0
 
 
-@pytest.mark.parametrize(("name", "duration", "within"), [
-    ("own_sensor.py", 4.0, 2.0),
-    ("own_disturbance.py", 5.0, 2.0),
-    ("own_actuator.py", 4.0, 2.0),
-    ("own_limit.py", 4.0, 2.0),
-    ("own_cost.py", 4.0, 2.0),
-    ("own_law.py", 4.0, 2.0),
-    ("own_surface.py", 4.0, 2.0),
-    ("thrusters.py", 4.0, 2.0),
-    ("controller_alone.py", 4.0, 2.0),
-    ("two_robots.py", 4.0, 2.0),
-])
-def test_the_force_settles_with_a_part_of_ones_own(name, duration, within, tmp_path):
-    reached, desired = last_numbers(run(name, duration, tmp_path))
-    assert abs(reached - desired) < within
-
-
-@pytest.mark.parametrize(("name", "reason"), [
+@pytest.mark.parametrize(("name", "void"), [
     ("own_sensor.py", "sensing[0], CompassError: nothing is proven about it"),
     ("own_actuator.py", "actuation[1], ThrusterLag: the proofs take actuators for ideal"),
-    ("own_limit.py", "limits.pillar, of which nobody says what the tube takes"),
-    ("own_cost.py", "mpc.terms[0], SlowElbow, which the terminal set leaves out"),
     ("own_law.py", "certificate of the law ProportionalDerivative, none is known"),
-])
-def test_what_has_no_certificate_says_so(name, reason, tmp_path):
-    assert reason in run(name, 0.5, tmp_path)
+    ("own_cost.py", "mpc.terms[0], SlowElbow, which the terminal set leaves out"),
+    ("own_surface.py", None),
+    ("thrusters.py", None),
+    ("controller_alone.py", None),
+    ("two_robots.py", None)])
+def test_the_force_settles_with_a_part_of_ones_own_and_a_void_certificate_says_so(
+        name, void, tmp_path):
+    text = run(name, 4.0, tmp_path)
+    reached, desired = last_numbers(text)
+    assert abs(reached - desired) < 2.0
+    assert void is None or void in text
 
 
 def test_a_limit_of_ones_own_is_kept_by_the_plan(tmp_path):
     text = run("own_limit.py", 4.0, tmp_path)
+    assert "limits.pillar, of which nobody says what the tube takes" in text
     without, kept = (float(x) for x in re.findall(r"limit: (\d+\.\d+) m", text))
     assert without < 0.2
     assert kept >= 0.22 - 1e-3
