@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.control.laws.law import Command, Pair, task_error
+from uvms_drake.control.laws.law import Command, Pair
+from uvms_drake.model.euler import pose_difference
 
 
 @dataclass
@@ -27,7 +28,7 @@ class ProportionalDerivative(uv.AncillaryLaw):
                 nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
         """Returns the acceleration u, and the force M(𝔮)u."""
-        off = now.inverse @ task_error(*now.y)
+        off = now.inverse @ pose_difference(*now.y)
         faster = now.zeta[0] - now.zeta[1]
         u = nominal_input() - self.derivative * faster - self.proportional * off
         M = model.mass_matrix(now.kinematics.at(0))

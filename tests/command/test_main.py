@@ -339,7 +339,7 @@ def test_a_run_that_cannot_go_on_has_exit_status_1_and_leaves_nothing(
 
     monkeypatch.setattr(simulation, "simulate", simulate)
     assert main(["run", "--output", str(tmp_path / "out"), "--uncertified"]) == 1
-    assert capsys.readouterr().err == "uvms-drake: error: no plan\n"
+    assert capsys.readouterr().err == "uvms-drake: error: no plan (girona500_contact.yaml)\n"
     assert not (tmp_path / "out").exists()
 
 

@@ -303,11 +303,11 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_contact", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
     ("girona500_contact", ["task.pose.4=0.9"], "task.pose"),
     ("girona500_contact", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
-    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.pose"),  # vehicle's pitch
+    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.posture"),
     ("girona500_contact", ["task.posture=[0, 1.1]"], "task.posture"),
     ("girona500_contact", ["limits.u.4=0.14"], "limits.u[4]"),
     ("girona500_contact", ["limits.u.4=0"], "limits.u"),
-    ("girona500_contact", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "tube.tau"),
+    ("girona500_contact", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "limits.tau"),
     ("girona500_contact", ["limits.tau=[1, 1, 1]"], "limits.tau"),
     ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "task.force"),
     ("girona500_contact", ["task.force.0=400", "limits.static_force=500"], "limits.u"),

@@ -36,7 +36,7 @@ figure.wide { grid-column: span 2; }
 figure img { width: 100%; height: auto; display: block; }
 figcaption { font-size: .85em; color: var(--soft); }
 pre, code { font: 12px/1.45 "DejaVu Sans Mono", Consolas, Menlo, monospace; }
-pre { background: #f6f7f9; padding: .7rem .9rem; overflow-x: auto; white-space: pre-wrap; }
+pre { background: #fbfcfd; padding: .7rem .9rem; overflow-x: auto; white-space: pre-wrap; }
 summary { cursor: pointer; color: var(--blue); }
 @page { size: A4; margin: 16mm; }
 @media print {

@@ -217,7 +217,7 @@ def test_radii_that_no_limit_is_about_tighten_nothing(radius):
     ({"q_lower": [0.0, 0.0], "q_upper": [0.1, 0.024]}, {}, "limits.q2"),
     ({}, {"u": np.zeros(10)}, "tube.u"),
     ({}, {"u": np.array([0, 0, 0, 0, 0, 0, 0, -0.1])}, "tube.u"),
-    ({}, {"tau": None}, "tube.tau"),
+    ({}, {"tau": None}, "limits.tau"),
     ({}, {"tau": np.zeros(10)}, "tube.tau"),
     ({}, {"tau": np.array([0, 0, 0, 0, 0, 0, 0, -0.1])}, "tube.tau"),
     ({}, {"z": -0.1}, "tube.z"),
