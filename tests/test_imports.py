@@ -1,6 +1,7 @@
 """Who may know whom: the order of the rooms, from what knows nothing to what knows all."""
 
 import ast
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -92,3 +93,11 @@ def test_what_the_package_offers_is_there():
         assert getattr(uvms_drake, name) is not None
     with pytest.raises(AttributeError, match="has no attribute 'make_otter'"):
         uvms_drake.make_otter  # noqa: B018
+
+
+def test_the_wheel_has_every_package():
+    root = Path(__file__).parents[1]
+    listed = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    folders = {".".join(path.parent.relative_to(root).parts)
+               for path in (root / "uvms_drake").rglob("__init__.py")}
+    assert set(listed["packages"]) == folders | {"uvms_drake.models"}
