@@ -35,4 +35,4 @@ def test_an_absurd_size_is_refused_too(change):
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_run_of_an_hour_is_no_reason_to_refuse_a_shipped_scenario(name):
-    load_scenario(name, ["duration=3600"])
+    assert load_scenario(name, ["duration=3600"]).duration == 3600.0
