@@ -17,7 +17,7 @@ from uvms_drake.report.summary import EVENT_LINES, format_summary, summarise
 
 KEYS = {
     "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
-    "task_error", "force", "constraints", "disturbance", "tube", "events"}
+    "task_error", "force", "contact", "constraints", "disturbance", "tube", "events"}
 CONSTRAINTS = [
     "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
     "q4_max", "roll", "pitch", "tip_pitch", "static_force", "u_surge", "u_sway", "u_heave",
@@ -378,4 +378,27 @@ def test_a_force_that_nobody_desires_is_not_judged():
     lines = format_summary(summarise(desiring([0] * 6, synthetic_record()))).splitlines()
     (line,) = (line for line in lines if line.startswith("force "))
     assert line.split() == ["force", "no", "force", "desired"]
-    assert lines[lines.index(line) + 1] == ""
+    assert lines[lines.index(line) + 1].split()[:2] == ["first", "touch"]
+
+
+def test_contact_is_told_by_touch_losses_and_static_force_on_the_real_surface():
+    """The wall of the record yields 1000 N/m past a transition of 2 mm; the real one is shifted."""
+    record = pressing([0.0, 19.0, 0.0, 20.5, 20.0, 0.0])
+    chi = record.chi.copy()
+    chi[:, 0] = [-0.1, 0.020, -0.1, 0.0215, 0.021, 0.0]
+    depth = np.maximum(chi[:, 0], 0.0)
+    force = record.force.copy()
+    force[5, 0] = 20.0  # Settled from the third second on.
+    record = replace(record, chi=chi, penetration=depth, force=force)
+    contact = summarise(record)["contact"]
+    assert contact == {"first_touch_s": 1.0, "losses": 1,
+                       "largest_static_force": pytest.approx(20.5)}
+    moved = replace(record.scenario, surface_error=SurfaceError(shift=np.array([0.01, 0.0, 0.0])))
+    assert summarise(replace(record, scenario=moved))["contact"]["largest_static_force"] \
+        == pytest.approx(10.5)
+
+
+def test_without_contact_there_is_no_first_touch():
+    record = pressing([0.0, 0.0])
+    contact = summarise(replace(record, penetration=np.zeros(2)))["contact"]
+    assert (contact["first_touch_s"], contact["losses"]) == (None, 0)

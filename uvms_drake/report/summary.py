@@ -14,6 +14,8 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.plant.surface_error import displaced
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -45,6 +47,7 @@ def summarise(record: Record) -> dict[str, object]:
         "mpc": summarise_mpc(record),
         "task_error": summarise_task_error(record),
         "force": summarise_force(record),
+        "contact": summarise_contact(record),
         "constraints": summarise_constraints(record),
         "disturbance": summarise_disturbance(record),
         "tube": summarise_tube(record),
@@ -103,6 +106,21 @@ def summarise_force(record: Record) -> dict[str, object]:
         "last_5_s": {"mean_error_norm": np.mean(error[end]),
                      "worst_normal_error": np.max(np.abs(normal[end] - magnitude))},
     }
+
+
+def summarise_contact(record: Record) -> dict[str, object]:
+    """Returns when the surface was first touched, how often it was left, and the static force [N].
+
+    The static force is that of the real surface at the pose, at rest: without impact and damping.
+    A loss is the end of a contact, once the force had settled if it has.
+    """
+    scenario, touching = record.scenario, record.penetration > 0.0
+    error = np.linalg.norm(record.force - record.desired_force, axis=1)
+    settled = settling_index(error, scenario.task.force_tolerance) or 0
+    surface = displaced(check_surface(scenario.surface), scenario.surface_error)
+    return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
+            "losses": np.count_nonzero(np.diff(touching[settled:].astype(int)) < 0),
+            "largest_static_force": np.max(surface.static_force(record.chi))}
 
 
 def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
@@ -173,7 +191,8 @@ def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float |
 def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
     """Returns the summary as a table, with at most so many lines of events; None is no limit."""
     return "\n".join([
-        *_format_run(summary), "", *_format_force(summary["force"]), "",
+        *_format_run(summary), "", *_format_force(summary["force"]),
+        *_format_contact(summary["contact"]), "",
         *_format_constraints(summary["constraints"]), "", *_format_robustness(summary), "",
         *_format_events(summary["events"], event_lines)])
 
@@ -224,6 +243,13 @@ def _format_force(force: dict) -> list[str]:
         f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} {unit} on "
         f"average{off}",
     ]
+
+
+def _format_contact(contact: dict) -> list[str]:
+    if contact["first_touch_s"] is None:
+        return []
+    return [f"{'':<14}first touch at {contact['first_touch_s']:.2f} s, static force at most "
+            f"{contact['largest_static_force']:.4g} N, contact lost {contact['losses']} times"]
 
 
 def _format_constraints(constraints: dict) -> list[str]:
