@@ -29,7 +29,7 @@ class ThrusterLag(uv.Part):
         return "the proofs take actuators for ideal"
 
     def add_to(self, builder: DiagramBuilder, model: uv.UvmsModel, port: OutputPort,
-               signals: uv.Signals) -> OutputPort:
+               signals: uv.Signals, seed: int) -> OutputPort:
         """Adds Drake's filter."""
         lags = np.repeat([self.time_constant, FASTEST], [6, model.num_joints])
         lag = builder.AddNamedSystem("lag", FirstOrderLowPassFilter(lags))

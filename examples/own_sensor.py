@@ -24,7 +24,7 @@ class CompassError(uv.Part):
     """Error of the heading [rad]."""
 
     def add_to(self, builder: DiagramBuilder, model: uv.UvmsModel, port: OutputPort,
-               signals: uv.Signals) -> OutputPort:
+               signals: uv.Signals, seed: int) -> OutputPort:
         """Adds a constant to the measured state."""
         offset = np.zeros(port.size())
         offset[YAW] = self.offset

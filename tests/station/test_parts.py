@@ -31,7 +31,7 @@ class Scaled(Part):
     factor: float = 1.0
     signal: str = "scaled"
 
-    def add_to(self, builder, model, port, signals):
+    def add_to(self, builder, model, port, signals, seed):
         gain = builder.AddNamedSystem("gain", Gain(self.factor, port.size()))
         builder.Connect(port, gain.get_input_port())
         signals[self.signal] = gain.get_output_port()
@@ -42,7 +42,7 @@ class Scaled(Part):
 class Short(Part):
     """It loses a component."""
 
-    def add_to(self, builder, model, port, signals):
+    def add_to(self, builder, model, port, signals, seed):
         gain = builder.AddNamedSystem("gain", Gain(1.0, port.size() - 1))
         return gain.get_output_port()
 

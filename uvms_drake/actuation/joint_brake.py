@@ -37,7 +37,7 @@ class StuckJoint(Fault, Part):
         check_times(self.start, None)
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
-               signals: Signals) -> OutputPort:
+               signals: Signals, seed: int) -> OutputPort:
         """Adds a `JointBrake`; see `Part`."""
         return JointBrake.AddToBuilder(
             builder, model, self, commanded=port, state=signals["state"]).get_output_port()

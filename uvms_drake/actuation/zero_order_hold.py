@@ -30,7 +30,7 @@ class ZeroOrderHold(Part):
         return "the proofs take the feedback for continuous"
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
-               signals: Signals) -> OutputPort:
+               signals: Signals, seed: int) -> OutputPort:
         """Adds Drake's ZeroOrderHold; see `Part`."""
         hold = builder.AddNamedSystem(
             "zero_order_hold", primitives.ZeroOrderHold(self.period, port.size()))

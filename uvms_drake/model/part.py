@@ -52,7 +52,7 @@ class Part(Component, ABC):
 
     @abstractmethod
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
-               signals: Signals) -> OutputPort:
+               signals: Signals, seed: int) -> OutputPort:
         """Adds the part behind `port`, and returns the port of the same size that takes its place.
 
         Args:
@@ -62,6 +62,7 @@ class Part(Component, ABC):
                 kinematic, 𝔮 (6+n) or the command ζ (6+n) [m/s, rad/s].
             signals: Signals to read, and to add to, so that they are logged. `state` is the true
                 one.
+            seed: Seed of random numbers, zero or positive.
         """
 
 

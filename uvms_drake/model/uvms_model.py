@@ -82,7 +82,8 @@ class UvmsModel:
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
         self._links = read_links(uvms)
-        self._gravity = uvms.plant.gravity_field().gravity_vector()
+        self.gravity: np.ndarray = uvms.plant.gravity_field().gravity_vector()
+        """g in Σ_I (3,) [m/s²]."""
         self._joint_rows = np.eye(self.size)[6:]
         # 1 where joint j moves link k: (n+1, n).
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
@@ -206,7 +207,7 @@ class UvmsModel:
         screw_rate = cross_motion(V_B[..., 1:, :], screw)
         A_B = zeta_dot[..., None, :6] + self._moves @ (screw * q_ddot + screw_rate * q_dot)
         X = kinematics.J_links[..., :6]
-        g_B = self._gravity @ kinematics.R_WB
+        g_B = self.gravity @ kinematics.R_WB
         g = (g_B[..., None, None, :] @ kinematics.R_BL)[..., 0, :]
         return _Motion(V_B, A_B, screw_rate, times(X, V_B), times(X, A_B), g)
 

@@ -45,7 +45,7 @@ class SensorFault(Fault, Part):
         check_times(self.start, self.duration)
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
-               signals: Signals) -> OutputPort:
+               signals: Signals, seed: int) -> OutputPort:
         """Adds a `FaultySensor`; see `Part`."""
         return FaultySensor.AddToBuilder(builder, self, true=port).get_output_port()
 

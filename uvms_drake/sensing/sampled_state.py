@@ -36,7 +36,7 @@ class SampledState(Part):
         return "the proofs take the state for measured at all times"
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
-               signals: Signals) -> OutputPort:
+               signals: Signals, seed: int) -> OutputPort:
         """Adds a `Sampler`; see `Part`."""
         sampler = builder.AddNamedSystem("sampler", Sampler(self.period, port.size()))
         builder.Connect(port, sampler.get_input_port())

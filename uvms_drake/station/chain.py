@@ -21,7 +21,7 @@ def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
 
 
 def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,
-              parts: dict[str, Part]) -> OutputPort:
+              parts: dict[str, Part], seed: int) -> OutputPort:
     """Adds parts one behind the other and returns the port at their end.
 
     The names of their systems begin with their keys.
@@ -32,11 +32,12 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
         port: Output port in front of the first part.
         signals: Signals that the parts may read, and to which they add theirs.
         parts: The parts by their keys in the scenario.
+        seed: Seed of their random numbers.
     """
     for key, part in parts.items():
         size, known, before = port.size(), len(signals), len(builder.GetSystems())
         with within(key):
-            port = part.add_to(builder, model, port, signals)
+            port = part.add_to(builder, model, port, signals, seed)
             require(port.size() == size, "size", port.size(), f"{size}, as before it")
             added = list(signals)[known:]
             require(not set(added) & RESERVED, "signals", added,

@@ -98,11 +98,12 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     true = uvms.GetOutputPort(motion.measured)
     measured = add_chain(
         builder, ocp.model, true, signals,
-        faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing))
+        faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
     exerted = add_chain(
         builder, ocp.model, controller.GetOutputPort(motion.command), signals,
-        keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults))
+        keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults),
+        scenario.seed)
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
     solver_faults = faults_at("solver", scenario.faults)
     if solver_faults:

@@ -1,0 +1,287 @@
+"""A wrist sensor of force and torque, as it is: late, sampled, noisy, biased and drifting.
+
+Frames: W is World (Σ_I), E the end-effector (Σ_E), S the sensor, fixed to E. A wrench F_S is the
+force and the torque about the origin of S, in its axes, that act *on* the surface, as 𝔉 does. By
+virtual power F_E = A(𝔬)ᵀ𝔉, with χ̇ = A(𝔬)V_E, and F_E = X F_S (`transfer`).
+
+With L what holds the tool that hangs beyond the sensor (`Tool.hold`), the sensor lags,
+
+    T ẋ = F_S + L − x,     x(0) = F_S + L,                                                      (1)
+
+and is read at tₖ = k h with a bias b, a drift s and noise νₖ, up to its range,
+
+    rawₖ = clip(x(tₖ) + b + s tₖ + νₖ),     F̂ₖ = rawₖ − L̂ₖ − tare,                              (2)
+
+L̂ₖ the model's L at the measured attitude and `tare` the mean of raw − L̂ over the first samples,
+during which nothing is touched and F̂ is zero. F̂ₖ holds for tₖ ≤ t < tₖ₊₁, and
+
+    𝔉_s(t) = A(𝔬)⁻ᵀ X F̂ₖ                                                                        (3)
+
+with the attitude measured at t: so A(𝔬)ᵀ𝔉_s, which is what the inverse dynamics ask for, has no
+error of the attitude in it. How far F̂ is off: see `force_bound`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+    State,
+)
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.part import Part, Signals
+from uvms_drake.model.spatial import block_diagonal, skew
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.sensing.tool import Tool
+
+STREAM = 1
+"""Key of a force sensor's random numbers, which keeps them apart from those of others."""
+
+
+def transfer(mounting: np.ndarray) -> np.ndarray:
+    """Returns X (6, 6) with F_E = X F_S, for a wrench and the pose (6,) of S in E [m, rad]."""
+    R_ES = rotation_matrix(mounting[3:])
+    X = block_diagonal(R_ES, R_ES)
+    X[3:, :3] = skew(mounting[:3]) @ R_ES
+    return X
+
+
+class Imperfection(NamedTuple):
+    """What one copy of a sensor is off by, within its bounds."""
+
+    bias: np.ndarray
+    """b (6,) [N, N m]."""
+    drift: np.ndarray
+    """s (6,) [N/s, N m/s]."""
+    noise: Callable[[int], np.ndarray]
+    """νₖ (6,) [N, N m] of the sample k."""
+
+
+def _generator(seed: int, *key: int) -> np.random.Generator:
+    return np.random.Generator(np.random.Philox(
+        np.random.SeedSequence(seed, spawn_key=(STREAM, *key))))
+
+
+def cut_noise(sigma: np.ndarray, multiple: float, seed: int, index: int) -> np.ndarray:
+    """Returns νₖ (6,), k = `index`: Gaussian numbers cut to ± `multiple` · σ.
+
+    It is a pure function of its arguments.
+    """
+    unit = _generator(seed, 1, index).standard_normal(6)
+    return sigma * np.clip(unit, -multiple, multiple)
+
+
+class Samples(NamedTuple):
+    """What a sensor remembers of its samples."""
+
+    taken: float
+    """Number of samples so far."""
+    total: np.ndarray
+    """Sum of raw − L̂ over the samples of the tare (6,) [N, N m]."""
+    held: np.ndarray
+    """F̂ of the last sample (6,) [N, N m]."""
+
+    @staticmethod
+    def of(state: np.ndarray) -> "Samples":
+        """Returns the parts of a state (13,)."""
+        return Samples(state[0], state[1:7], state[7:])
+
+    def with_next(self, wrench: np.ndarray, tare_samples: int) -> "Samples":
+        """Returns what is remembered after a sample of raw − L̂ (6,); see (2)."""
+        if self.taken < tare_samples:
+            return Samples(self.taken + 1, self.total + wrench, self.held)
+        return Samples(self.taken + 1, self.total, wrench - self.total / max(tare_samples, 1))
+
+
+@dataclass
+class ForceSensor(Part):
+    """A wrist sensor measures the contact force, which the law takes instead of the surface's.
+
+    Logged are `force_reading`, F̂ in its own axes, and `measured_force`, 𝔉_s. Rate, noise and range
+    are those of the wrist sensor in the Girona 1000's own scenario for Stonefish (CIRS,
+    `girona1000_vectorial.scn`); nobody has published the others, which are assumed: the lag is that
+    of a low-pass of 8 Hz (one of 5 Hz is in use), and a bias of newtons is why such a sensor "must
+    be tared" (Reach Bravo).
+    """
+
+    motions = ("dynamic",)
+
+    rate: float = 100.0
+    """Samples per second [Hz]."""
+    lag: float = 0.02
+    """Time constant T [s]; zero for none."""
+    noise: np.ndarray = field(default_factory=lambda: np.array([0.25] * 3 + [0.005] * 3))
+    """Standard deviation σ of a sample (6,) [N (3), N m (3)]."""
+    noise_multiple: float = 3.0
+    """Multiple of σ to which the noise is cut, so that it is bounded."""
+    bias: np.ndarray = field(default_factory=lambda: np.array([5.0] * 3 + [0.1] * 3))
+    """Bound of each component of b (6,) [N (3), N m (3)]; b is drawn by the scenario's seed."""
+    drift: np.ndarray = field(default_factory=lambda: np.array([0.002] * 3 + [0.00004] * 3))
+    """Bound of each component of s (6,) [N/s (3), N m/s (3)]; s is drawn likewise."""
+    range: np.ndarray = field(default_factory=lambda: np.array([2000.0] * 3 + [40.0, 40.0, 30.0]))
+    """Largest readings either way (6,) [N (3), N m (3)]."""
+    tare: float = 0.5
+    """Time at the start during which nothing is touched and the mean is taken off [s]; 0: none."""
+    mounting: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Pose of the sensor in the frame of the end-effector: position, ZYX Euler angles [m, rad]."""
+    tool: Tool = field(default_factory=Tool)
+    """What hangs beyond it."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(0.0 < self.rate < np.inf, "rate", self.rate, "positive")
+        for key in ("lag", "noise_multiple"):
+            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
+        for key in ("noise", "bias", "drift", "range"):
+            value = vector(key, getattr(self, key), 6)
+            require(bool(np.all(value >= 0.0)), key, value, "zero or positive")
+        require(self.tare == 0.0 or 1.0 <= self.tare * self.rate < np.inf, "tare", self.tare,
+                f"0, or at least one sample long, {1.0 / self.rate:g} s")
+        vector("mounting", self.mounting, 6)
+        with within("tool"):
+            self.tool.check()
+
+    def assumption(self) -> str:
+        """Returns the assumption that it breaks."""
+        return "the proofs know the contact force by the surface's law"
+
+    @property
+    def tare_samples(self) -> int:
+        """Number of samples before the end of the tare."""
+        return round(self.tare * self.rate)
+
+    def imperfection(self, seed: int) -> Imperfection:
+        """Returns what the copy of a seed is off by; b and s are uniform within their bounds."""
+        b, s = _generator(seed, 0).uniform(-1.0, 1.0, (2, 6))
+        return Imperfection(b * self.bias, s * self.drift, partial(
+            cut_noise, np.asarray(self.noise, dtype=float), self.noise_multiple, seed))
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals, seed: int) -> OutputPort:
+        """Adds a `WristSensor`, which takes its attitude from `port`; see `Part`."""
+        sensor = WristSensor.AddToBuilder(
+            builder, model, self, self.imperfection(seed), force=signals["force"],
+            state=signals["state"], measured_state=port)
+        signals["measured_force"] = sensor.GetOutputPort("measured_force")
+        signals["force_reading"] = sensor.GetOutputPort("reading")
+        return port
+
+
+class WristSensor(LeafSystem):
+    """Measures the wrench on the surface; see the equations of this module.
+
+    .. pydrake_system::
+
+        name: WristSensor
+        input_ports:
+        - force
+        - state
+        - measured_state
+        output_ports:
+        - measured_force
+        - reading
+
+    - `force`: 𝔉 (6), the true one, from the plant's port `force`.
+    - `state`: (𝔮, ζ) (2(6+n)), the true one, in the paper's order.
+    - `measured_state`: (𝔮, ζ) (2(6+n)) measured.
+    - `measured_force`: 𝔉_s (6), force in Σ_I and torque conjugate to Euler rates [N, N m].
+    - `reading`: F̂ (6) in the sensor's axes, about its origin [N, N m]; zero during the tare.
+
+    The continuous state is x (6), if there is a lag; the discrete state is that of `Samples` (13).
+    A sample at which the measured state is not finite is not taken, and the last one goes on.
+
+    Args:
+        model: Supplies the attitude of the end-effector, and gravity.
+        settings: The sensor.
+        off: What this copy is off by.
+    """
+
+    def __init__(self, model: UvmsModel, settings: ForceSensor, off: Imperfection):
+        super().__init__()
+        settings.check()
+        self._model, self._settings, self._off = model, settings, off
+        self._range = np.asarray(settings.range, dtype=float)
+        self._X = transfer(np.asarray(settings.mounting, dtype=float))
+        self._X_inverse = np.linalg.inv(self._X)
+        self._force_port = self.DeclareVectorInputPort("force", 6)
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self._measured_port = self.DeclareVectorInputPort("measured_state", 2 * model.size)
+        if settings.lag > 0.0:
+            self.DeclareContinuousState(6)
+            self.DeclareInitializationUnrestrictedUpdateEvent(self._settle)
+        self.DeclareDiscreteState(13)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / settings.rate, 0.0, self._sample)
+        samples, measured = self.xd_ticket(), self._measured_port.ticket()
+        self.DeclareVectorOutputPort("measured_force", 6, self._calc_force, {samples, measured})
+        self.DeclareVectorOutputPort("reading", 6, self._calc_reading, {samples})
+
+    def _tip_matrix(self, state: np.ndarray) -> np.ndarray:
+        """Returns A(𝔬) (6, 6) at (𝔮, ζ)."""
+        A_E: np.ndarray = self._model.kinematics(state[: self._model.size]).A_E
+        return A_E
+
+    def _hold(self, A_E: np.ndarray) -> np.ndarray:
+        """Returns L (6,) of the tool."""
+        g_S = self._model.gravity @ A_E[:3, :3] @ self._X[:3, :3]
+        return self._settings.tool.hold(g_S)
+
+    def _wrench(self, context: Context) -> np.ndarray:
+        """Returns F_S + L (6,)."""
+        A_E = self._tip_matrix(self._state_port.Eval(context))
+        wrench: np.ndarray = self._X_inverse @ (self._force_port.Eval(context) @ A_E)
+        return wrench + self._hold(A_E)
+
+    def _settle(self, context: Context, state: State) -> None:
+        if Samples.of(context.get_discrete_state_vector().value()).taken == 0:
+            state.get_mutable_continuous_state().SetFromVector(self._wrench(context))
+
+    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+        """Sets ẋ of (1)."""
+        if self._settings.lag > 0.0:
+            x = context.get_continuous_state_vector().CopyToVector()
+            derivatives.SetFromVector((self._wrench(context) - x) / self._settings.lag)
+
+    def _sample(self, context: Context, state: DiscreteValues) -> None:
+        measured = self._measured_port.Eval(context)
+        if not np.all(np.isfinite(measured)):
+            return
+        samples = Samples.of(context.get_discrete_state_vector().value())
+        x = (context.get_continuous_state_vector().CopyToVector() if self._settings.lag > 0.0
+             else self._wrench(context))
+        off, believed = self._off, 1.0 + self._settings.tool.error
+        raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
+                      -self._range, self._range)
+        samples = samples.with_next(raw - believed * self._hold(self._tip_matrix(measured)),
+                                    self._settings.tare_samples)
+        state.set_value(np.hstack(samples))
+
+    def _calc_reading(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(Samples.of(context.get_discrete_state_vector().value()).held)
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).held
+        A_E = self._tip_matrix(self._measured_port.Eval(context))
+        output.SetFromVector(np.linalg.solve(A_E.T, wrench))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: ForceSensor,
+                     off: Imperfection, *, force: OutputPort, state: OutputPort,
+                     measured_state: OutputPort, name: str = "wrist_sensor") -> "WristSensor":
+        """Adds the sensor and connects it; the arguments are its constructor's and its inputs."""
+        system = WristSensor(model, settings, off)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(force, system.GetInputPort("force"))
+        builder.Connect(state, system.GetInputPort("state"))
+        builder.Connect(measured_state, system.GetInputPort("measured_state"))
+        return system
