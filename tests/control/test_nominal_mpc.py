@@ -15,6 +15,7 @@ from uvms_drake.control.nominal_mpc import (
     DROPPED,
     FAILED,
     FEASIBLE,
+    KEPT,
     LATE,
     MPC_REPORT,
     SOLVED,
@@ -57,6 +58,19 @@ class ViolatingSolver(FailingSolver):
             return solution
         return replace(
             solution, evaluation=replace(solution.evaluation, violation=self._violation))
+
+
+class MissingSolver(FailingSolver):
+    """Says of every plan but the first that it misses the terminal set by so much."""
+
+    def __init__(self, ocp, slack: float):
+        super().__init__(ocp)
+        self._slack = slack
+
+    def solve(self, guess, iterations):
+        first, solution = self.calls == 0, super().solve(guess, iterations)
+        return solution if first else replace(
+            solution, evaluation=replace(solution.evaluation, terminal_slack=self._slack))
 
 
 class Setup:
@@ -193,6 +207,29 @@ def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short
     assert solver.calls == 5
     before = short_ocp.evaluate(short_ocp.continued(plan))
     assert setup.report()["cost"] <= before.merit
+
+
+@pytest.mark.parametrize(("slack", "status"), [(10.0 * FEASIBLE, KEPT), (0.1 * FEASIBLE, SOLVED)])
+def test_a_plan_that_is_kept_because_it_is_sounder_is_no_failure(
+        short_ocp, caplog, slack, status):
+    """It is within the terminal set and the new one, which may cost less, is not."""
+    rest = np.concatenate([short_ocp.model.configuration(short_ocp.y_des), np.zeros(10)])
+    solver = MissingSolver(short_ocp, slack)
+    setup = Setup(solver, rest)
+    setup.simulator.Initialize()
+    plan = setup.read("plan")
+    assert short_ocp.evaluate(plan).terminal_slack == 0.0
+    for k in (1, 2, 3):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        report = setup.report()
+        assert report["status"] == status
+        assert report["iterations"] > 0.0
+        if status == KEPT:
+            np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
+            assert report["terminal_slack"] == short_ocp.evaluate(plan).terminal_slack
+    assert solver.calls == 4
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("fault", [FAILED, LATE])

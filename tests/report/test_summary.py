@@ -9,6 +9,7 @@ from support.synthetic import desiring, synthetic_record
 
 from uvms_drake.control.laws import Transpose
 from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.nominal_mpc import KEPT
 from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report import signals
@@ -52,7 +53,7 @@ def test_the_fixed_keys_are_there_and_valid_json():
     assert set(summary) >= KEYS
     assert set(summary["versions"]) == {"uvms_drake", "drake", "python"}
     assert set(summary["mpc"]) == {
-        "solves", "failures", "late", "dropped", "fallbacks", "step_ms", "refused_targets",
+        "solves", "failures", "late", "dropped", "fallbacks", "kept", "step_ms", "refused_targets",
         "worst_terminal_slack", "worst_violation"}
     assert set(summary["mpc"]["step_ms"]) == {"p50", "p95", "p99", "max"}
     assert set(summary["task_error"]) >= {"initial", "final", "final_norm"}
@@ -281,6 +282,17 @@ def test_failures_of_the_solver_are_counted():
     assert (mpc["solves"], mpc["failures"], mpc["late"], mpc["dropped"], mpc["fallbacks"]) == (
         len(status) - 3, 2, 1, 3, 3)
     assert "97 solves, 2 failures, 1 late, 3 fallbacks, 3 dropped" in format_summary(summary)
+
+
+def test_a_plan_that_was_kept_because_it_is_sounder_is_no_failure_and_no_event():
+    record = synthetic_record()
+    status = np.zeros_like(record.mpc_status)
+    status[[3, 4, 5]] = KEPT
+    summary = summarise(replace(record, mpc_status=status))
+    mpc = summary["mpc"]
+    assert (mpc["kept"], mpc["failures"], mpc["fallbacks"], mpc["solves"]) == (3, 0, 0, len(status))
+    assert "0 dropped, 3 kept" in format_summary(summary)
+    assert summary["events"] == summarise(record)["events"]
 
 
 def test_step_times_are_in_milliseconds():

@@ -11,7 +11,7 @@ from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.vary import Variation, kind_of, vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.nominal_mpc import FAILED, SOLVED
+from uvms_drake.control.nominal_mpc import FAILED, KEPT, SOLVED
 from uvms_drake.control.solver_faults import solver_fault
 from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.plant.model_error import FACTORS
@@ -47,7 +47,7 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
         result |= drawn(variation)
         record = simulate(variation.scenario)
         result |= outcome(record, variation)
-        steps = 1e3 * record.step_seconds[record.mpc_status == SOLVED]
+        steps = 1e3 * record.step_seconds[np.isin(record.mpc_status, (SOLVED, KEPT))]
     except Exception as error:
         result["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
     counts, _ = np.histogram(np.clip(steps, *STEP_EDGES_MS[[0, -1]]), STEP_EDGES_MS)

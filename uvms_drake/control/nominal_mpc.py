@@ -36,15 +36,16 @@ violates; of the terminal set, in ‖ξ‖_P."""
 REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
-SOLVED, FAILED, LATE, DROPPED = range(4)
+SOLVED, FAILED, LATE, DROPPED, KEPT = range(5)
 """Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
-away; nothing is done at all."""
+away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
+terminal set where the new one is not."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
 """Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
-3), the plan's objective, s of the terminal set, largest violation of a limit (in its own unit),
-convex programs solved, 1 if a new desired force was asked for and is refused. A dropped sample
-changes the first two only."""
+3, `KEPT` 4), the plan's objective, s of the terminal set, largest violation of a limit (in its own
+unit), convex programs solved, 1 if a new desired force was asked for and is refused. A dropped
+sample changes the first two only."""
 
 TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
            DROPPED: "the sample was dropped"}
@@ -100,11 +101,12 @@ class NominalMpc(LeafSystem):
     The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, or takes longer than the problem's deadline, the last plan continued by the
-    terminal controller takes its place. If a sampling instant is dropped, the last plan goes on as
-    it is, and where it ends, by the terminal controller. `report` says which, and the logger
-    `uvms_drake` at the first of the samples in a row where it is so. All but the first plan can be
-    made to fail by the port `fault`. Without a first plan there is nothing to fall back to:
-    `RunFailed`.
+    terminal controller takes its place; likewise if it is sound and the new one is not, which is no
+    failure: the proofs ask for nothing better. If a sampling instant is dropped, the last plan goes
+    on as it is, and where it ends, by the terminal controller. `report` says which, and the logger
+    `uvms_drake` tells of trouble at the first of the samples in a row where it is so. All but the
+    first plan can be made to fail by the port `fault`. Without a first plan there is nothing to
+    fall back to: `RunFailed`.
 
     A measured state that is not finite is none: there is no first plan from it, and a problem with
     the initial state `measured` plans from the nominal state instead.
@@ -241,10 +243,9 @@ class NominalMpc(LeafSystem):
             return self._pass_over(state, self._recall(context), now, started)
         memory = self._asked(context)
         guess = self._guess(context, memory)
-        force, solution = memory.force, NOTHING
+        force, solution, status = memory.force, NOTHING, fault
         if fault == SOLVED:
-            force, solution = self._solve(memory, guess)
-        status = fault or (FAILED if solution.plan is None else SOLVED)
+            force, solution, status = self._solve(memory, guess)
         deadline = self._ocp.deadline
         if status == SOLVED and deadline is not None and time.perf_counter() - started > deadline:
             status = LATE
@@ -292,18 +293,19 @@ class NominalMpc(LeafSystem):
                 guess = guess.redone(measured, guess.decision)
         return guess
 
-    def _solve(self, memory: MpcMemory, guess: Plan) -> tuple[np.ndarray, Solution]:
-        """Returns 𝔉_des (6,) of a new plan, and the solution for it."""
+    def _solve(self, memory: MpcMemory, guess: Plan) -> tuple[np.ndarray, Solution, int]:
+        """Returns 𝔉_des (6,) of a new plan, the solution for it, and the outcome of the sample."""
         solution = self._retargeted(memory, guess)
         if solution is not None:
-            return memory.asked, solution
+            return memory.asked, solution, SOLVED
         solver = self._current(memory)
         solution = solver.solve(guess, solver.ocp.iterations)
+        if solution.plan is None:
+            return memory.force, solution, FAILED
         slack = FEASIBLE if solver.ocp.ends_at_task else np.inf
-        if not _is_sound(solution.evaluation, slack) and _is_sound(
-                solver.ocp.evaluate(guess), slack):
-            solution = replace(solution, plan=None, evaluation=None)  # The guess is better.
-        return memory.force, solution
+        better = _is_sound(solution.evaluation, slack) or not _is_sound(
+            solver.ocp.evaluate(guess), slack)
+        return memory.force, solution, SOLVED if better else KEPT
 
     def _retargeted(self, memory: MpcMemory, guess: Plan) -> Solution | None:
         """Returns the plan to a new desired force, or None if there is none or it is refused."""
@@ -352,7 +354,7 @@ class NominalMpc(LeafSystem):
 
     def _say(self, now: float, status: int, old: MpcMemory) -> None:
         """Says on the logger that a sample came to nothing, unless the one before it did so too."""
-        if status not in (SOLVED, old.report[1]):
+        if status in TROUBLE and status != old.report[1]:
             warn(now, TROUBLE[status])
 
     def _evaluate_plan(self, context: Context, nominal: AbstractValue) -> None:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighten
 from uvms_drake.control.limits.inputs import input_names
+from uvms_drake.control.nominal_mpc import KEPT, SOLVED
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import events
@@ -301,10 +302,10 @@ def draw_disturbance(record: Record) -> Figure:
 def draw_mpc(record: Record) -> Figure:
     """Draws the step time of the MPC, failed samples, and the slack of the terminal set."""
     figure, axes = panels(2, 2.8)
-    step_ms = 1e3 * record.step_seconds
+    step_ms, sound = 1e3 * record.step_seconds, np.isin(record.mpc_status, (SOLVED, KEPT))
     for chosen, marker, color, label in (
-            (record.mpc_status == 0, ".", BLUE, "solved"),
-            (record.mpc_status != 0, "x", VERMILION, "failed, late or dropped")):
+            (sound, ".", BLUE, "solved, or the last plan kept"),
+            (~sound, "x", VERMILION, "failed, late or dropped")):
         axes[0].plot(record.mpc_time[chosen], step_ms[chosen], marker, color=color, markersize=3.5,
                      label=label)
     axes[0].axhline(1e3 * record.scenario.mpc.time_step, **{**LIMIT, "label": "sampling period"})

@@ -11,7 +11,7 @@ import numpy as np
 
 import uvms_drake
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE
+from uvms_drake.control.nominal_mpc import DROPPED, FAILED, KEPT, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
@@ -61,7 +61,8 @@ def summarise_mpc(record: Record) -> dict[str, object]:
     """Returns how often the MPC was solved and failed, how well, and how long a step took.
 
     `fallbacks` are the samples at which the last plan was continued: `failures` of the solver, and
-    `late` plans. At `dropped` samples there was no solve.
+    `late` plans; where it was `kept` because it was sounder than the new one, nothing failed. At
+    `dropped` samples there was no solve.
     `worst_violation` is that of the plans, in the unit of the limit that they violate.
     """
     status, step_ms = record.mpc_status, 1e3 * record.step_seconds
@@ -73,6 +74,7 @@ def summarise_mpc(record: Record) -> dict[str, object]:
         "late": np.count_nonzero(status == LATE),
         "dropped": np.count_nonzero(status == DROPPED),
         "fallbacks": np.count_nonzero((status == FAILED) | (status == LATE)),
+        "kept": np.count_nonzero(status == KEPT),
         "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
         "refused_targets": np.count_nonzero(record.mpc_refused),
         "worst_terminal_slack": np.max(record.mpc_terminal_slack) if len(step_ms) else None,
@@ -214,7 +216,7 @@ def _format_run(summary: dict) -> list[str]:
         f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
         f"({_number(summary['real_time_factor'], '.2f')} times real time)",
         f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, {mpc['late']} late, "
-        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped; "
+        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped, {mpc['kept']} kept; "
         f"step {_number(step['p50'], '.1f')} ms median, "
         f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
         f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
