@@ -1,0 +1,143 @@
+"""Tests of `uvms_drake.control.contact.front`: cones that are safe on every wall of a class."""
+
+import numpy as np
+import pytest
+from support.walls import random_direction, random_walls, rotated_from_x
+
+from uvms_drake.control.contact.front import apex, replaces, room, safe_depth
+from uvms_drake.control.contact.surface_class import SurfaceClass
+
+FORCE_MAX, NOISE = 45.0, 1.0
+
+
+def at_rest(points):
+    return np.zeros_like(points)
+
+
+def straight(stiffness=2000.0, **options):
+    return SurfaceClass(np.array([1.0, 0.0, 0.0]), stiffness, **options)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nowhere_in_the_cone_is_the_force_too_large(seed):
+    """Any wall, any place of the reading, any error; the reading averages the way of the tip."""
+    rng = np.random.default_rng(seed)
+    surface = SurfaceClass(random_direction(rng), 4000.0, 0.3, dissipation=2.0)
+    closest = 0.0
+    for wall in random_walls(surface, rng, 60):
+        points = rng.uniform(-0.01, 0.01, 3) + np.cumsum(rng.normal(0.0, 3e-4, (5, 3)), axis=0)
+        velocities = rng.normal(0.0, 0.03, (5, 3))
+        weights = rng.dirichlet(np.ones(5))
+        factor = 1.0 + rng.uniform(0.0, 2.0) * velocities @ wall.normal
+        if not np.isinf(wall.radius):
+            factor = np.ones(5)  # Its normal differs from place to place.
+        load = weights @ (wall.static(points) * factor)
+        reading = load * wall.normal + rng.choice([-1.0, 1.0]) * NOISE * surface.direction
+        tip = apex(surface, points, velocities, reading, FORCE_MAX, NOISE)
+        p = tip + rng.uniform(-0.02, 0.02, (3000, 3))
+        p -= np.maximum(surface.advance(p - tip), 0.0)[:, None] * surface.direction
+        left = room(surface, tip, p)
+        assert np.isnan(tip[0]) or np.min(left) > -1e-12
+        if not np.isnan(tip[0]):
+            closest = max(closest, np.max(wall.static(p)) / FORCE_MAX)
+    assert 0.6 < closest <= 1.0 + 1e-9
+
+
+def test_the_front_is_where_the_stiffest_wall_has_the_largest_force():
+    surface = straight(stiffness=5000.0)
+    p = np.array([0.3, 1.0, -2.0])
+    force = np.array([12.0 - NOISE, 0.0, 0.0])  # The noise hides some of the 12 N.
+    tip = apex(surface, p[None], at_rest(p[None]), force, FORCE_MAX, NOISE)
+    assert 12.0 + 5000.0 * (tip[0] - p[0]) == pytest.approx(FORCE_MAX)
+    np.testing.assert_array_equal(tip[1:], p[1:])
+    assert room(surface, tip, p) == pytest.approx(33.0 / 5000.0)
+
+
+def test_a_reading_above_the_limit_says_nothing_alone():
+    """A soft wall has 46 N here, and more than 45 N where (F_max − φ⁺)/κ₊ would put x_safe."""
+    surface, p = straight(), np.zeros((1, 3))
+    tip = apex(surface, p, p, np.array([46.0, 0.0, 0.0]), FORCE_MAX, 0.0)
+    assert np.all(np.isnan(tip))
+    assert room(surface, tip, p[0]) == -np.inf
+    assert safe_depth(surface, tip, p[0], 0.0, 0.0) == -np.inf
+    formula = (FORCE_MAX - 46.0) / surface.stiffness
+    assert 46.0 + 0.1 * surface.stiffness * formula > FORCE_MAX
+
+
+@pytest.mark.parametrize("weights", [[1, 0, 0, 0], [0.25, 0.25, 0.25, 0.25], [0, 0.1, 0.2, 0.7]])
+def test_the_age_of_a_reading_is_paid_for(weights):
+    """On the stiffest wall, at a run into it; a front of the latest place alone is too far."""
+    surface = straight()
+    x = np.array([0.0, 1e-3, 2e-3, 3e-3])
+    points = x[:, None] * np.eye(3)[0]
+    reading = np.array([np.dot(weights, surface.stiffness * x), 0.0, 0.0])
+    tip = apex(surface, points, at_rest(points), reading, FORCE_MAX, 0.0)
+    assert surface.stiffness * tip[0] <= FORCE_MAX + 1e-9
+    careless = apex(surface, points[-1:], at_rest(points[-1:]), reading, FORCE_MAX, 0.0)
+    assert surface.stiffness * careless[0] > FORCE_MAX
+
+
+def lateral(surface, tip, place):
+    """How deep the cone of an apex is at a lateral place."""
+    return surface.depth(tip) - surface.slope * surface.aside(place - tip)
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.02, 0.2])
+def test_an_apex_is_replaced_iff_nothing_in_reach_is_lost(reach):
+    rng = np.random.default_rng(3)
+    surface = SurfaceClass(random_direction(rng), angle=0.4)
+    R = rotated_from_x(surface.direction)
+    angles = np.linspace(0.0, 2.0 * np.pi, 721)
+    circles = np.array([r * (np.cos(a) * R[:, 1] + np.sin(a) * R[:, 2])
+                        for r in reach * np.linspace(0.0, 1.0, 21) for a in angles])
+    taken = 0
+    for _ in range(100):
+        new, old = rng.normal(0.0, 0.03, (2, 3))
+        old += surface.direction * (surface.depth(new - old) + rng.normal(0.0, 0.03))
+        to_old = surface.aside(new - old)
+        direct = (old - new) - surface.depth(old - new) * surface.direction
+        places = np.vstack([new + circles, new + min(reach / to_old, 1.0) * direct])
+        gain = np.min(lateral(surface, new, places) - lateral(surface, old, places))
+        assert bool(replaces(surface, new, old, reach)) == (gain >= -1e-12), gain
+        taken += gain >= 0.0
+    assert 10 < taken < 90
+
+
+def test_any_apex_is_better_than_none_and_none_replaces_any():
+    surface, none = straight(), np.full(3, np.nan)
+    assert replaces(surface, np.zeros(3), none, 0.1)
+    assert not replaces(surface, none, np.zeros(3), 0.1)
+
+
+def test_safe_depth_is_safe_wherever_a_plan_in_reach_goes():
+    rng = np.random.default_rng(4)
+    surface = SurfaceClass(random_direction(rng), angle=0.5)
+    R, tip, reach, margin = rotated_from_x(surface.direction), np.ones(3), 0.03, 0.002
+    for _ in range(50):
+        place = tip + R[:, 1:] @ rng.uniform(-0.1, 0.1, 2)
+        x = safe_depth(surface, tip, place, reach, margin)
+        a = rng.uniform(0.0, 2.0 * np.pi, 200)
+        p = place + reach * (np.cos(a)[:, None] * R[:, 1] + np.sin(a)[:, None] * R[:, 2])
+        p += (x - surface.depth(p))[:, None] * surface.direction
+        assert np.min(room(surface, tip, p)) >= margin - 1e-12
+    at = [safe_depth(surface, tip, tip + d * R[:, 2], reach, margin) for d in (0.0, 0.01, 0.03)]
+    assert np.ptp(at) < 1e-12
+    assert safe_depth(straight(), tip, tip, reach, margin) == pytest.approx(1.0 - margin)
+
+
+def test_a_tip_that_slides_on_a_tilted_wall_keeps_contact_and_is_safe():
+    """Along a wall that comes towards it, by apexes that are left behind."""
+    surface = straight(angle=0.2)
+    normal = np.array([np.cos(0.15), np.sin(0.15), 0.0])
+    reach, old, p = 0.02, np.full(3, np.nan), np.array([0.005, 0.0, 0.0])
+    worst = 0.0
+    for _ in range(400):
+        force = surface.stiffness * max(p @ normal, 0.0)
+        new = apex(surface, p[None], at_rest(p[None]), force * normal, FORCE_MAX, NOISE)
+        old = new if replaces(surface, new, old, reach) else old
+        assert room(surface, old, p) > 0.0
+        worst = max(worst, surface.stiffness * (normal @ (
+            p + room(surface, old, p) * surface.direction)))
+        p = p + np.array([0.0, 1e-3, 0.0])
+        p[0] = 0.005 - p[1] * np.tan(0.15)
+    assert 0.7 * FORCE_MAX < worst <= FORCE_MAX

@@ -1,0 +1,89 @@
+"""Tests of `uvms_drake.control.contact.surface_class`: walls of the class, and their readings."""
+
+import numpy as np
+import pytest
+from support.walls import random_direction, random_walls, rotated_from_x
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.plane import dissipation_factor
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tilted_curved_and_layered_walls_are_in_the_class(seed):
+    rng = np.random.default_rng(seed)
+    surface = SurfaceClass(random_direction(rng), 3000.0, 0.3)
+    for wall in random_walls(surface, rng, 20):
+        p, other = rng.uniform(-0.02, 0.02, (2, 500, 3))
+        growth = surface.stiffness * np.maximum(surface.advance(other - p), 0.0)
+        assert np.all(wall.static(other) <= wall.static(p) + growth + 1e-9)
+
+
+def test_no_smaller_stiffness_or_angle_would_do():
+    """A plane that is tilted by all of θ, moved straight on and along its steepest way."""
+    R = rotated_from_x(random_direction(np.random.default_rng(5)))
+    surface = SurfaceClass(R[:, 0], 3000.0, 0.3)
+    tilted = np.cos(0.3) * R[:, 0] + np.sin(0.3) * R[:, 1]
+    for motion in (R[:, 0], R[:, 1]):
+        grows = surface.stiffness * tilted @ motion
+        assert grows == pytest.approx(
+            surface.stiffness * np.cos(0.3) * surface.advance(motion), rel=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 1.5])
+def test_the_normal_force_is_at_most_what_a_reading_allows(friction):
+    """Any tilt, friction and noise; and it is that much if all of them are against us."""
+    rng = np.random.default_rng(1)
+    surface = SurfaceClass(random_direction(rng), angle=0.4, friction=friction)
+    R, noise = rotated_from_x(surface.direction), 0.7
+    around = rng.uniform(0.0, 2.0 * np.pi, (2, 4000))
+    tilt = rng.uniform(0.0, 0.4, 4000)
+    radial = np.cos(around[0])[:, None] * R[:, 1] + np.sin(around[0])[:, None] * R[:, 2]
+    normal = np.cos(tilt)[:, None] * R[:, 0] + np.sin(tilt)[:, None] * radial
+    first = np.cos(tilt)[:, None] * radial - np.sin(tilt)[:, None] * R[:, 0]
+    tangent = (np.cos(around[1])[:, None] * first
+               + np.sin(around[1])[:, None] * np.cross(normal, first))
+    push = rng.uniform(0.0, 30.0, 4000)
+    error = rng.normal(size=(4000, 3))
+    error *= noise * rng.uniform(0.0, 1.0, (4000, 1)) / np.linalg.norm(error, axis=1)[:, None]
+    reading = push[:, None] * (normal + friction * rng.uniform(0, 1, (4000, 1)) * tangent) + error
+    assert np.all(surface.normal_force_bound(reading, noise) >= push - 1e-9)
+    # Worst case of the part along n: the tilt is θ, friction pushes back, and so does the noise.
+    worst = np.cos(0.4) * R[:, 0] + np.sin(0.4) * R[:, 1]
+    back = np.cos(0.4) * R[:, 1] - np.sin(0.4) * R[:, 0]
+    reading = 20.0 * (worst + friction * back) - noise * R[:, 0]
+    by_part = 20.0 if friction < 1.0 / np.tan(0.4) else np.inf
+    by_norm = np.linalg.norm(reading) + noise
+    assert surface.normal_force_bound(reading, noise) == pytest.approx(min(by_part, by_norm))
+
+
+def test_a_wall_does_not_pull():
+    surface = SurfaceClass()
+    assert surface.normal_force_bound(np.array([-3.0, 0.0, 0.0]), 1.0) == 0.0
+
+
+@pytest.mark.parametrize("factor", [dissipation_factor, lambda z: np.maximum(1.0 + z, 0.0)])
+def test_damping_hides_no_more_force_than_that(factor):
+    surface, rng = SurfaceClass(dissipation=2.0), np.random.default_rng(0)
+    speed, static = rng.uniform(-0.49, 0.49, 1000), rng.uniform(0.0, 30.0, 1000)
+    for c in (0.0, 1.0, 2.0):
+        reading = static * factor(c * speed)
+        bound = surface.static_force_bound(
+            reading[:, None] * np.eye(3)[0], speed[:, None] * np.eye(3)[0], 0.0)
+        assert np.all(bound >= static * (1 - 1e-12))
+    tight = surface.static_force_bound(
+        np.array([10.0 * (1.0 - 2.0 * 0.2), 0.0, 0.0]), np.array([-0.2, 0.0, 0.0]), 0.0)
+    assert tight == pytest.approx(10.0)
+
+
+def test_a_fast_retreat_says_nothing():
+    surface = SurfaceClass(dissipation=2.0)
+    assert surface.static_force_bound(np.zeros(3), np.array([-0.5, 0.0, 0.0]), 0.1) == np.inf
+
+
+@pytest.mark.parametrize("bad", [
+    {"direction": [1.0, 1.0, 0.0]}, {"stiffness": 0.0}, {"angle": 1.6}, {"dissipation": -1.0},
+    {"friction": np.nan}])
+def test_what_has_no_meaning_is_refused(bad):
+    with pytest.raises(InvalidParameter, match=next(iter(bad))):
+        SurfaceClass(**bad)

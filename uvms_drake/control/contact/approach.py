@@ -1,0 +1,131 @@
+"""How fast to approach a wall that may be anywhere: as fast as the plan's own grid can stop."""
+
+import math
+
+
+def stopping_distance(speed: float, step: float, deceleration: float) -> float:
+    """Returns D(v), the shortest way from speed v at a knot to rest at one, never back [m].
+
+    The acceleration is constant in each interval h and at most a. Then D is piecewise linear, and
+    equal to v²/(2a) at the multiples of ah: with v = (m + ρ)ah, 0 ≤ ρ < 1,
+
+        D = ah² (m²/2 + (m + ½)ρ).
+
+    *Proof.* The way is h Σ (v_k + v_{k+1})/2, v_0 = v, v_k ≥ 0. Every v_k ≥ (v − k ah)₊, and full
+    braking with the remainder in the last interval has equality in all of them at once, so no other
+    way is shorter. Its sum is h (v/2 + Σ_{k=1}^{m} (v − k ah)) = ah² ((m + ρ)/2 + mρ + m²/2 − m/2).
+
+    Args:
+        speed: v ≥ 0 [m/s].
+        step: h [s].
+        deceleration: a [m/s²].
+    """
+    quantum = deceleration * step
+    m = math.floor(speed / quantum)
+    rest = speed / quantum - m
+    return quantum * step * (0.5 * m * m + (m + 0.5) * rest)
+
+
+def between_knots(depth: float, speed: float, step: float) -> float:
+    """Returns x_k + v_k h/2, a depth that bounds the interval after knot k together with its ends.
+
+    With constant acceleration x is a parabola over the interval, inside of the hull of its control
+    points x_k, x_k + v_k h/2 and x_{k+1} (Bézier). If all three are at most x_safe, all of it is: a
+    row of the plan, linear. With the knots alone a plan that turns round between two of them gets
+    up to ah²/8 beyond: 1 mm at 0.2 m/s² and 0.2 s. It costs the approach nothing, for `D` ends with
+    x_k + v_k h/2 in its last interval: a plan that goes back later stops no shorter by this row.
+    """
+    return depth + 0.5 * step * speed
+
+
+def stopping_room(force_max: float, noise: float, stiffness: float, margin: float,
+                  touch: float | None = None) -> float:
+    """Returns L [m], how far the planned tip may still go from where nothing has been felt yet.
+
+    A reading is up to ν off. Below the threshold F_t ≥ ν of a touch it bounds the force by F_t + ν,
+    not by ν, so the front of the last reading before the touch is (F_max − F_t − ν)/κ₊ ahead of the
+    real tip. The planned one may be E ahead of the real one, and is kept E behind the front:
+
+        L = (F_max − F_t − ν)/κ₊ − 2E,    F_t = ν at least.
+
+    Below zero there is no approach at all: the tube is thicker than what the wall forgives.
+
+    Args:
+        force_max: F_max [N].
+        noise: ν [N].
+        stiffness: κ₊ [N/m].
+        margin: E, of the planned tip [m].
+        touch: F_t [N]; ν if None.
+    """
+    felt = noise if touch is None else touch
+    return (force_max - felt - noise) / stiffness - 2.0 * margin
+
+
+def approach_speed(room: float, step: float, deceleration: float, reaction: float) -> float:
+    """Returns v_app [m/s], the largest v with D(v) + v T_r ≤ L; zero for L ≤ 0.
+
+    From the instant of the last reading without a touch to the first instant of a plan that knows
+    of the touch, T_r, the planned tip goes v T_r at most; then D(v), at whose end it is at rest. So
+    the new plan has a solution, and until then nothing is beyond the front: φ ≤ F_max all the time.
+    T_r is the sensor's period and its W (see `front`), the time that a plan takes, and the wait for
+    the next plan, if a touch does not start one. With the *front alone*, x ≤ x_safe from the start
+    and plans on their own clock, a steady speed v has a solution at each plan iff one more interval
+    at v and D(v) fit in: `approach_speed(L, h, a, T_r + h)`.
+
+    D(v) + v T_r is increasing and linear between multiples of ah: m is the last of them that fits.
+
+    Args:
+        room: L, see `stopping_room` [m].
+        step: h [s].
+        deceleration: a [m/s²].
+        reaction: T_r [s].
+    """
+    if room <= 0.0:
+        return 0.0
+    quantum = deceleration * step
+    wait = reaction / step
+    units = room / (quantum * step)  # m²/2 + m wait ≤ units
+    m = math.floor(2.0 * units / (wait + math.hypot(wait, math.sqrt(2.0 * units))))
+    rest = (units - 0.5 * m * m - m * wait) / (m + 0.5 + wait)
+    return quantum * (m + rest)
+
+
+def crossing(approach: float, step: float, deceleration: float) -> float:
+    """Returns y₀ [m], how far ahead of where a limit of the speed ends it has to be taken as ended.
+
+    v² ≤ v_app² + 2a(s − x) holds between knots if it does at them: v² + 2ax never decreases while
+    v ≥ 0 and v̇ ≥ −a. But in the interval in which x passes s the speed is v_app at its end, not at
+    s: from v_app + u it may brake gently. It is v_app after (v_app + u/2)h at most, and the
+    interval began at least (u² + 2u v_app)/(2a) ahead of s, for the limit held there. The
+    difference is largest at u = (ah/2 − v_app)₊:
+
+        y₀ = v_app h  if v_app ≥ ah/2,  else  (v_app + ah/2)²/(2a).
+
+    Args:
+        approach: v_app [m/s].
+        step: h [s].
+        deceleration: a [m/s²].
+    """
+    half = 0.5 * deceleration * step
+    if approach >= half:
+        return approach * step
+    return (approach + half) ** 2 / (2.0 * deceleration)
+
+
+def speed_limit(depth: float, approach: float, nearest: float, step: float, deceleration: float
+                ) -> float:
+    """Returns the largest speed along n [m/s] of a knot at depth x, with a wall believed in.
+
+    v² ≤ v_app² + 2a(s_min − y₀ − x)₊: it is v_app at the latest wherever the wall can be, also
+    between the knots (`crossing`), and full braking keeps it. With s' = s_min − y₀ either of two
+    convex limits of a knot is enough: v ≤ v_app, or v² + 2ax ≤ v_app² + 2as' together with x ≤ s'.
+
+    Args:
+        depth: x, of the planned tip [m].
+        approach: v_app [m/s].
+        nearest: s_min, least depth at which the tip can touch: that of the wall less E [m].
+        step: h [s].
+        deceleration: a [m/s²].
+    """
+    ahead = nearest - crossing(approach, step, deceleration) - depth
+    return math.sqrt(approach**2 + 2.0 * deceleration * max(ahead, 0.0))

@@ -1,0 +1,101 @@
+"""The explored front: where the tip may go without pressing too hard, by what it has felt so far.
+
+*A measurement is for good.* If φ ≤ φ⁺ ≤ F_max at a point 𝔮, then φ(𝔭) ≤ φ⁺ + κ₊⟨𝔭 − 𝔮⟩₊ ≤ F_max
+for every 𝔭 of the cone
+
+    C(𝔞) = {𝔭 : ⟨𝔭 − 𝔞⟩ ≤ 0},    its apex 𝔞 = 𝔮 + (F_max − φ⁺)/κ₊ n:
+
+⟨𝔭 − 𝔮⟩ = ⟨𝔭 − 𝔞 + (𝔞 − 𝔮)⟩ = ⟨𝔭 − 𝔞⟩ + (F_max − φ⁺)/κ₊. Straight on, α = 0, it is the half-space
+x ≤ x_safe = x_𝔮 + (F_max − φ⁺)/κ₊. If φ⁺ > F_max the measurement says nothing of any place: behind
+𝔮 the force is no larger, but nobody knows how far back it is below F_max; a soft wall gives in
+slowly. (To write x_safe as the maximum over *all* measurements is wrong for those, if taken alone:
+with φ = 46 N, F_max = 45 N and κ = κ₊/10, x_𝔮 − 1 N/κ₊ still has 45.9 N.)
+
+*A reading is older than it looks.* Sensors hold, delay and average. A reading that is any average
+of the force over the last W seconds is at least the least force of that time, so some 𝔭_s in it has
+φ(𝔭_s) ≤ φ⁺, with the fastest retreat of that time in φ⁺; and every 𝔮 with ⟨𝔮 − 𝔭_s⟩ ≤ 0 for all s
+has φ(𝔮) ≤ φ(𝔭_s). The deepest such 𝔮 beside the tip 𝔭 is 𝔭 − n max_s⟨𝔭 − 𝔭_s⟩. No filter has to be
+known for that, only W. (A lag T without an end gives the older past the weight e^(−W/T), so the
+force is at most the reading over 1 − e^(−W/T): take W = 3T and ν for the 5 %.) Within W the wall
+is taken for flat, so that forces that turn do not cancel in the average.
+
+*It never shrinks* in reach of the plan, see `replaces`, so a plan that was allowed still is.
+
+*The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
+along n and E_t across, then ⟨𝔭̄ − 𝔞⟩ ≤ −(E_n + αE_t) puts the real one in C(𝔞). Between the knots of
+a plan whose acceleration is constant in each interval, see `approach.between_knots`.
+"""
+
+import numpy as np
+
+from uvms_drake.control.contact.surface_class import SurfaceClass
+
+
+def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, force: np.ndarray,
+         force_max: float, noise: float) -> np.ndarray:
+    """Returns the apex 𝔞 (..., 3) of what a reading makes safe; NaN if it says nothing.
+
+    Args:
+        surface: The class of walls.
+        points: Tip positions of the reading's time W, the present one last (..., m, 3) [m].
+        velocities: Tip velocities of that time (..., m, 3) [m/s].
+        force: The reading (..., 3) [N].
+        force_max: F_max, largest static normal force [N].
+        noise: ν, see `SurfaceClass.normal_force_bound` [N].
+    """
+    bound = np.max(surface.static_force_bound(force[..., None, :], velocities, noise), axis=-1)
+    now = points[..., -1:, :]
+    back = np.max(surface.advance(now - points), axis=-1)
+    ahead = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
+    return now[..., 0, :] + ahead[..., None] * surface.direction
+
+
+def room(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Returns how far ahead of 𝔭 (..., 3) along n the cone of an apex (..., 3) ends (...) [m].
+
+    It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
+    """
+    left = -surface.advance(point - at)
+    return np.where(np.isnan(left), -np.inf, left)
+
+
+def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: float) -> np.ndarray:
+    """Returns whether an apex takes the place of the old one: nothing in reach is lost by it.
+
+    At lateral places 𝔲 within ℓ of the new apex's, which is the tip's, C(new) has all of C(old) iff
+    s' − α‖𝔲 − 𝔲'‖ ≥ s − α‖𝔲 − 𝔲₀‖ there, s = n·𝔞. The difference of distances is largest on the way
+    to the old place or at it: with d between the places it is d if d ≤ ℓ, else ℓ − (d − ℓ). Hence
+
+        s' ≥ s + α min(d, 2ℓ − d).
+
+    A tip that presses at a place keeps all that it has. One that slides leaves the old apex behind
+    once it is out of reach, where the wall's tilt has used it up.
+
+    Args:
+        surface: The class of walls.
+        new: Apex of the latest reading (..., 3); NaN replaces nothing.
+        old: The one so far (..., 3); NaN is replaced by any.
+        reach: ℓ, how far from the tip across n plans go [m].
+    """
+    d = surface.aside(new - old)
+    better = surface.depth(new - old) >= surface.slope * np.minimum(d, 2.0 * reach - d)
+    return ~np.isnan(new[..., 0]) & (np.isnan(old[..., 0]) | better)
+
+
+def safe_depth(surface: SurfaceClass, at: np.ndarray, place: np.ndarray, reach: float,
+               margin: float) -> np.ndarray:
+    """Returns x_safe (...) [m]: x̄ ≤ x_safe implies φ ≤ F_max, wherever a plan in reach goes across.
+
+    Up to d + ℓ from the apex's place, d that of the tip's: x_safe = n·𝔞 − α max(d + ℓ, 2ℓ) − E. The
+    maximum keeps it from shrinking while the tip is within ℓ of the apex's place.
+
+    Args:
+        surface: The class of walls.
+        at: 𝔞 (..., 3).
+        place: The tip (..., 3) [m].
+        reach: ℓ, how far from the tip across n plans go [m].
+        margin: E = E_n + αE_t of the planned tip, and errors of the measured position [m].
+    """
+    aside = np.maximum(surface.aside(place - at) + reach, 2.0 * reach)
+    depth = surface.depth(at) - surface.slope * aside - margin
+    return np.where(np.isnan(depth), -np.inf, depth)
