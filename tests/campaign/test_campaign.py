@@ -36,7 +36,7 @@ from uvms_drake.campaign.unknowns import SHARE
 from uvms_drake.campaign.vary import POSE_REACH, SHIFT_REACH, vary
 from uvms_drake.campaign.walls import OTHER_WALLS, moved
 from uvms_drake.certificate.certify import certified_once, certify
-from uvms_drake.command.campaign import CampaignProgress, replayed
+from uvms_drake.command.campaign import replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.output import MANIFEST_FILE
@@ -515,19 +515,6 @@ def test_a_replay_takes_nothing_that_the_campaign_decides(tmp_path, capsys, args
     assert err.count("\n") == 1
     assert main([*command, "--runs", "100"]) == 2  # The default is as good as nothing.
     assert "left out" not in capsys.readouterr().err
-
-
-def test_progress_in_a_log_file_is_a_few_lines(tmp_path):
-    with (tmp_path / "log").open("w+", encoding="utf-8") as file:
-        progress = CampaignProgress(200, file)
-        for _ in range(200):
-            progress.step()
-        progress.close()
-        file.seek(0)
-        lines = file.read().splitlines()
-    assert len(lines) == 10
-    assert lines[-1].startswith("run 200 of 200")
-    assert lines[-1].endswith("about 0 s left")
 
 
 def test_a_cluster_gives_the_same_bytes(reference, tmp_path):

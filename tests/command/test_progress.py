@@ -2,9 +2,13 @@
 
 import io
 import logging
+from argparse import Namespace
 
-from uvms_drake.command.progress import LINES, ProgressLine, StageBar, alarms_above
+import pytest
+
+from uvms_drake.command.progress import LINES, Bar, alarms_above, stream_of
 from uvms_drake.common.alarm import LOGGER, warn
+from uvms_drake.common.progress import part_of
 
 
 class Terminal(io.StringIO):
@@ -12,67 +16,79 @@ class Terminal(io.StringIO):
         return True
 
 
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    """Lets every report come 3 s after the one before, the first 3 s after the start."""
+    now = iter(range(0, 10**6, 3))
+    monkeypatch.setattr("time.perf_counter", lambda: float(next(now)))
+
+
 def test_a_log_file_gets_few_lines():
     stream = io.StringIO()
-    report = ProgressLine(20.0, stream)
-    for step in range(2000):
-        report(0.01 * step)
-    report.close()
+    bar = Bar("simulating", stream)
+    for step in range(2001):
+        bar(f"{0.01 * step:.1f} of 20 s", step / 2000)
+    bar.close()
     lines = stream.getvalue().splitlines()
-    assert len(lines) == LINES
-    assert lines[0].startswith("simulating: 0.0 of 20 s")
+    assert len(lines) == LINES + 1
+    assert lines[0] == "simulating: 0.0 of 20 s"
+    assert lines[1] == "simulating: 4.0 of 20 s, about 4812 s left"  # 401 reports took 1203 s.
+    assert lines[-1] == "simulating: 20.0 of 20 s, about 0 s left"
 
 
-def test_a_terminal_gets_one_line_that_is_taken_away():
+def test_a_terminal_gets_a_bar_with_the_time_left_that_is_taken_away():
     stream = Terminal()
-    report = ProgressLine(20.0, stream)
-    report(0.0)
-    report.close()
-    report.close()
-    assert stream.getvalue().startswith("\rsimulating")
-    assert stream.getvalue().endswith("\r\033[K")
-    assert "\n" not in stream.getvalue()
+    bar = Bar("certifying", stream)
+    for what, done in (("constants", 0.0), ("tube", 0.5), ("first plan", 0.9)):
+        bar(what, done)
+    bar.close()
+    bar.close()
+    assert stream.getvalue().split("\r") == [
+        "", f"[{' ' * 20}] certifying: constants\033[K",
+        f"[{'#' * 10}{' ' * 10}] certifying: tube, about 6 s left\033[K",
+        f"[{'#' * 18}  ] certifying: first plan, about 1 s left\033[K", "\033[K"]
 
 
-def test_an_alarm_takes_the_place_of_the_line_which_goes_on_below(caplog):
+def test_a_line_that_is_too_long_for_the_terminal_is_cut(monkeypatch):
+    """It could not be overwritten from its beginning otherwise."""
+    monkeypatch.setenv("COLUMNS", "40")
+    stream = Terminal()
+    Bar("certifying", stream)("the terminal set", 0.5)
+    assert stream.getvalue() == f"\r[{'#' * 10}{' ' * 10}] certifying: the \033[K"
+
+
+def test_an_alarm_takes_the_place_of_the_bar_which_goes_on_below(caplog):
     caplog.set_level(logging.WARNING, LOGGER.name)
     stream = Terminal()
-    report = ProgressLine(20.0, stream)
-    with alarms_above(report):
-        report(0.7)
+    bar = Bar("simulating", stream)
+    with alarms_above(bar):
+        bar("0.7 of 20 s", 0.035)
         warn(0.74, "left the tube")
-        report._due = 0.0
-        report(0.8)
+        bar("0.8 of 20 s", 0.04)
     warn(0.9, "left the tube")
     first, second = stream.getvalue().split("\n")
-    assert first.startswith("\rsimulating: 0.7")
+    assert "simulating: 0.7" in first
     assert first.endswith("\r\033[Kt = 0.74 s: left the tube")
-    assert second.startswith("\rsimulating: 0.8")
+    assert "simulating: 0.8" in second
 
 
-def test_nothing_reported_is_nothing_written():
-    stream = Terminal()
-    ProgressLine(20.0, stream).close()
+@pytest.mark.parametrize("stream", [Terminal(), io.StringIO()])
+def test_nothing_reported_is_nothing_written(stream):
+    Bar("certifying", stream).close()
     assert stream.getvalue() == ""
 
 
-def test_stages_are_a_bar_with_the_time_left_on_a_terminal_and_one_line_in_a_log_file():
-    for stream in (Terminal(), io.StringIO()):
-        report = StageBar("certifying", stream)
-        for what, done in (("constants", 0.0), ("tube", 0.5), ("first plan", 0.9)):
-            report(what, done)
-        report.close()
-        if not stream.isatty():
-            assert stream.getvalue() == "certifying ...\n"
-            continue
-        first, second, third, end = stream.getvalue().split("\r")[1:]
-        assert first == f"[{' ' * 20}] certifying: constants\033[K"
-        assert second.startswith(f"[{'#' * 10}{' ' * 10}] certifying: tube, about 0 s left")
-        assert third.startswith(f"[{'#' * 18}  ] certifying: first plan, about ")
-        assert end == "\033[K"
+def test_a_quiet_command_says_nothing(capsys):
+    Bar("certifying", stream_of(Namespace(quiet=True)))("tube", 0.5)
+    assert capsys.readouterr().err == ""
+    Bar("certifying", stream_of(Namespace(quiet=False)))("tube", 0.5)
+    assert capsys.readouterr().err == "certifying: tube, about 3 s left\n"
 
 
-def test_no_stage_is_nothing_written():
-    stream = Terminal()
-    StageBar("certifying", stream).close()
-    assert stream.getvalue() == ""
+def test_parts_follow_each_other():
+    seen = []
+    for first, last in ((0.0, 0.25), (0.25, 1.0)):
+        part = part_of(lambda what, done: seen.append(done), first, last)
+        part("a", 0.0)
+        part("b", 0.5)
+    assert seen == [0.0, 0.125, 0.25, 0.625]

@@ -130,7 +130,7 @@ def test_the_mpc_is_sampled_at_its_period(record):
 
 def test_the_same_seed_gives_the_same_log_byte_for_byte(record, tmp_path):
     times = []
-    again = simulate(record.scenario, progress=times.append)
+    again = simulate(record.scenario, progress=lambda _, done: times.append(done))
     for name, item in (("a", record), ("b", again)):
         (tmp_path / name).mkdir()
         save_record(item, tmp_path / name)

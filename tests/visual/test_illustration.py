@@ -54,8 +54,8 @@ def test_the_button_ends_a_run_as_one_of_a_shorter_duration(meshcat):
     pressed = stop_button(meshcat)
     scenario = load_scenario("girona500_contact", ["duration=5"])
 
-    def progress(now):
-        if now >= 0.3:
+    def progress(_, done):
+        if done * scenario.duration >= 0.3:
             press(meshcat, STOP)
 
     record = simulate(scenario, stop=pressed, progress=progress)
@@ -79,8 +79,8 @@ def test_the_sliders_change_desired_force_and_disturbance_while_it_runs(meshcat)
     """From 2.5 s on 25 N are wanted and no disturbance; both are as in the scenario before."""
     scenario = load_scenario("girona500_contact", ["duration=4"])
 
-    def move(now: float) -> None:
-        if now >= 2.5:
+    def move(_: str, done: float) -> None:
+        if done * scenario.duration >= 2.5:
             meshcat.SetSliderValue(FORCE, 25.0)
             meshcat.SetSliderValue(DISTURBANCE, 0.0)
 

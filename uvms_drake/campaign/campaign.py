@@ -17,7 +17,7 @@ from uvms_drake.campaign.walls import CertifiedWall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.common.progress import Progress, silent
+from uvms_drake.common.progress import Progress, part_of, silent
 from uvms_drake.common.schema import load_typed
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import retargeted_ocp
@@ -119,9 +119,12 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
     walls: tuple[CertifiedWall, ...] = ()
     targets: tuple[Target, ...] = (Target(None, 1.0, scenario.mpc.terminal_radius),)
     if certificate is not None:
-        applied, walls = certificate.applied_to(scenario), walls_of(scenario, certificate, progress)
-        targets = tuple(target for index, wall in enumerate(walls)
-                        for target in _targets_on(with_wall(applied, wall), index, progress))
+        applied = certificate.applied_to(scenario)
+        walls = walls_of(scenario, certificate, part_of(progress, 0.0, 0.6))
+        part = 0.4 / len(walls)
+        targets = tuple(target for index, wall in enumerate(walls) for target in _targets_on(
+            with_wall(applied, wall), index,
+            part_of(progress, 0.6 + index * part, 0.6 + (index + 1) * part)))
     return Campaign(
         scenario=dump_scenario(applied), certified=certificate is not None, seed=seed,
         model_error=model_error, outside=outside, walls=walls, targets=targets,

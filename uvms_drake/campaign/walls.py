@@ -15,7 +15,7 @@ from pydrake.math import RotationMatrix
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.common.progress import Progress
+from uvms_drake.common.progress import Progress, part_of
 from uvms_drake.common.schema import load_typed
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.euler import wrap_angle
@@ -52,12 +52,13 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
         progress: As of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
-    for stiffness, tilt in OTHER_WALLS if motion_of(scenario).has_forces else ():
+    others = OTHER_WALLS if motion_of(scenario).has_forces else ()
+    for i, (stiffness, tilt) in enumerate(others):
         if tilt and scenario.surface.normal is None:
             continue
         other = _with_surface(scenario, stiffness, tilt)
         try:
-            found = certified_once(other, progress)
+            found = certified_once(other, part_of(progress, i / len(others), (i + 1) / len(others)))
         except InvalidParameter:  # The task cannot be held there, or the start presses too hard.
             continue
         if found.certified:

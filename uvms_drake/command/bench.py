@@ -2,10 +2,11 @@
 
 import argparse
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from uvms_drake.command.files import folder, take_scenario
-from uvms_drake.command.progress import stream_of
+from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.scenario import (
     load_scenario,
@@ -30,13 +31,11 @@ def bench_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.studies.bench import BENCH_FILE, measure, write_bench
     from uvms_drake.studies.bench_table import format_bench
 
-    def progress(what: str) -> None:
-        print(f"measuring {what} ...", file=stream_of(args))
-
     scenario = load_scenario(args.scenario, args.overrides)
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, [BENCH_FILE]) as output:
-        with reported_in(scenario_source(args.scenario, set_options(args.overrides))):
+        with (reported_in(scenario_source(args.scenario, set_options(args.overrides))),
+              closing(Bar("measuring", stream_of(args))) as progress):
             bench = measure(scenario, progress=progress)
         write_bench(bench, output.folder)
     print(format_bench(bench))

@@ -4,7 +4,7 @@ import argparse
 import json
 import os
 import sys
-import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -30,10 +30,11 @@ from uvms_drake.campaign.vary import vary
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
-from uvms_drake.command.progress import StageBar, stream_of
+from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.command.run import sound
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
+from uvms_drake.common.progress import part_of
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import (
@@ -48,8 +49,6 @@ from uvms_drake.station.step import check_step
 
 CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
-LINES = 10
-"""Largest number of lines of progress in a log file."""
 
 
 def run_campaign(args: argparse.Namespace) -> int:
@@ -82,13 +81,11 @@ def run_campaign(args: argparse.Namespace) -> int:
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
         check_step(scenario)
-        progress = StageBar("certifying the scenario and other surfaces (two minutes, the first "
-                            "time)", stream_of(args))
-        certificate = None if args.uncertified else sound(
-            certified_once(scenario, progress), source)
-        campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
-                                 outside=args.outside, progress=progress)
-        progress.close()
+        with closing(Bar("certifying the surfaces (two minutes)", stream_of(args))) as progress:
+            certificate = None if args.uncertified else sound(
+                certified_once(scenario, part_of(progress, 0.0, 0.2)), source)
+            campaign = make_campaign(scenario, args.seed, certificate, args.model_error,
+                                     outside=args.outside, progress=part_of(progress, 0.2, 1.0))
         vary(campaign, 0)
     # The runs, and their summary.
     with run_log(output, campaign) as log:
@@ -120,11 +117,10 @@ def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool, stream: TextIO)
     missing = [index for index in range(runs) if index not in log.runs]
     if len(missing) < runs:
         print(f"{runs - len(missing)} of {runs} runs are there already", file=stream)
-    progress = CampaignProgress(len(missing), stream)
-    for _, run in run_all(campaign, missing, pool):
-        log.append(run)
-        progress.step()
-    progress.close()
+    with closing(Bar("running", stream)) as progress:
+        for done, (_, run) in enumerate(run_all(campaign, missing, pool), 1):
+            log.append(run)
+            progress(f"{done} of {len(missing)} runs", done / len(missing))
 
 
 def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
@@ -174,35 +170,3 @@ def replayed(folder: Path, index: int) -> Record:
     require(index in done, "--replay", index, f"one of the {len(done)} runs in {folder}")
     require_same_code(campaign)
     return simulate(vary(campaign, index).scenario)
-
-
-class CampaignProgress:
-    """How many runs are done and how long the rest will take: a line, or few in a log file.
-
-    Args:
-        total: Number of runs to do.
-        stream: Where to write.
-    """
-
-    def __init__(self, total: int, stream: TextIO):
-        self._total, self._stream, self._done = total, stream, 0
-        self._started = time.perf_counter()
-
-    def step(self) -> None:
-        """Reports that one more run is done."""
-        self._done += 1
-        elapsed = time.perf_counter() - self._started
-        left = elapsed / self._done * (self._total - self._done)
-        text = (f"run {self._done} of {self._total}, {elapsed:.0f} s elapsed, about {left:.0f} s "
-                "left")
-        if self._stream.isatty():
-            self._stream.write(f"\r{text}\033[K")
-        elif self._done * LINES % self._total < LINES:
-            self._stream.write(f"{text}\n")
-        self._stream.flush()
-
-    def close(self) -> None:
-        """Clears the line for the next output."""
-        if self._stream.isatty():
-            self._stream.write("\r\033[K")
-            self._stream.flush()

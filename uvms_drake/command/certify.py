@@ -9,7 +9,7 @@ import numpy as np
 
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.files import folder, take_scenario
-from uvms_drake.command.progress import CERTIFYING, StageBar, stream_of
+from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.control.laws import Resolved
@@ -60,14 +60,14 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with output_folder(path, [CERTIFICATE_FILE]) as output:
         with reported_in(source):
             check_inputs(scenario)  # Before anything is announced.
-            with closing(StageBar(CERTIFYING, stream_of(args))) as progress:
+            with closing(Bar(CERTIFYING, stream_of(args))) as progress:
                 certificate = certified_once(scenario, progress)
         write_certificate(certificate, output.folder)
     print(format_certificate(certificate))
     print(f"written to {path}: {CERTIFICATE_FILE}", file=sys.stderr)
     # Studies that were asked for.
     if args.front:
-        with closing(StageBar("computing what other gains give", stream_of(args))) as progress:
+        with closing(Bar("computing what other gains give", stream_of(args))) as progress:
             points = front(scenario, progress=progress)
         print(f"\n{format_front(points)}")
     if args.propose is not None:
@@ -80,7 +80,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     if args.laws:
-        with closing(StageBar("computing what both laws give", stream_of(args))) as progress:
+        with closing(Bar("computing what both laws give", stream_of(args))) as progress:
             rows = compare_laws(scenario, progress=progress)
         print(f"\n{format_laws(rows)}")
     return 0 if certificate.certified else 1

@@ -3,11 +3,13 @@
 import argparse
 import logging
 import sys
+from contextlib import closing
 
 from uvms_drake.command.files import folder, take_quiet
-from uvms_drake.command.progress import StageBar, stream_of
+from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.output import output_folder
+from uvms_drake.common.progress import part_of
 
 ERRATA_FILE = "errata.md"
 
@@ -32,16 +34,15 @@ def list_errata(args: argparse.Namespace) -> int:
     from uvms_drake.errata.choices import CHOICES, draw_choices
 
     LOGGER.setLevel(logging.ERROR)  # What is drawn goes wrong on purpose.
-    progress = StageBar("computing the errata", stream_of(args))
-    if args.output is None:
-        errata = all_errata(progress)
-    else:
-        with output_folder(args.output, [ERRATA_FILE, *CHOICES]) as output:
+    with closing(Bar("computing the errata", stream_of(args))) as progress:
+        if args.output is None:
             errata = all_errata(progress)
-            text = errata_markdown(errata) + "\n"
-            (output.folder / ERRATA_FILE).write_text(text, encoding="utf-8")
-            draw_choices(output.folder, progress)
-    progress.close()
+        else:
+            with output_folder(args.output, [ERRATA_FILE, *CHOICES]) as output:
+                errata = all_errata(part_of(progress, 0.0, 0.3))
+                text = errata_markdown(errata) + "\n"
+                (output.folder / ERRATA_FILE).write_text(text, encoding="utf-8")
+                draw_choices(output.folder, part_of(progress, 0.3, 1.0))
     print(errata_table(errata))
     if args.output is not None:
         print(f"written to {args.output}: {', '.join(sorted(output.kept))}", file=sys.stderr)

@@ -26,13 +26,7 @@ from uvms_drake.command.files import (
     write_pictures,
 )
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.command.progress import (
-    CERTIFYING,
-    ProgressLine,
-    StageBar,
-    alarms_above,
-    stream_of,
-)
+from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.record import Record
@@ -133,8 +127,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             for line in remarks(scenario):
                 print(f"note: {line}", file=sys.stderr)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
-        record = _simulate(scenario, source, show, certified=not args.uncertified,
-                           quiet=args.quiet)
+        record = _simulate(args, scenario, source, show)
         summary = write_data(record, output.folder)
         output.keep(replaces=True)  # Whatever becomes of the pictures.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
@@ -208,7 +201,7 @@ def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certi
 def _new_certificate(scenario: Scenario, source: str, stream: TextIO) -> Certificate:
     from uvms_drake.certificate.certify import certified_once
 
-    with reported_in(source), closing(StageBar(CERTIFYING, stream)) as progress:
+    with reported_in(source), closing(Bar(CERTIFYING, stream)) as progress:
         certificate = certified_once(scenario, progress)
     return sound(replace(certificate, made_by="run"), source)
 
@@ -237,8 +230,8 @@ def _open_meshcat(no_wait: bool) -> "Meshcat":
     return meshcat
 
 
-def _simulate(scenario: Scenario, source: str, meshcat: "Meshcat | None", *, certified: bool,
-              quiet: bool) -> Record:
+def _simulate(args: argparse.Namespace, scenario: Scenario, source: str,
+              meshcat: "Meshcat | None") -> Record:
     """Returns the record of a run, with progress and alarms on stderr."""
     from uvms_drake.station.simulation import simulate
     from uvms_drake.visual.controls import stop_button
@@ -246,9 +239,9 @@ def _simulate(scenario: Scenario, source: str, meshcat: "Meshcat | None", *, cer
     stop = None if meshcat is None else stop_button(meshcat)
     with ExitStack() as stack:
         stack.enter_context(reported_in(source))
-        progress = None
-        if not quiet:  # Then alarms go where Python's logging takes them.
-            progress = stack.enter_context(closing(ProgressLine(scenario.duration, sys.stderr)))
+        progress = stack.enter_context(closing(Bar("simulating", stream_of(args))))
+        if not args.quiet:  # Else alarms go where Python's logging takes them.
             stack.enter_context(alarms_above(progress))
-        return simulate(scenario, certified=certified, meshcat=meshcat, progress=progress,
-                        stop=stop, realtime_rate=None if meshcat is None else 1.0)
+        return simulate(scenario, certified=not args.uncertified, meshcat=meshcat,
+                        progress=progress, stop=stop,
+                        realtime_rate=None if meshcat is None else 1.0)

@@ -8,3 +8,8 @@ Progress = Callable[[str, float], None]
 
 def silent(what: str, done: float) -> None:
     """Says nothing."""
+
+
+def part_of(progress: Progress, first: float, last: float) -> Progress:
+    """Returns the progress of what is done between the parts `first` and `last` of the whole."""
+    return lambda what, done: progress(what, first + (last - first) * done)

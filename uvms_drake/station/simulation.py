@@ -10,6 +10,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import joint_limits
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
@@ -28,7 +29,7 @@ def simulate(
     certified: bool = False,
     meshcat: Meshcat | None = None,
     realtime_rate: float | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = silent,
     stop: Callable[[], bool] | None = None,
 ) -> Record:
     """Returns the record of a run from t = 0 to the scenario's duration.
@@ -39,7 +40,7 @@ def simulate(
             holds; it is only passed on.
         meshcat: Where an `Illustration` draws the run, if at all; it does not change the result.
         realtime_rate: Takes the place of the scenario's `simulator.target_realtime_rate`.
-        progress: Called with the simulated time [s] now and then; it does not change the result.
+        progress: Called now and then; it does not change the result.
         stop: Asked now and then whether the run is to end, as one of a shorter duration.
 
     Raises:
@@ -53,8 +54,7 @@ def simulate(
     if realtime_rate is not None:
         simulator.set_target_realtime_rate(realtime_rate)
     context = simulator.get_mutable_context()
-    if progress is not None or stop is not None:
-        simulator.set_monitor(_monitor(station, progress, stop, scenario.log_period))
+    simulator.set_monitor(_monitor(station, progress, stop, scenario))
     wall_time = _run(simulator, scenario.duration)
     if context.get_time() < scenario.duration:
         scenario = replace(scenario, duration=context.get_time())
@@ -90,9 +90,9 @@ def _run(simulator: Simulator, duration: float) -> float:
     return time.perf_counter() - started
 
 
-def _monitor(station: Diagram, progress: Callable[[float], None] | None,
-             stop: Callable[[], bool] | None, shortest: float) -> Callable[[Context], EventStatus]:
-    """Returns a monitor of a Simulator that calls `progress`, and `stop` from `shortest` [s] on.
+def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | None,
+             scenario: Scenario) -> Callable[[Context], EventStatus]:
+    """Returns a monitor of a Simulator that calls `progress`, and `stop` from the first log on.
 
     A monitor watches, while AdvanceTo in slices would end an integration step at each of them.
     """
@@ -103,9 +103,8 @@ def _monitor(station: Diagram, progress: Callable[[float], None] | None,
         now = context.get_time()
         if now >= due:
             due = now + PROGRESS_PERIOD
-            if progress is not None:
-                progress(now)
-            if stop is not None and now >= shortest and stop():
+            progress(f"{now:.1f} of {scenario.duration:g} s", now / scenario.duration)
+            if stop is not None and now >= scenario.log_period and stop():
                 return EventStatus.ReachedTermination(station, "stopped")
         return EventStatus.DidNothing()
 

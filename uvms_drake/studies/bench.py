@@ -24,6 +24,7 @@ from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 import uvms_drake
 from uvms_drake.common.jsonable import jsonable
+from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import Ocp
@@ -386,13 +387,13 @@ def measure_simulation(scenario: Scenario, effort: Effort) -> SimulationTime:
 
 
 def measure(scenario: Scenario, effort: Effort | None = None,
-            progress: Callable[[str], None] = lambda what: None) -> Bench:
+            progress: Progress = silent) -> Bench:
     """Returns all measurements of a scenario.
 
     Args:
         scenario: Scenario to measure.
         effort: How much is measured; the default takes 10 s.
-        progress: Called with the name of the next measurement.
+        progress: Called before every measurement.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
@@ -401,13 +402,13 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     effort = effort or Effort()
     make_station(scenario)  # A value that cannot be used is refused before anything else.
     load, wall, cpu = load_average(), time.perf_counter(), time.process_time()
-    progress("a simulation")
+    progress("a simulation", 0.0)
     simulation = measure_simulation(scenario, effort)
-    progress("the controller's step")
+    progress("the controller's step", 0.25)
     controller = measure_controller(scenario, effort)
-    progress("the plant's derivative")
+    progress("the plant's derivative", 0.5)
     derivative = measure_derivative(scenario, effort)
-    progress("the growth with the horizon")
+    progress("the growth with the horizon", 0.75)
     growth = measure_growth(scenario, effort)
     cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
     machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
