@@ -11,7 +11,7 @@ from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.station.problem import make_kinematic_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
 SIGMA = 3.0
@@ -19,7 +19,7 @@ SIGMA = 3.0
 
 @pytest.fixture(scope="module")
 def ocp():
-    return make_kinematic_ocp(load_scenario("paper_kinematic"))
+    return make_ocp(load_scenario("paper_kinematic"))
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import KinematicPlan
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.station.problem import make_kinematic_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
 H = 0.1  # s
@@ -24,7 +24,7 @@ START = np.concatenate([SCENARIO.start.eta, SCENARIO.start.q])
 
 @pytest.fixture(scope="module")
 def ocp() -> KinematicOcp:
-    return make_kinematic_ocp(SCENARIO)
+    return make_ocp(SCENARIO)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.problem import make_kinematic_ocp
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
 
@@ -29,7 +29,7 @@ def test_it_has_the_documented_ports(short_ocp):
 
 
 def test_that_of_kinematic_motion_has_the_documented_ports():
-    ocp = make_kinematic_ocp(load_scenario("paper_kinematic"))
+    ocp = make_ocp(load_scenario("paper_kinematic"))
     assert ports_of(make_kinematic_tube_mpc(ocp, Resolved())) == (
         {"configuration": 10, "fault": 1},
         {"u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 7,

@@ -212,8 +212,8 @@ def test_e14_a_regular_configuration_is_not_flagged():
 
 def test_e6_the_loop_rests_near_the_least_stage_cost_and_the_hold_input_is_not_flagged():
     """A long horizon rests where the stage cost of a rest is least; this one is 3 s."""
-    ocp = simulation.spring_ocp()
-    at = simulation.rest_point(ocp, np.zeros(10))
+    ocp, surface = simulation.spring_ocp()
+    at = simulation.rest_point(ocp, surface, np.zeros(10))
     assert at.speed < 1e-4
     model, size, y = ocp.model, 10, ocp.y_des.copy()
     weight_y, weight_u = np.sqrt(np.diag(ocp.Q)[:size]), np.sqrt(np.diag(ocp.R))

@@ -8,7 +8,7 @@ from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.problem import retargeted_ocp
+from uvms_drake.station.problem import load_model, retargeted_ocp
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import make_record
@@ -34,7 +34,8 @@ def record(scenario) -> Record:
         simulator.AdvanceTo(time)
         station.GetInputPort("desired_force").FixValue(context, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
     simulator.AdvanceTo(scenario.duration)
-    return make_record(scenario, read_logs(station, context), 1.0, certified=True)
+    return make_record(
+        scenario, load_model(scenario), read_logs(station, context), 1.0, certified=True)
 
 
 def during(record: Record, start: float, end: float) -> np.ndarray:
@@ -67,7 +68,8 @@ def test_limits_and_tube_are_kept_and_no_plan_leaves_its_terminal_set(record):
 
 
 def test_a_problem_of_another_force_has_its_own_equilibrium_and_terminal_set(scenario):
-    one, other = (retargeted_ocp(scenario, np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    model = load_model(scenario)
+    one, other = (retargeted_ocp(scenario, model, np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0]))
                   for force in (20.0, 30.0))
     assert np.linalg.norm(one.u_eq - other.u_eq) > 0.01
     assert np.linalg.norm(one.terminal.P - other.terminal.P) > 0.0
@@ -77,7 +79,8 @@ def test_a_problem_of_another_force_has_its_own_equilibrium_and_terminal_set(sce
 
 def test_a_force_that_the_tube_does_not_leave_of_its_limit_is_an_error(scenario):
     """1.7 mm of tube at 1000 N/m."""
+    model = load_model(scenario)
     with pytest.raises(InvalidParameter, match=r"task\.force.*44 N, is at most 43\.29 N"):
-        retargeted_ocp(scenario, np.array([44.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        retargeted_ocp(scenario, model, np.array([44.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     with pytest.raises(InvalidParameter, match=r"task\.force"):
-        retargeted_ocp(scenario, np.full(6, np.nan))
+        retargeted_ocp(scenario, model, np.full(6, np.nan))

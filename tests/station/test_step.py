@@ -1,10 +1,13 @@
 """Tests of `uvms_drake.station.step`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.primitives import LinearSystem
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import load_scenario, shipped_scenarios
 from uvms_drake.station.step import (
     ACCURACY,
@@ -45,17 +48,21 @@ def test_the_rates_are_the_eigenvalues_of_the_loop():
 
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_shipped_scenario_has_a_step_that_is_short_enough(name):
-    check_step(load_scenario(name))
+    scenario = load_scenario(name)
+    check_step(scenario, load_model(scenario))
 
 
 def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they_need():
     gains = ["ancillary.k=200", "ancillary.sigma=200"]
+    scenario = load_scenario("girona500_contact", gains)
+    model = load_model(scenario)
     with pytest.raises(InvalidParameter) as caught:
-        check_step(load_scenario("girona500_contact", gains))
+        check_step(scenario, model)
     assert str(caught.value) == (
         "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the loop has "
         "a rate of 200 1/s, and longer steps make errors of their own")
-    check_step(load_scenario("girona500_contact", [*gains, "simulator.max_step_size=0.0055"]))
+    shorter = replace(scenario.simulator, max_step_size=0.0055)
+    check_step(replace(scenario, simulator=shorter), model)
 
 
 def test_a_step_is_rounded_down():

@@ -14,8 +14,9 @@ from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies import bench
 from uvms_drake.studies.bench import (
@@ -51,10 +52,15 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="module")
+def model(scenario) -> ContactModel:
+    return load_model(scenario)
+
+
+@pytest.fixture(scope="module")
 def measured(scenario) -> tuple[Bench, list[str]]:
     """Measurements of the main scenario, and what was said meanwhile."""
     said: list[str] = []
-    return measure(scenario, LITTLE, said.append), said
+    return measure(scenario, LITTLE, lambda what, _: said.append(what)), said
 
 
 def assert_ordered(timing: Timing) -> None:
@@ -94,8 +100,8 @@ def test_the_controller_is_measured_as_often_as_asked(measured):
     assert_ordered(times.first_plan)
 
 
-def test_the_loop_makes_the_plans_of_the_controller(scenario):
-    loop = NominalLoop(scenario)
+def test_the_loop_makes_the_plans_of_the_controller(scenario, model):
+    loop = NominalLoop(scenario, model)
     solver = SequentialConvexSolver(loop.ocp)
     plan = solver.solve(loop.ocp.resting_plan(0.0, start_state(scenario, loop.ocp)),
                         FIRST_SOLVE_ITERATIONS).plan
@@ -109,7 +115,7 @@ def test_the_loop_makes_the_plans_of_the_controller(scenario):
     assert not loop.failed()
 
 
-def test_conic_programs_are_counted(scenario, monkeypatch):
+def test_conic_programs_are_counted(scenario, model, monkeypatch):
     solve, counts = scp.solve_staged, iter([3, None, 0, 2, 5])
 
     def solve_staged(program):
@@ -117,7 +123,7 @@ def test_conic_programs_are_counted(scenario, monkeypatch):
         return None if count is None else solve(program)._replace(cone_programs=count)
 
     monkeypatch.setattr(scp, "solve_staged", solve_staged)
-    loop = NominalLoop(replace(scenario, mpc=replace(scenario.mpc, iterations=1)))
+    loop = NominalLoop(replace(scenario, mpc=replace(scenario.mpc, iterations=1)), model)
     taken = []
     with conic_programs() as take:
         for _ in range(5):
@@ -127,9 +133,9 @@ def test_conic_programs_are_counted(scenario, monkeypatch):
     assert scp.solve_staged is solve_staged
 
 
-def test_failed_steps_are_counted_and_go_on_with_the_old_plan(scenario, monkeypatch):
+def test_failed_steps_are_counted_and_go_on_with_the_old_plan(scenario, model, monkeypatch):
     monkeypatch.setattr(scp, "solve_staged", lambda program: None)
-    times = measure_controller(scenario, LITTLE)
+    times = measure_controller(scenario, model, LITTLE)
     assert (times.steps, times.failures, times.conic_programs) == (4, 4, {0: 4})
 
 
@@ -151,9 +157,9 @@ def test_the_systems_in_python_that_the_derivative_needs_are_its_parts(measured,
     assert all(part.min > 0.0 for part in measured[0].derivative.parts.values())
 
 
-def test_a_watched_station_has_the_same_derivative_and_nothing_is_left_in_caches(scenario):
+def test_a_watched_station_has_the_same_derivative_and_nothing_is_left_in_caches(scenario, model):
     watch = Stopwatch()
-    stations = [make_station(scenario), watched_station(scenario, watch)]
+    stations = [make_station(scenario), watched_station(scenario, model, watch)]
     assert set(leaf_systems(stations[0])) == set(leaf_systems(stations[1]))
     contexts = [run_instants(station, scenario, replace(LITTLE, instants=1, simulated=0.1))[0]
                 for station in stations]
@@ -171,22 +177,22 @@ def test_a_watched_station_has_the_same_derivative_and_nothing_is_left_in_caches
     assert set(watch.measure(lambda: station.EvalTimeDerivatives(context))) == {"rest"}
 
 
-def test_what_is_on_the_surface_is_what_the_plant_says(scenario):
+def test_what_is_on_the_surface_is_what_the_plant_says(scenario, model):
     station = make_station(scenario)
     contexts = run_instants(station, scenario, LITTLE)
     depth = station.GetOutputPort("penetration")
     states = np.stack([station.GetOutputPort("state").Eval(context) for context in contexts])
     np.testing.assert_allclose(
-        penetrations(scenario, states), [depth.Eval(context)[0] for context in contexts],
+        penetrations(model, states), [depth.Eval(context)[0] for context in contexts],
         atol=1e-12)
 
 
-def test_the_simulation_is_no_longer_than_the_scenario(measured, scenario):
+def test_the_simulation_is_no_longer_than_the_scenario(measured, scenario, model):
     times = measured[0].simulation
     assert times.simulated_s == LITTLE.simulated
     assert times.real_time_factor == pytest.approx(times.simulated_s / times.wall_s)
     short = replace(scenario, duration=0.2)
-    assert bench.measure_simulation(short, LITTLE).simulated_s == 0.2
+    assert bench.measure_simulation(short, model, LITTLE).simulated_s == 0.2
 
 
 def test_the_growth_is_relative_to_the_first_horizon(measured):
@@ -200,8 +206,8 @@ def test_the_growth_is_relative_to_the_first_horizon(measured):
         assert_ordered(row.step)
 
 
-def test_the_growth_takes_one_step_at_least(scenario):
-    rows = measure_growth(scenario, replace(LITTLE, horizon_seconds=0.0))
+def test_the_growth_takes_one_step_at_least(scenario, model):
+    rows = measure_growth(scenario, model, replace(LITTLE, horizon_seconds=0.0))
     assert [row.steps for row in rows] == [1, 1]
 
 
@@ -225,7 +231,7 @@ def test_a_value_that_cannot_be_used_is_refused_before_anything_is_measured(scen
     said: list[str] = []
     with pytest.raises(InvalidParameter, match=r"ancillary\.k"):
         measure(replace(scenario, ancillary=replace(scenario.ancillary, k=-1.0)), LITTLE,
-                said.append)
+                lambda what, _: said.append(what))
     assert said == []
 
 

@@ -30,7 +30,8 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.station.problem import make_kinematic_ocp, start_state
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.compare_laws import compare_laws
 from uvms_drake.studies.gain_front import front
@@ -78,7 +79,7 @@ def certificate(scenario) -> Certificate:
 @pytest.fixture(scope="module")
 def ocp(scenario, certificate) -> KinematicOcp:
     """The problem with the certified tube and terminal set."""
-    return make_kinematic_ocp(certificate.applied_to(scenario))
+    return make_ocp(certificate.applied_to(scenario))
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +153,7 @@ def test_it_is_the_same_after_json(certificate, scenario, tmp_path):
 
 
 def applied_joints(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    model = make_kinematic_ocp(scenario).model
+    model = make_ocp(scenario).model
     return model.q_lower, model.q_upper
 
 
@@ -317,7 +318,7 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
 @pytest.fixture(scope="module")
 def wide() -> KinematicOcp:
     """A task further inside the limits, where the nonlinear map decides how large F is."""
-    return make_kinematic_ocp(load_scenario(NAME, [
+    return make_ocp(load_scenario(NAME, [
         "task.posture=[0, 0.9, 0.278, 1.0471975512]",
         "mpc.weight_y=[0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 5, 5, 5, 5]"]))
 
@@ -413,7 +414,7 @@ def test_without_inflation_there_is_no_terminal_set(wide):
 
 
 def test_a_singular_penalty_is_refused_in_one_line():
-    ocp = make_kinematic_ocp(load_scenario("paper_kinematic"))
+    ocp = make_ocp(load_scenario("paper_kinematic"))
     with pytest.raises(InvalidParameter, match="smallest eigenvalue of P"):
         largest_radius(ocp)
 

@@ -44,7 +44,7 @@ def replay(record, tmp_path_factory):
 
 def pixel(record, point):
     """Returns column and row of a point (3,) in Σ_I."""
-    scene = Scene(Meshcat(), setting_of(record.scenario))
+    scene = Scene(Meshcat(), setting_of(record.scenario, record.model))
     ahead = scene.target - scene.camera
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, [0.0, 0.0, 1.0])

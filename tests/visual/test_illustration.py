@@ -68,7 +68,7 @@ def test_the_button_ends_a_run_as_one_of_a_shorter_duration(meshcat):
 def test_the_ghost_is_off_by_the_magnified_deviation(meshcat):
     record = synthetic_record(4.0)
     scenario = replace(record.scenario, visual=VisualConfig(magnification=20.0))
-    Scene(meshcat, setting_of(scenario)).show(moment_of(record, 100), 0.0)
+    Scene(meshcat, setting_of(scenario, record.model)).show(moment_of(record, 100), 0.0)
     real, ghost = (packed_transform(meshcat, f"ned/{name}/vehicle")[:3, 3]
                    for name in ("uvms", "nominal"))
     expected = 20.0 * (record.nominal_config[100, :3] - record.config[100, :3])

@@ -117,7 +117,7 @@ def test_a_readout_shows_the_digits_of_a_number(value, shown):
 
 def test_where_nothing_is_touched_no_force_is_drawn(meshcat):
     record = replace(synthetic_record(0.2), scenario=load_scenario("paper_kinematic"))
-    Scene(meshcat, setting_of(record.scenario)).show(moment_of(record, 0), 0.0)
+    Scene(meshcat, setting_of(record.scenario, record.model)).show(moment_of(record, 0), 0.0)
     assert meshcat.HasPath("ned/uvms")
     assert not any(meshcat.HasPath(path) for path in ("ned/force", "ned/spring", "numbers"))
 
@@ -132,7 +132,7 @@ def test_the_contact_is_marked_while_there_is_one(record):
 
 
 def test_the_tube_is_where_the_nominal_tip_is(meshcat, record, model):
-    Scene(meshcat, setting_of(record.scenario)).show(moment_of(record, 100), 0.0)
+    Scene(meshcat, setting_of(record.scenario, record.model)).show(moment_of(record, 100), 0.0)
     nominal = model.task_pose(record.nominal_config[100])[:3]
     np.testing.assert_allclose(packed_transform(meshcat, "ned/tube")[:3, 3], nominal, atol=1e-9)
 

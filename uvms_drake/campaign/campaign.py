@@ -20,7 +20,7 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, part_of, silent
 from uvms_drake.common.schema import load_typed
 from uvms_drake.station.motions import motion_of
-from uvms_drake.station.problem import retargeted_ocp
+from uvms_drake.station.problem import load_model, retargeted_ocp
 from uvms_drake.station.scenario import Scenario, dump_scenario
 
 FORCES = (0.5, 0.75, 1.0, 1.2)
@@ -148,13 +148,13 @@ def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Targe
         return [own]
 
     def compute() -> list[list[float]]:
-        found = []
+        found, model = [], load_model(scenario)
         for i, factor in enumerate(FORCES):
             progress("terminal sets of other forces", i / len(FORCES))
             if factor == 1.0:
                 continue
             try:
-                radius = retargeted_ocp(scenario, factor * force).terminal.radius
+                radius = retargeted_ocp(scenario, model, factor * force).terminal.radius
             except InvalidParameter:  # It cannot be held within the limits.
                 continue
             found.append([factor, float(radius)])

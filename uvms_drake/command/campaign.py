@@ -77,10 +77,10 @@ def run_campaign(args: argparse.Namespace) -> int:
                 "left out: a campaign draws them")
         require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
                 "left out: no run could be repeated")
-        check_inputs(scenario)
+        model = check_inputs(scenario)
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
-        check_step(scenario)
+        check_step(scenario, model)
         with closing(Bar("certifying the surfaces (two minutes)", stream_of(args))) as progress:
             certificate = None if args.uncertified else sound(
                 certified_once(scenario, part_of(progress, 0.0, 0.2)), source)

@@ -29,6 +29,8 @@ from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.output import output_folder
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 from uvms_drake.station.remarks import remarks
 from uvms_drake.station.scenario import (
@@ -123,11 +125,12 @@ def run_scenario(args: argparse.Namespace) -> int:
                   file=sys.stderr)
         # The run itself, and its files.
         with reported_in(source):
-            check_step(scenario)
+            model = load_model(scenario)
+            check_step(scenario, model)
             for line in remarks(scenario):
                 print(f"note: {line}", file=sys.stderr)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
-        record = _simulate(args, scenario, source, show)
+        record = _simulate(args, scenario, model, source, show)
         summary = write_data(record, output.folder)
         output.keep(replaces=True)  # Whatever becomes of the pictures.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
@@ -230,7 +233,7 @@ def _open_meshcat(no_wait: bool) -> "Meshcat":
     return meshcat
 
 
-def _simulate(args: argparse.Namespace, scenario: Scenario, source: str,
+def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel, source: str,
               meshcat: "Meshcat | None") -> Record:
     """Returns the record of a run, with progress and alarms on stderr."""
     from uvms_drake.station.simulation import simulate
@@ -242,6 +245,6 @@ def _simulate(args: argparse.Namespace, scenario: Scenario, source: str,
         progress = stack.enter_context(closing(Bar("simulating", stream_of(args))))
         if not args.quiet:  # Else alarms go where Python's logging takes them.
             stack.enter_context(alarms_above(progress))
-        return simulate(scenario, certified=not args.uncertified, meshcat=meshcat,
+        return simulate(scenario, model=model, certified=not args.uncertified, meshcat=meshcat,
                         progress=progress, stop=stop,
                         realtime_rate=None if meshcat is None else 1.0)

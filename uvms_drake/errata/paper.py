@@ -10,6 +10,8 @@ from uvms_drake.certificate.certify import declared_set
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import LemmaConstants
 from uvms_drake.tube.constants import sampled_values
@@ -48,9 +50,15 @@ SHRINK = 0.9
 
 
 @cache
+def uvms() -> Uvms:
+    """Returns the paper's robot."""
+    return read_uvms("girona500_arm5e")
+
+
+@cache
 def robot() -> ContactModel:
     """Returns the paper's robot on the paper's spring, K = I₆ and χ_eq = 0."""
-    return ContactModel.load("girona500_arm5e", check_surface(BilateralSpring()))
+    return ContactModel(uvms(), check_surface(BilateralSpring()))
 
 
 @cache
@@ -60,7 +68,7 @@ def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
     J (6, 10) is the sample of largest norm. The constants are estimates, on the small side.
     """
     scenario = load_scenario("girona500_contact")
-    model = ContactModel.load(scenario.model, check_surface(scenario.surface))
+    model = ContactModel(uvms(), check_surface(scenario.surface))
     config, zeta = declared_set(scenario, model).sample(model, SAMPLES, np.random.default_rng(0))
     names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
     values = sampled_values(model, config, zeta, names)

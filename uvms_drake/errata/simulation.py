@@ -3,13 +3,13 @@
 import math
 from copy import copy
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
-from uvms_drake.control.limits import Limit, make_limits, tighten
+from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.attitude import VehicleAngle
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
@@ -42,10 +42,12 @@ from uvms_drake.errata.paper import (
     number,
     numbers,
     robot,
+    uvms,
 )
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import pose_difference, wrap_angle
-from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import kinematic_tubes
 
@@ -71,18 +73,14 @@ class RestPoint(NamedTuple):
     """Norm ‖ζ̄‖ that is left [m/s, rad/s]."""
 
 
-def spring_ocp() -> DynamicOcp:
-    """Returns the nominal problem of the scenario with the paper's surface law."""
+def spring_ocp() -> tuple[DynamicOcp, Surface]:
+    """Returns the nominal problem of the scenario with the paper's surface law, and its surface."""
     scenario = load_scenario("girona500_bilateral")
-    model = ContactModel.load(scenario.model, check_surface(scenario.surface))
-    y_des = np.concatenate([model.surface.pose_for(np.asarray(scenario.task.force), None),
-                            scenario.task.posture])
-    limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface),
-                     scenario.tube)
-    return DynamicOcp(model, scenario.mpc, y_des, limits)
+    model = ContactModel(uvms(), check_surface(scenario.surface))
+    return make_dynamic_ocp(scenario, model), model.surface
 
 
-def rest_point(ocp: DynamicOcp, u_ref: np.ndarray) -> RestPoint:
+def rest_point(ocp: DynamicOcp, surface: Surface, u_ref: np.ndarray) -> RestPoint:
     """Returns where the nominal MPC comes to rest that starts at the task and weighs ū − u_ref."""
     ocp = copy(ocp)
     ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref)
@@ -94,7 +92,7 @@ def rest_point(ocp: DynamicOcp, u_ref: np.ndarray) -> RestPoint:
         guess = ocp.continued(plan)
         plan = solver.solve(guess, 1).plan or guess
     chi = np.array([model.task_pose(plan.config[0])[:6], ocp.y_des[:6]])
-    force = cast(ContactModel, model).surface.force(chi, np.zeros_like(chi))[:, :3]
+    force = surface.force(chi, np.zeros_like(chi))[:, :3]
     return RestPoint(
         float(np.linalg.norm(chi[0, :3] - chi[1, :3])),
         float(np.linalg.norm(force[0] - force[1])), float(np.linalg.norm(plan.zeta[0])))
@@ -106,9 +104,9 @@ def hold_input(fraction: float = 0.0) -> Erratum:
     Args:
         fraction: u_ref as a fraction of ū_eq; the printed one is zero.
     """
-    ocp = spring_ocp()
+    ocp, surface = spring_ocp()
     needed = float(np.linalg.norm(ocp.u_eq))
-    printed, held = (rest_point(ocp, c * ocp.u_eq) for c in (fraction, 1.0))
+    printed, held = (rest_point(ocp, surface, c * ocp.u_eq) for c in (fraction, 1.0))
     return Erratum(
         "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
         "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",

@@ -14,7 +14,7 @@ def write_replay(record: Record, path: Path) -> None:
     """Writes the run as an animation that plays at true speed."""
     rate = record.scenario.visual.rate
     meshcat = Meshcat()
-    scene = Scene(meshcat, setting_of(record.scenario, certified=bool(record.certified)))
+    scene = _scene(record, meshcat)
     meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)
     for i in frame_indices(record.time, rate):
         scene.show(moment_of(record, i), record.time[i] + 1e-6)
@@ -26,11 +26,16 @@ def write_replay(record: Record, path: Path) -> None:
 def write_still(record: Record, time: float, path: Path) -> None:
     """Writes the picture at `time` [s], with the trail up to there."""
     meshcat = Meshcat()
-    scene = Scene(meshcat, setting_of(record.scenario, certified=bool(record.certified)))
+    scene = _scene(record, meshcat)
     so_far = record.time[record.time <= time + 1e-9]
     for i in frame_indices(so_far, record.scenario.visual.rate):
         scene.show(moment_of(record, i), record.time[i])
     path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+
+
+def _scene(record: Record, meshcat: Meshcat) -> Scene:
+    return Scene(meshcat, setting_of(
+        record.scenario, record.model, certified=bool(record.certified)))
 
 
 def moment_of(record: Record, index: int) -> Moment:

@@ -6,7 +6,6 @@ import numpy as np
 
 from uvms_drake.control.points import Points
 from uvms_drake.station.motions import limits_of
-from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
@@ -29,12 +28,11 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     force is that of the pose, at rest, on the surface as the controller knows it: a limit of how
     far the end-effector goes into it.
     """
-    scenario = record.scenario
-    model = load_model(scenario)
+    model = record.model
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(model, record.config, y, record.zeta, record.u, record.tau)
     signals = {}
-    limits = limits_of(scenario, model).values()
+    limits = limits_of(record.scenario, model).values()
     for limit in sorted(limits, key=lambda limit: limit.name not in FIRST):
         signals.update(limit.signals(at))
     return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}
@@ -42,7 +40,7 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
 
 def constraint_units(record: Record) -> dict[str, str]:
     """Returns the units of `constraint_signals` by the same names, empty where it is not known."""
-    model = load_model(record.scenario)
+    model = record.model
     y = np.concatenate([record.chi[0], record.config[0, 6:]])
     at = Points(model, record.config[0], y, record.zeta[0], record.u[0], record.tau[0])
     return {name: limit.unit_of(name) for limit in limits_of(record.scenario, model).values()

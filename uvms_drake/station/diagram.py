@@ -19,7 +19,7 @@ from uvms_drake.model.part import Signals
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
-from uvms_drake.station.motions import make_ocp, motion_of
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.setting import setting_of
@@ -84,10 +84,10 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
     # Plant and controller.
     model = model or load_model(scenario)
-    ocp = make_ocp(scenario, model)
-    start = start_state(scenario, ocp)[: ocp.model.size]
+    ocp = motion.make_ocp(scenario, model)
+    start = start_state(scenario, ocp)[: model.size]
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
-    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, ocp))
+    controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
     motion.connect_outside(builder, scenario, uvms, controller, meshcat)
     signals = Signals()
     for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
@@ -97,11 +97,11 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     # The parts between them.
     true = uvms.GetOutputPort(motion.measured)
     measured = add_chain(
-        builder, ocp.model, true, signals,
+        builder, model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
     exerted = add_chain(
-        builder, ocp.model, controller.GetOutputPort(motion.command), signals,
+        builder, model, controller.GetOutputPort(motion.command), signals,
         keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults),
         scenario.seed)
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
@@ -114,7 +114,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
     shared = measured is true and controller.HasOutputPort("pair")
     monitor = TubeMonitor.AddToBuilder(
-        builder, ocp.model, scenario.ancillary, scenario.disturbance.bound,
+        builder, model, scenario.ancillary, scenario.disturbance.bound,
         set_wise_radii(scenario), state=signals["state"], nominal_state=signals["nominal_state"],
         disturbance=signals["disturbance"],
         pair=controller.GetOutputPort("pair") if shared else None,
@@ -123,7 +123,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     for name in ("deviation", "bound"):
         signals[f"tube_{name}"] = monitor.GetOutputPort(name)
     with within("disturbance"):
-        disturbance = motion.add_disturbance(builder, applied_disturbance(scenario), ocp.model,
+        disturbance = motion.add_disturbance(builder, applied_disturbance(scenario), model,
                                              scenario.seed, signals, monitor)
     if meshcat is not None:
         disturbance = DisturbanceSlider.AddToBuilder(

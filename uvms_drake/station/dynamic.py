@@ -1,7 +1,6 @@
 """Dynamic motion: forces move the robot, d is added to its acceleration."""
 
 from functools import partial
-from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -12,7 +11,7 @@ from uvms_drake.common.errors import vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.nominal_mpc import Targets
-from uvms_drake.control.ocp import MpcConfig, Ocp
+from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
@@ -39,7 +38,7 @@ Their Newton iteration asks the law far from the solution, and where a limit cut
 flat: in `paper_dynamic` it would converge in far shorter steps only."""
 
 
-class Dynamic(Motion):
+class Dynamic(Motion[DynamicOcp]):
     """Forces move the robot under water, in front of a surface."""
 
     has_forces = True
@@ -69,15 +68,14 @@ class Dynamic(Motion):
         """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
         return make_simulated_uvms(scenario, None, start)
 
-    def make_controller(self, scenario: Scenario, ocp: Ocp) -> Diagram:
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
         """Returns the tube-based NMPC, its command cut to the limits where the integrator allows.
 
         The command is cut to `limits.u` and, if declared, to `limits.tau`; see `IMPLICIT`.
         """
-        assert isinstance(ocp, DynamicOcp)
         cut = scenario.simulator.integration_scheme not in IMPLICIT
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
-                          partial(retargeted_ocp, scenario, model=cast(ContactModel, ocp.model)))
+                          partial(retargeted_ocp, scenario, model))
         with within("ancillary"):
             return make_tube_mpc(
                 ocp, scenario.ancillary, targets, scenario.limits if cut else None)

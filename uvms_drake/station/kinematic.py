@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.control.ocp import MpcConfig, Ocp
+from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
@@ -25,7 +25,7 @@ from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.settings import CertificateSettings
 
 
-class Kinematic(Motion):
+class Kinematic(Motion[KinematicOcp]):
     """The robot moves at the commanded velocity, without water and forces."""
 
     has_forces = False
@@ -60,9 +60,9 @@ class Kinematic(Motion):
         return make_kinematic_plant(
             model=scenario.model, disturbance=None, seed=scenario.seed, start=start)
 
-    def make_controller(self, scenario: Scenario, ocp: Ocp) -> Diagram:
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: KinematicOcp
+                        ) -> Diagram:
         """Returns the tube-based NMPC."""
-        assert isinstance(ocp, KinematicOcp)
         with within("ancillary"):
             return make_kinematic_tube_mpc(ocp, scenario.ancillary)
 

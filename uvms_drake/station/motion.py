@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -21,8 +21,11 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import CertificateSettings
 
+AnyOcp = TypeVar("AnyOcp", bound=Ocp)
+"""Problem of a kind of motion."""
 
-class Motion(ABC):
+
+class Motion(ABC, Generic[AnyOcp]):
     """What moves the simulated robot: forces, or its velocity alone.
 
     A plant has the output ports `plant_signals`; one of them, `measured`, goes to the controller's
@@ -65,7 +68,7 @@ class Motion(ABC):
         """Returns the number of components of the disturbance, `size` = 6 + n."""
 
     @abstractmethod
-    def make_ocp(self, scenario: Scenario, model: ContactModel) -> Ocp:
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> AnyOcp:
         """Returns the nominal MPC's problem; see `motions.make_ocp`."""
 
     @abstractmethod
@@ -73,8 +76,8 @@ class Motion(ABC):
         """Returns the simulated robot, its disturbance an input port, from 𝔮 = `start` (6+n,)."""
 
     @abstractmethod
-    def make_controller(self, scenario: Scenario, ocp: Ocp) -> Diagram:
-        """Returns the tube-based NMPC."""
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: AnyOcp) -> Diagram:
+        """Returns the tube-based NMPC that solves a problem of `make_ocp`."""
 
     @abstractmethod
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,

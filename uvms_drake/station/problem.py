@@ -24,17 +24,15 @@ def load_model(scenario: Scenario) -> ContactModel:
     return ContactModel.load(scenario.model, surface)
 
 
-def make_kinematic_ocp(scenario: Scenario, model: ContactModel | None = None) -> KinematicOcp:
+def make_kinematic_ocp(scenario: Scenario, model: ContactModel) -> KinematicOcp:
     """Returns the problem of a scenario with kinematic motion; see `motions.make_ocp`."""
-    model = model or load_model(scenario)
     y_des, limits = _task(scenario, model, accelerations=False)
     with within("mpc"):
         return KinematicOcp(model, scenario.mpc, y_des, limits)
 
 
-def make_dynamic_ocp(scenario: Scenario, model: ContactModel | None = None) -> DynamicOcp:
+def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
     """Returns the problem of a scenario with dynamic motion; see `motions.make_ocp`."""
-    model = model or load_model(scenario)
     y_des, limits = _task(scenario, model, accelerations=True)
     with within("mpc"):
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
@@ -43,8 +41,7 @@ def make_dynamic_ocp(scenario: Scenario, model: ContactModel | None = None) -> D
     return ocp
 
 
-def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: ContactModel | None = None
-                   ) -> DynamicOcp:
+def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -> DynamicOcp:
     """Returns the problem of another desired force (6,), with a terminal set of its own.
 
     The tube stays the scenario's: it holds for all forces within `limits.static_force`.
@@ -52,7 +49,7 @@ def retargeted_ocp(scenario: Scenario, force: np.ndarray, model: ContactModel | 
     Raises:
         InvalidParameter: The force cannot be held within the limits.
     """
-    settings, model = scenario.certificate, model or load_model(scenario)
+    settings = scenario.certificate
     other = replace(scenario, task=replace(scenario.task, force=force))
     ocp = make_dynamic_ocp(other, model)
     radius, _ = largest_radius(ocp, settings.terminal_samples, settings.seed)

@@ -1,11 +1,14 @@
 """The record of a run: its scenario and its signals, as plain arrays."""
 
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
 
 SCENARIO_FILE = "scenario.yaml"
@@ -93,6 +96,11 @@ class Record:
     """Bounds of the norms along the run (T, 6)."""
     signals: dict[str, np.ndarray] = field(default_factory=dict)
     """Signals of the parts of sensing and actuation (T, size), by name."""
+
+    @cached_property
+    def model(self) -> ContactModel:
+        """Model of robot and surface that the controller had; loaded once, when it is asked for."""
+        return load_model(self.scenario)
 
     @property
     def num_joints(self) -> int:

@@ -5,22 +5,19 @@ import numpy as np
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import limits_of, motion_of
-from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting
 
 
-def setting_of(scenario: Scenario, model: ContactModel | None = None, *, certified: bool = False
-               ) -> Setting:
+def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = False) -> Setting:
     """Returns the setting of a `Scene` of a run.
 
     Args:
         scenario: Scenario of the run; its `visual` says how to draw.
-        model: The controller's; loaded if it is left out.
+        model: The controller's.
         certified: Whether its tube is that of a certificate that holds.
     """
-    model = model or load_model(scenario)
     force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
     return Setting(
         robot=scenario.model, model=model, surface=model.surface,

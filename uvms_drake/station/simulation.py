@@ -26,6 +26,7 @@ PROGRESS_PERIOD = 0.1
 def simulate(
     scenario: Scenario,
     *,
+    model: ContactModel | None = None,
     certified: bool = False,
     meshcat: Meshcat | None = None,
     realtime_rate: float | None = None,
@@ -36,6 +37,7 @@ def simulate(
 
     Args:
         scenario: Everything the run depends on.
+        model: The controller's; loaded if it is left out.
         certified: Whether tube and terminal set of the scenario are those of a certificate that
             holds; it is only passed on.
         meshcat: Where an `Illustration` draws the run, if at all; it does not change the result.
@@ -47,7 +49,7 @@ def simulate(
         InvalidParameter: A value of the scenario cannot be used.
         RunFailed: The run started, but could not be carried through.
     """
-    model = load_model(scenario)
+    model = model or load_model(scenario)
     station = make_station(scenario, meshcat, certified=certified, model=model)
     simulator = Simulator(station)
     ApplySimulatorConfig(scenario.simulator, simulator)
@@ -63,7 +65,7 @@ def simulate(
         station.ForcedPublish(context)  # The period does not go into the duration.
     logs = read_logs(station, context)
     require_finite(logs)
-    return make_record(scenario, logs, wall_time, certified, model)
+    return make_record(scenario, model, logs, wall_time, certified)
 
 
 def require_finite(logs: dict[str, np.ndarray]) -> None:
@@ -111,18 +113,17 @@ def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | No
     return watch
 
 
-def make_record(scenario: Scenario, logs: dict[str, np.ndarray], wall_time: float,
-                certified: bool, model: ContactModel | None = None) -> Record:
+def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray],
+                wall_time: float, certified: bool) -> Record:
     """Returns the record of a station's logs, with what follows from them added.
 
     Args:
         scenario: The scenario of the run.
+        model: The controller's.
         logs: As `read_logs` returns them.
         wall_time: Of the simulation [s].
         certified: As in `simulate`.
-        model: The controller's; loaded if it is left out.
     """
-    model = model or load_model(scenario)
     size, task = model.size, scenario.task
     joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
     logs = motion_of(scenario).completed(scenario, model, logs)

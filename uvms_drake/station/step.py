@@ -14,6 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions import make_ocp
@@ -67,19 +68,21 @@ def loop_rates(station: Diagram, context: Context) -> np.ndarray:
     return np.linalg.eigvals(np.array(columns).T)
 
 
-def check_step(scenario: Scenario) -> None:
+def check_step(scenario: Scenario, model: ContactModel) -> None:
     """Raises `InvalidParameter` if a fixed step is too long for the loop of a scenario.
 
-    Nothing is checked where there is no plan at the task; then the run itself fails, or not.
+    Nothing is checked where there is no plan at the task; then the run itself fails, or not. The
+    model is the controller's.
     """
     settings = scenario.simulator
     if settings.use_error_control or settings.integration_scheme not in ORDERS:
         return
     # At rest at the task, and without a disturbance: that of an adversary jumps with the state.
     quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[])
-    ocp = make_ocp(quiet)
-    config = ocp.model.configuration(ocp.y_des)
-    station = make_station(replace(quiet, start=Start(eta=config[:6], q=config[6:])))
+    ocp = make_ocp(quiet, model)
+    config = model.configuration(ocp.y_des)
+    station = make_station(
+        replace(quiet, start=Start(eta=config[:6], q=config[6:])), model=model)
     simulator = Simulator(station)
     try:
         simulator.Initialize()

@@ -31,10 +31,9 @@ from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.staged_program import StagedProgram, StagedSolution
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.studies.stopwatch import (
@@ -176,11 +175,12 @@ class NominalLoop:
     """The nominal MPC in a closed loop with its own model, as `NominalMpc` has it.
 
     Args:
-        scenario: Model, task, start and horizon.
+        scenario: Task, start and horizon.
+        model: The controller's.
     """
 
-    def __init__(self, scenario: Scenario):
-        self.ocp: Ocp = make_ocp(scenario)
+    def __init__(self, scenario: Scenario, model: ContactModel):
+        self.ocp: Ocp = make_ocp(scenario, model)
         self._solver: scp.SequentialConvexSolver = scp.SequentialConvexSolver(self.ocp)
         self._start = start_state(scenario, self.ocp)[: self.ocp.state_size]
         self.plan: Plan = self.ocp.resting_plan(0.0, self._start)
@@ -225,9 +225,9 @@ def conic_programs() -> Iterator[Callable[[], int]]:
         yield taken
 
 
-def measure_controller(scenario: Scenario, effort: Effort) -> ControllerTimes:
+def measure_controller(scenario: Scenario, model: ContactModel, effort: Effort) -> ControllerTimes:
     """Returns the times of the nominal MPC from the scenario's start."""
-    loop = NominalLoop(scenario)
+    loop = NominalLoop(scenario, model)
     watched = {"program": (loop.ocp, "staged_program"), "solve": (scp, "solve_staged")}
     if hasattr(loop.ocp, "linearise"):
         watched["linearise"] = (loop.ocp, "linearise")
@@ -252,9 +252,9 @@ def measure_controller(scenario: Scenario, effort: Effort) -> ControllerTimes:
         first_iterations=iterations)
 
 
-def measure_growth(scenario: Scenario, effort: Effort) -> list[HorizonTimes]:
+def measure_growth(scenario: Scenario, model: ContactModel, effort: Effort) -> list[HorizonTimes]:
     """Returns the times of a step at several horizons; these take turns, step by step."""
-    loops = [NominalLoop(replace(scenario, mpc=replace(scenario.mpc, horizon=horizon)))
+    loops = [NominalLoop(replace(scenario, mpc=replace(scenario.mpc, horizon=horizon)), model)
              for horizon in effort.horizons]
     seconds: list[list[float]] = [[] for _ in loops]
     counts, failures = np.zeros(len(loops)), np.zeros(len(loops), dtype=int)
@@ -296,7 +296,7 @@ def leaf_systems(diagram: Diagram, path: str = "") -> dict[str, LeafSystem]:
     return leaves
 
 
-def watched_station(scenario: Scenario, watch: Stopwatch) -> Diagram:
+def watched_station(scenario: Scenario, model: ContactModel, watch: Stopwatch) -> Diagram:
     """Returns a station in which every system in Python is a part of `watch`.
 
     The functions that Drake calls are timed: those of output ports, and time derivatives. A cache
@@ -313,7 +313,7 @@ def watched_station(scenario: Scenario, watch: Stopwatch) -> Diagram:
     with ExitStack() as stack:
         for name in ("DeclareVectorOutputPort", "DeclareAbstractOutputPort"):
             stack.enter_context(replaced(LeafSystem, name, watched(getattr(LeafSystem, name))))
-        station = make_station(scenario)
+        station = make_station(scenario, model=model)
     for system in leaf_systems(station).values():
         if inspect.isfunction(getattr(type(system), "DoCalcTimeDerivatives", None)):
             system.DoCalcTimeDerivatives = watch.timed(system, system.DoCalcTimeDerivatives)
@@ -334,20 +334,20 @@ def run_instants(station: Diagram, scenario: Scenario, effort: Effort) -> list[C
     return contexts
 
 
-def measure_derivative(scenario: Scenario, effort: Effort) -> DerivativeTimes:
+def measure_derivative(scenario: Scenario, model: ContactModel, effort: Effort) -> DerivativeTimes:
     """Returns the times of the station's derivative at instants of a simulation.
 
     Time and state are set before each evaluation, as an integrator does, so that nothing that
     depends on them is left in a cache; the instants take turns.
     """
     watch = Stopwatch()
-    station = watched_station(scenario, watch)
+    station = watched_station(scenario, model, watch)
     names: dict[Hashable, str] = {
         system: path for path, system in leaf_systems(station).items()} | {REST: REST}
     contexts = run_instants(station, scenario, effort)
     state = station.GetOutputPort("state")
     states = np.stack([state.Eval(context) for context in contexts])
-    on_surface = int(np.count_nonzero(penetrations(scenario, states) > 0.0))
+    on_surface = int(np.count_nonzero(penetrations(model, states) > 0.0))
     samples = []
     for i in range(effort.warm_up + effort.rounds * effort.instants):
         context = contexts[i % effort.instants]
@@ -364,22 +364,21 @@ def measure_derivative(scenario: Scenario, effort: Effort) -> DerivativeTimes:
         parts={**dict(sorted(parts.items(), key=lambda item: -item[1].mean)), REST: rest})
 
 
-def penetrations(scenario: Scenario, states: np.ndarray) -> np.ndarray:
+def penetrations(model: ContactModel, states: np.ndarray) -> np.ndarray:
     """Returns how deep the tip is in the surface [m] in states (𝔮, ζ) (K, 2(6+n))."""
-    surface = check_surface(scenario.surface)
-    model = ContactModel.load(scenario.model, surface)
-    return surface.penetration(model.task_pose(states[:, : model.size])[:, :6])
+    return model.surface.penetration(model.task_pose(states[:, : model.size])[:, :6])
 
 
-def measure_simulation(scenario: Scenario, effort: Effort) -> SimulationTime:
+def measure_simulation(scenario: Scenario, model: ContactModel, effort: Effort) -> SimulationTime:
     """Returns the time that a simulation takes, as fast as possible.
 
     Raises:
         RunFailed: The scenario cannot be simulated.
     """
     duration = min(effort.simulated, scenario.duration)
-    simulate(replace(scenario, duration=min(0.1, duration)), realtime_rate=0.0)
-    wall = simulate(replace(scenario, duration=duration), realtime_rate=0.0).wall_time_s
+    for simulated in (min(0.1, duration), duration):  # The first is to warm up.
+        wall = simulate(
+            replace(scenario, duration=simulated), model=model, realtime_rate=0.0).wall_time_s
     return SimulationTime(duration, wall, duration / wall)
 
 
@@ -400,16 +399,17 @@ def measure(scenario: Scenario, effort: Effort | None = None,
         RunFailed: The scenario cannot be simulated.
     """
     effort = effort or Effort()
-    make_station(scenario)  # A value that cannot be used is refused before anything else.
+    model = load_model(scenario)
+    make_station(scenario, model=model)  # A value that cannot be used is refused first.
     load, wall, cpu = load_average(), time.perf_counter(), time.process_time()
     progress("a simulation", 0.0)
-    simulation = measure_simulation(scenario, effort)
+    simulation = measure_simulation(scenario, model, effort)
     progress("the controller's step", 0.25)
-    controller = measure_controller(scenario, effort)
+    controller = measure_controller(scenario, model, effort)
     progress("the plant's derivative", 0.5)
-    derivative = measure_derivative(scenario, effort)
+    derivative = measure_derivative(scenario, model, effort)
     progress("the growth with the horizon", 0.75)
-    growth = measure_growth(scenario, effort)
+    growth = measure_growth(scenario, model, effort)
     cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
     machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
     versions = {"uvms_drake": uvms_drake.__version__, "drake": version("drake"),

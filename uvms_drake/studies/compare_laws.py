@@ -21,6 +21,7 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw
 from uvms_drake.control.tube_monitor import TubeMonitor, TubeReport
 from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions import motion_of
@@ -59,7 +60,8 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS,
     """Returns a row for every law, with the scenario's model, limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
-    basis = basis_of(scenario, load_model(scenario))
+    model = load_model(scenario)
+    basis = basis_of(scenario, model)
     lemma = lemma_constants(basis.constants)
     rows: list[LawRow] = []
     laws = tuple(laws)
@@ -69,16 +71,19 @@ def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS,
         certified = math.inf if radius is None else radius(law, basis)
         margin = law.sigma * lemma.J_min - lemma.L_c
         rows.append(LawRow(
-            law, certified, max(worst_deviation(scenario, law, attack) for attack in ATTACKS),
+            law, certified,
+            max(worst_deviation(scenario, model, law, attack) for attack in ATTACKS),
             d / margin if margin > 0.0 else math.inf))
     return rows
 
 
-def worst_deviation(scenario: Scenario, law: AncillaryLaw, attack: Kind) -> float:
+def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, attack: Kind
+                    ) -> float:
     """Returns the largest deviation that one adversary reaches in `DURATION`."""
     # Plant and controller.
     d = scenario.disturbance.bound
-    ocp = make_dynamic_ocp(replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)))
+    ocp = make_dynamic_ocp(
+        replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)), model)
     builder = DiagramBuilder()
     uvms = builder.AddNamedSystem("uvms", make_uvms_plant(
         model=scenario.model, surface=scenario.surface, disturbance=None))
@@ -86,12 +91,12 @@ def worst_deviation(scenario: Scenario, law: AncillaryLaw, attack: Kind) -> floa
     state = uvms.GetOutputPort("state")
     # Only a bound of 1 is set, so that the worst ratio is the worst deviation itself.
     monitor = TubeMonitor.AddToBuilder(
-        builder, ocp.model, law, d, {"task": 1.0}, state=state, period=0.0,
+        builder, model, law, d, {"task": 1.0}, state=state, period=0.0,
         nominal_state=controller.GetOutputPort("nominal_state"),
         pair=controller.GetOutputPort("pair"))
     # The adversary aims with the monitor's errors.
     adversary = Adversary.AddToBuilder(
-        builder, ocp.model, AdversarialDisturbance(bound=d, kind=attack), state=state,
+        builder, model, AdversarialDisturbance(bound=d, kind=attack), state=state,
         e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
     builder.Connect(adversary.get_output_port(), uvms.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))
@@ -102,7 +107,7 @@ def worst_deviation(scenario: Scenario, law: AncillaryLaw, attack: Kind) -> floa
     ResetIntegratorFromFlags(simulator, "runge_kutta3", step)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     context = simulator.get_mutable_context()
-    config = ocp.model.configuration(ocp.y_des)
+    config = model.configuration(ocp.y_des)
     set_state(uvms, uvms.GetMyMutableContextFromRoot(context),
               np.concatenate([config, np.zeros_like(config)]))
     simulator.AdvanceTo(DURATION)

@@ -16,8 +16,8 @@ from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.report.signals import constraint_signals
-from uvms_drake.station.motions import limits_of
-from uvms_drake.station.problem import make_dynamic_ocp, start_state
+from uvms_drake.station.motions import limits_of, make_ocp
+from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.setting import setting_of
 from uvms_drake.station.simulation import simulate
@@ -92,7 +92,7 @@ def test_a_name_that_is_there_already_and_inputs_of_kinematic_motion_are_refused
 
 def test_fast_solver_and_reference_agree_where_they_are_active(scenario):
     """With 7/10 of the speed, the way and the turn that a plan without them takes."""
-    ocp = make_dynamic_ocp(with_own(scenario))
+    ocp = make_ocp(with_own(scenario))
     guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
     free = SequentialConvexSolver(ocp).solve(guess, 50, 1e-10)
     at = Points(ocp.model, free.plan.config, ocp.model.task_pose(free.plan.config), free.plan.zeta)
@@ -115,7 +115,7 @@ def test_fast_solver_and_reference_agree_where_they_are_active(scenario):
 
 
 def test_a_plan_that_leaves_it_between_two_knots_is_found_out(scenario):
-    ocp = make_dynamic_ocp(scenario)
+    ocp = make_ocp(scenario)
     guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
     plan = SequentialConvexSolver(ocp).solve(guess, 20).plan
     inside = between_knots(ocp, plan)
@@ -124,13 +124,13 @@ def test_a_plan_that_leaves_it_between_two_knots_is_found_out(scenario):
 
 
 def test_the_terminal_set_knows_them(scenario):
-    loop = terminal_loop(make_dynamic_ocp(with_own(scenario, *scenario.limits.more, Elbow())))
+    loop = terminal_loop(make_ocp(with_own(scenario, *scenario.limits.more, Elbow())))
     assert {"tip[0]", "tip[1]", "tip[2]"} <= set(loop.closed_form_limits())
     assert {"tip_velocity[0]", "tip_velocity[2]", "elbow"} <= set(loop.names)
 
 
 def test_only_where_it_is_known_what_the_tube_takes_there_is_room(scenario):
-    model = make_dynamic_ocp(scenario).model
+    model = make_ocp(scenario).model
     rooms = {name: condition.holds for own in (Elbow(), KnownElbow()) for condition in room_of(
         with_own(scenario, *scenario.limits.more, own), scenario.tube, model)
         for name in [condition.name] if "elbow" in name or "tip_" in name}
@@ -144,7 +144,7 @@ def test_only_where_it_is_known_what_the_tube_takes_there_is_room(scenario):
 
 def test_a_task_that_breaks_it_is_refused(scenario):
     with pytest.raises(InvalidParameter, match=r"task\.pose .* elbow"):
-        make_dynamic_ocp(with_own(scenario, Elbow(0.1)))
+        make_ocp(with_own(scenario, Elbow(0.1)))
 
 
 def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
@@ -155,7 +155,7 @@ def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
     values, bound = signals["elbow_max"]
     np.testing.assert_allclose(values, record.config[:, 6] + record.config[:, 7] ** 2)
     assert bound == 3.0
-    setting = setting_of(own)
+    setting = setting_of(own, record.model)
     assert setting.limit_use.names[-7:-1] == [
         "tip_x", "tip_y", "tip_z", *(f"tip_velocity[{i}]" for i in range(3))]
     used = setting.limit_use(record.state[0], record.u[0], record.nominal_state[0],
