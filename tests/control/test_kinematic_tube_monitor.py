@@ -21,7 +21,7 @@ from uvms_drake.plant.disturbance import (
     RandomDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.plant.kinematic_plant import make_kinematic_plant, set_configuration
+from uvms_drake.plant.kinematic_plant import make_kinematic_plant
 from uvms_drake.tube.conditions import kinematic_tubes
 
 W_BOUND = 0.05
@@ -111,7 +111,7 @@ def closed_loop(model, law, attack, *, start=START, until=np.inf, w_bound=W_BOUN
     use_fixed_steps(simulator)
     simulator.get_mutable_integrator().set_maximum_step_size(0.01)
     root = simulator.get_mutable_context()
-    set_configuration(plant, plant.GetMyMutableContextFromRoot(root), start)
+    plant.GetMyMutableContextFromRoot(root).SetContinuousState(start)
     simulator.AdvanceTo(duration)
     return SimpleNamespace(
         report=SimpleNamespace(**report_of(monitor, monitor.GetMyContextFromRoot(root))),

@@ -23,7 +23,6 @@ from uvms_drake.plant.kinematic_plant import (
     PITCH_MARGIN,
     carried_rate,
     make_kinematic_plant,
-    set_configuration,
 )
 
 MODEL = "girona500_arm5e"
@@ -55,7 +54,7 @@ def run(uvms, start, duration, zeta=None, w=None, step=0.01):
     """Returns 𝔮 at the end of a run."""
     simulator = simulator_of(uvms, step=step)
     context = simulator.get_mutable_context()
-    set_configuration(uvms, context, start)
+    context.SetContinuousState(start)
     for port, value in (("zeta", zeta), ("disturbance", w)):
         if value is not None:
             uvms.GetInputPort(port).FixValue(context, value)
@@ -66,7 +65,7 @@ def run(uvms, start, duration, zeta=None, w=None, step=0.01):
 def rate(uvms, config, zeta=None, w=None):
     """Returns 𝔮̇."""
     context = uvms.CreateDefaultContext()
-    set_configuration(uvms, context, config)
+    context.SetContinuousState(config)
     for port, value in (("zeta", zeta), ("disturbance", w)):
         if value is not None:
             uvms.GetInputPort(port).FixValue(context, value)
@@ -103,7 +102,7 @@ def test_the_configuration_that_is_set_comes_out_also_inside_a_larger_diagram():
     station = builder.Build()
     root = station.CreateDefaultContext()
     context = uvms.GetMyMutableContextFromRoot(root)
-    set_configuration(uvms, context, START)
+    context.SetContinuousState(START)
     np.testing.assert_array_equal(uvms.GetOutputPort("configuration").Eval(context), START)
     uvms.GetInputPort("zeta").FixValue(context, ZETA)
     np.testing.assert_array_equal(
@@ -113,7 +112,7 @@ def test_the_configuration_that_is_set_comes_out_also_inside_a_larger_diagram():
 def test_what_is_not_connected_is_zero():
     uvms = make()
     context = uvms.CreateDefaultContext()
-    set_configuration(uvms, context, START)
+    context.SetContinuousState(START)
     np.testing.assert_array_equal(uvms.GetOutputPort("state").Eval(context)[10:], 0.0)
     np.testing.assert_array_equal(rate(uvms, START), 0.0)
 
@@ -164,7 +163,7 @@ def test_along_a_run_the_task_moves_with_j_zeta_and_w(model, kind):
              for name in ("state", "disturbance")]
     simulator = simulator_of(builder.Build(), step=h)
     root = simulator.get_mutable_context()
-    set_configuration(uvms, uvms.GetMyMutableContextFromRoot(root), START)
+    uvms.GetMyMutableContextFromRoot(root).SetContinuousState(START)
     simulator.AdvanceTo(0.8)
     state, w = (sink.FindLog(root).data().T for sink in sinks)
     np.testing.assert_allclose(state[:, 10:], -0.3 * state[:, :10], atol=1e-15)
@@ -253,7 +252,7 @@ def test_a_user_may_feed_back_the_configuration_without_an_algebraic_loop():
     builder.Connect(push.get_output_port(), uvms.GetInputPort("disturbance"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    set_configuration(uvms, uvms.GetMyMutableContextFromRoot(context), START)
+    uvms.GetMyMutableContextFromRoot(context).SetContinuousState(START)
     state = uvms.GetOutputPort("state").Eval(uvms.GetMyContextFromRoot(context))
     np.testing.assert_array_equal(state[10:], -0.5 * START)
     feeds = {(uvms.get_input_port(i).get_name(), uvms.get_output_port(j).get_name())
@@ -265,7 +264,7 @@ def test_a_cloned_context_continues_identically():
     uvms = make(KINDS["random"], seed=3)
     simulator = simulator_of(uvms)
     context = simulator.get_mutable_context()
-    set_configuration(uvms, context, START)
+    context.SetContinuousState(START)
     uvms.GetInputPort("zeta").FixValue(context, ZETA)
     simulator.AdvanceTo(0.4)
     twin = simulator_of(uvms, context.Clone())
@@ -326,10 +325,6 @@ def test_bad_parameters_are_named(kwargs, message):
 
 
 def test_a_configuration_of_the_wrong_size_is_named():
-    uvms = make()
-    with pytest.raises(
-            InvalidParameter, match=r"^configuration = .*: must be 10 finite numbers$"):
-        set_configuration(uvms, uvms.CreateDefaultContext(), np.zeros(20))
     with pytest.raises(InvalidParameter, match=r"^start = .*: must be 10 finite numbers$"):
         make(start=np.zeros(20))
 

@@ -47,10 +47,10 @@ from uvms_drake.tube.kinematic import (
 )
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.terminal_set import (
+    TerminalLoop,
     boundary_samples,
     largest_radius,
     linear_radius,
-    terminal_loop,
 )
 
 NAME = "paper_kinematic_certified"
@@ -368,7 +368,7 @@ def test_from_its_boundary_the_terminal_controller_keeps_every_limit_and_pays_it
 def test_a_wider_set_is_refused_for_a_limit_that_the_problem_finds_broken_too(wide, found):
     radius, check = found
     assert check.holds and check.limiting in ("pitch", "roll", "decrease")
-    assert radius < linear_radius(terminal_loop(wide))
+    assert radius < linear_radius(TerminalLoop(wide))
     wider = check_terminal(wide, 1.3 * radius)
     assert not wider.holds
     config = wide.model.configuration(wide.y_des + wider.worst["pitch"])
@@ -376,7 +376,7 @@ def test_a_wider_set_is_refused_for_a_limit_that_the_problem_finds_broken_too(wi
 
 
 def test_the_margins_are_those_of_a_plan_of_one_interval(wide):
-    loop, P = terminal_loop(wide), wide.terminal.P
+    loop, P = TerminalLoop(wide), wide.terminal.P
     for xi in 0.5 * boundary_samples(P, 5, np.random.default_rng(6)):
         plan = rolled_out(wide, xi, 1)
         after = wide.unwrapped(wide.model.task_pose(plan.config[1])) - wide.y_des
@@ -395,7 +395,7 @@ def test_the_speeds_in_the_set_have_a_closed_form(wide, name, block):
     rows = np.random.default_rng(7).normal(size=(5000, len(gain))) @ gain
     reached = np.max(np.linalg.norm(
         boundary_samples(P, 1, np.random.default_rng(8), rows) @ gain.T, axis=1))
-    assert terminal_loop(wide).closed_form_limits()[name][1] == pytest.approx(reached, rel=2e-3)
+    assert TerminalLoop(wide).closed_form_limits()[name][1] == pytest.approx(reached, rel=2e-3)
 
 
 def test_the_penalty_of_the_paper_fails_whatever_the_controller(wide):

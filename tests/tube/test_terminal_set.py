@@ -1,13 +1,15 @@
 """Tests of `uvms_drake.tube.terminal_set`."""
 
+import copy
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from support.limits import bounded
 from support.terminal_checks import check_penalty, check_terminal
 
+from uvms_drake.control import dynamic_ocp
+from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations
@@ -21,27 +23,28 @@ from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
-from uvms_drake.tube import terminal_set
 from uvms_drake.tube.terminal_set import (
     TerminalCheck,
+    TerminalLoop,
     boundary_samples,
     largest_radius,
     linear_radius,
-    terminal_loop,
 )
 
 FRESH = 10_000
 
 
-def inflated(ocp: DynamicOcp, inflation: float) -> SimpleNamespace:
+def inflated(ocp: DynamicOcp, inflation: float) -> DynamicOcp:
     """Returns the problem with P = (1 + inflation) times the Riccati solution."""
     P = (1.0 + inflation) / (1.0 + INFLATION) * ocp.terminal.P
     return changed(ocp, terminal=dataclasses.replace(ocp.terminal, P=P))
 
 
-def changed(ocp: DynamicOcp, **values: object) -> SimpleNamespace:
+def changed(ocp: DynamicOcp, **values: object) -> DynamicOcp:
     """Returns a copy of the problem with other values."""
-    return SimpleNamespace(**{**vars(ocp), "Q": ocp.Q, "R": ocp.R, **values})
+    other = copy.copy(ocp)
+    vars(other).update(values)
+    return other
 
 
 def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarray]:
@@ -49,9 +52,7 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
 
     It evaluates a plan of one interval with the terminal controller's acceleration.
     """
-    one = DynamicOcp.__new__(DynamicOcp)
-    one.__dict__.update(vars(ocp), horizon=1,
-                        terminal=dataclasses.replace(ocp.terminal, radius=radius))
+    one = changed(ocp, horizon=1, terminal=dataclasses.replace(ocp.terminal, radius=radius))
     out: dict[str, list[bool]] = {"decrease": [], "limits": [], "invariance": []}
     limits = {name: limit.upper[0] for name, limit in ocp.limits.items()}
     P = ocp.terminal.P
@@ -87,7 +88,7 @@ def found(robot) -> tuple[float, TerminalCheck]:
 
 def test_there_is_a_terminal_set_and_what_limits_it_is_named(robot, found):
     radius, check = found
-    assert 0.0 < radius < linear_radius(terminal_loop(robot))
+    assert 0.0 < radius < linear_radius(TerminalLoop(robot))
     assert check.holds and check.failures == () and check.radius == radius
     assert check.limiting.startswith("u[")
     assert 0.0 <= check.margins[check.limiting] < 0.02
@@ -97,10 +98,10 @@ def test_there_is_a_terminal_set_and_what_limits_it_is_named(robot, found):
 
 def test_fresh_states_on_the_boundary_meet_every_condition(robot, found):
     radius, _ = found
-    loop = terminal_loop(robot)
+    loop = TerminalLoop(robot)
     xi = radius * boundary_samples(robot.terminal.P, FRESH, np.random.default_rng(77))
     assert np.min(loop.margins(xi)) >= 0.0
-    after, *_ = loop.move(xi, xi @ robot.terminal.gain.T)
+    after, *_ = robot.move(xi, xi @ robot.terminal.gain.T)
     assert np.max(np.sum((after @ robot.terminal.P) * after, axis=1)) <= radius**2
 
 
@@ -125,9 +126,8 @@ def test_a_wider_set_is_refused(robot, found):
 def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
     """(V − V⁺)/ℓ − 1, and what the two inputs and the vehicle's pitch leave of their limits."""
     u, tau = robot.limits["u"].upper, np.linspace(80.0, 90.0, 10)
-    robot = changed(
-        robot, inputs=robot.inputs, limits=bounded(robot, tau=tau, roll=0.25, pitch=0.28))
-    limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, terminal_loop(robot)
+    robot = changed(robot, limits=bounded(robot, tau=tau, roll=0.25, pitch=0.28))
+    limits, P, loop = np.concatenate([u, u, tau, tau]), robot.terminal.P, TerminalLoop(robot)
     for state in 0.5 * boundary_samples(P, 5, np.random.default_rng(82)):
         config = robot.model.configuration(robot.y_des + state[:10])
         plan = DynamicPlan.from_accelerations(
@@ -144,14 +144,14 @@ def test_the_margins_are_those_of_a_plan_of_one_interval(robot):
                     1.0 - abs(config[3]) / 0.25, 1.0 - abs(config[4]) / 0.28]
         np.testing.assert_allclose(loop.margins(state), expected, rtol=1e-9, atol=1e-9)
         # A task that is given by an angle beyond π is the same task.
-        turned = terminal_loop(changed(robot, y_des=robot.y_des + 2.0 * np.pi * np.eye(10)[5]))
+        turned = TerminalLoop(changed(robot, y_des=robot.y_des + 2.0 * np.pi * np.eye(10)[5]))
         np.testing.assert_allclose(turned.margins(state), expected, rtol=1e-6, atol=1e-6)
 
 
 def test_near_the_worst_states_nothing_in_the_set_is_worse(robot, found):
     """So they are local minima of the margins."""
     radius, check = found
-    loop, rng = terminal_loop(robot), np.random.default_rng(83)
+    loop, rng = TerminalLoop(robot), np.random.default_rng(83)
     root = np.linalg.inv(np.linalg.cholesky(robot.terminal.P))
     for column, name in enumerate(loop.names):
         if name == "decrease" or check.margins[name] < 0.3:
@@ -181,7 +181,7 @@ def test_with_little_inflation_the_decrease_limits_the_set(robot, found):
     assert check.limiting == "decrease"
     assert 0.0 < radius / np.sqrt(1.1) < 0.9 * found[0] / np.sqrt(1.0 + INFLATION)
     fresh = boundary_samples(little.terminal.P, FRESH, np.random.default_rng(81))
-    assert np.min(terminal_loop(little).margins(radius * fresh)) >= 0.0
+    assert np.min(TerminalLoop(little).margins(radius * fresh)) >= 0.0
     assert check_terminal(little, 1.5 * radius).failures[0] == "decrease"
 
 
@@ -192,7 +192,7 @@ def test_the_penalty_of_the_paper_fails_whatever_the_controller(robot):
         assert set(check.failures) == {"decrease", "decrease at rest"}
         assert check.margins["decrease"] < -1.0 and check.margins["decrease at rest"] < -1.0
         assert check.radius == pytest.approx(linear_radius(
-            terminal_loop(changed(robot, terminal=dataclasses.replace(
+            TerminalLoop(changed(robot, terminal=dataclasses.replace(
                 robot.terminal, P=0.5 * np.eye(20))))))
 
 
@@ -216,7 +216,7 @@ def test_an_equilibrium_beyond_a_joint_limit_leaves_no_set(robot):
     upper = robot.limits["q"].upper.copy()
     upper[1] = robot.y_des[7] - 0.01
     tight = changed(robot, limits=bounded(robot, q_upper=upper))
-    assert linear_radius(terminal_loop(tight)) < 0.0
+    assert linear_radius(TerminalLoop(tight)) < 0.0
     radius, check = largest_radius(tight)
     assert radius == 0.0 and check.failures == ("q[1]",)
 
@@ -237,9 +237,9 @@ class Linear:
 
 
 @pytest.fixture
-def toy(monkeypatch) -> SimpleNamespace:
+def toy(monkeypatch) -> DynamicOcp:
     """A problem whose map is exactly its linearisation, with inputs that never matter."""
-    monkeypatch.setattr(terminal_set, "advance",
+    monkeypatch.setattr(dynamic_ocp, "advance",
                         lambda config, zeta, a, h: config + h * zeta + 0.5 * h**2 * a)
     model, eye, h = Linear(), np.eye(7), 0.2
     Q, R = np.diag(np.linspace(1.0, 3.0, 14)), np.diag(np.linspace(0.5, 2.0, 7))
@@ -247,14 +247,15 @@ def toy(monkeypatch) -> SimpleNamespace:
         Speed("nu1", 0.4), Speed("nu2", 0.5), Speed("qdot", 0.6), VehicleAngle("roll", 1.4),
         VehicleAngle("pitch", 1.4), TipPitch(0.7), Joints(np.array([-0.8]), np.array([0.5])),
         Accelerations(np.full(7, 1e3)))}
-    return SimpleNamespace(
-        model=model, y_des=np.zeros(7), u_eq=np.zeros(7), time_step=h, Q=Q, R=R, limits=limits,
+    return changed(
+        DynamicOcp.__new__(DynamicOcp), model=model, y_des=np.zeros(7), u_eq=np.zeros(7),
+        time_step=h, limits=limits, task_cost=TaskCost(Q, R, np.zeros(7), np.zeros(7)),
         terminal=terminal_ingredients(eye, model.couple - 2.0 * eye, -3.0 * eye, Q, R, h, 1.0))
 
 
 def test_of_a_linear_system_the_set_is_as_large_as_the_linear_limits_allow(toy):
     radius, check = largest_radius(toy)
-    assert radius == linear_radius(terminal_loop(toy))
+    assert radius == linear_radius(TerminalLoop(toy))
     assert check.holds
     assert check.margins["decrease"] == pytest.approx(1.0, rel=1e-6)
     assert check.margins["decrease at rest"] == pytest.approx(1.0, rel=1e-6)
@@ -272,7 +273,7 @@ def test_the_linear_radius_is_where_the_set_touches_a_limit(toy, name, bound, co
     toy.limits = bounded(toy, **{**wide, name: bound})
     rows = np.zeros((5000, 14))
     rows[:, columns] = np.random.default_rng(4).normal(size=(5000, len(columns)))
-    xi = linear_radius(terminal_loop(toy)) * boundary_samples(
+    xi = linear_radius(TerminalLoop(toy)) * boundary_samples(
         toy.terminal.P, 1, np.random.default_rng(5), rows)
     largest = np.max(np.linalg.norm(xi[:, columns], axis=1))
     assert largest == pytest.approx(np.abs(bound).item(), rel=1e-3)
@@ -291,7 +292,7 @@ def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
     G = law.force_jacobian()
     rows = np.zeros((5000, 14))
     rows[:, :6] = np.random.default_rng(4).normal(size=(5000, len(G))) @ G
-    xi = linear_radius(terminal_loop(toy)) * boundary_samples(
+    xi = linear_radius(TerminalLoop(toy)) * boundary_samples(
         toy.terminal.P, 1, np.random.default_rng(5), rows)
     largest = np.max(law.static_force(xi[:, :6]))
     at_rest = law.static_force(np.zeros(6))
@@ -303,9 +304,9 @@ def test_in_the_set_the_force_on_the_surface_is_within_its_limit(toy, surface):
 
 def test_a_linear_input_limit_is_found_to_the_tolerance(toy):
     """Its support function is the answer: ε = limit/‖row‖_{P⁻¹}."""
-    loop = terminal_loop(toy)
+    loop = TerminalLoop(toy)
     reach = np.sqrt(np.sum((loop.rows @ np.linalg.inv(toy.terminal.P)) * loop.rows, axis=1))
-    expected = 0.5 * linear_radius(terminal_loop(toy))
+    expected = 0.5 * linear_radius(TerminalLoop(toy))
     toy.limits = bounded(toy, u=expected * np.maximum(reach[:7], reach[7:14]))
     radius, check = largest_radius(toy, tolerance=1e-3)
     assert radius == pytest.approx(expected, rel=1e-3) and radius <= expected

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.model.spatial import times
 from uvms_drake.plant.disturbance import ConstantDisturbance
@@ -14,7 +14,7 @@ WITHIN = 3
 """Number of points of a plan on each of its intervals, the last of them the knot."""
 
 
-def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: DynamicOcp) -> float:
+def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[DynamicPlan]) -> float:
     """Returns the largest ‖ζ̇ − f(𝔮̄, ζ̄) − ū‖₂ [m/s², rad/s²] at points of a plan, without d itself.
 
     ζ̇ is that of the simulated robot, with the errors of model and surface and the current of the

@@ -8,7 +8,7 @@ import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
 from uvms_drake.campaign.outside import MEASURED_WRONG
-from uvms_drake.campaign.vary import Variation, kind_of, vary
+from uvms_drake.campaign.vary import Variation, vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control.nominal_mpc import FAILED, KEPT, SOLVED
@@ -62,7 +62,8 @@ def drawn(variation: Variation) -> dict[str, Any]:
     scenario, surface = variation.scenario, variation.scenario.surface_error
     error = scenario.model_error
     return {
-        "disturbance": kind_of(scenario), "rows": getattr(scenario.disturbance, "rows", None),
+        "disturbance": scenario.disturbance.label,
+        "rows": getattr(scenario.disturbance, "rows", None),
         "outside": variation.outside,
         "faults": [type(fault).__name__ for fault in scenario.faults],
         "desired_force": float(np.linalg.norm(scenario.task.force[:3])),

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.campaign.induced import predicted_disturbance
-from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.station.scenario import Scenario
@@ -74,7 +74,7 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
                       for value, drawn in zip([*relative, *vectors], unknown, strict=True)))
 
 
-def with_unknowns(scenario: Scenario, ocp: DynamicOcp, plan: DynamicPlan, largest: float,
+def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, largest: float,
                   rng: np.random.Generator) -> Scenario:
     """Returns the scenario with unknown errors and current, about as large as d̃ covers.
 

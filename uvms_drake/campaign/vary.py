@@ -18,9 +18,8 @@ from uvms_drake.campaign.unknowns import with_unknowns
 from uvms_drake.campaign.walls import moved, turns_freely
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import DynamicPlan, Plan
+from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
 from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
@@ -139,25 +138,10 @@ def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     return replace(scenario, faults=[*scenario.faults, fault(probability)])
 
 
-def _shared(scenario: Scenario, ocp: Ocp, plan: Plan, largest: float, rng: np.random.Generator
-            ) -> Scenario:
+def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
+            rng: np.random.Generator) -> Scenario:
     """Returns the scenario, or with something unknown for which d̃ has to be enough too."""
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
-    if not (wanted and isinstance(ocp, DynamicOcp) and isinstance(plan, DynamicPlan)):
+    if not (wanted and motion_of(scenario).has_forces):
         return scenario
     return with_unknowns(scenario, ocp, plan, largest, rng)
-
-
-def kind_of(scenario: Scenario) -> str:
-    """Returns the name of a run's disturbance, in `KINDS` or "random"."""
-    match scenario.disturbance:
-        case AdversarialDisturbance(kind=kind):
-            return kind
-        case ConstantDisturbance():
-            return "constant"
-        case SinusoidalDisturbance():
-            return "sinusoid"
-        case RandomDisturbance():
-            return "random"
-        case other:
-            return type(other).__name__

@@ -18,7 +18,7 @@ from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
 from uvms_drake.control.nominal_mpc import FEASIBLE, FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan
+from uvms_drake.control.plan import P, Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
@@ -219,7 +219,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
     return draft.adding(first_plan(ocp, start)[1])
 
 
-def first_plan(ocp: Ocp, start: np.ndarray) -> tuple[Plan | None, list[Condition]]:
+def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
     Also that no angle and no depth of this plan leaves its limits between the knots. No limit of

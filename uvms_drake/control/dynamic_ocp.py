@@ -19,7 +19,8 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp, Transitions, weight
-from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.plan import DynamicPlan, advance
+from uvms_drake.control.points import Points, Slopes
 from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.terminal import declared_terminal, terminal_ingredients
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
@@ -41,6 +42,7 @@ class DynamicOcp(Ocp[DynamicPlan]):
     """The FHOCP of one task for the dynamics of one model; arguments as those of `Ocp`."""
 
     given_speed = 0
+    has_accelerations = True
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
@@ -90,6 +92,23 @@ class DynamicOcp(Ocp[DynamicPlan]):
         """Returns ū = ζ̄̇ − f(𝔮̄, ζ̄) (6+n,)."""
         config, zeta, zeta_dot = at
         return zeta_dot - self.model.drift(config, zeta)
+
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ (..., 2(6+n)), ū − ū_eq, and both ends; the decision is ζ̄̇."""
+        model, h = self.model, self.time_step
+        y, zeta = self.y_des + xi[..., : model.size], xi[..., model.size:]
+        config = model.configuration(y)
+        end, zeta_end = advance(config, zeta, decision, h), zeta + h * decision
+        u, u_end = decision - model.drift(config, zeta), decision - model.drift(end, zeta_end)
+        error = self._error(end)
+        return (np.concatenate([error, zeta_end], axis=-1), u - self.u_eq,
+                Points(model, config, y, zeta, u),
+                Points(model, end, self.y_des + error, zeta_end, u_end))
+
+    def state_rows(self) -> Slopes:
+        """Returns the blocks of ξ."""
+        return Slopes(*np.split(np.eye(self.state_size), 2))
 
     def _velocities(self, plan: DynamicPlan) -> np.ndarray:
         return plan.zeta

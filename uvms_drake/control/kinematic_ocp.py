@@ -11,7 +11,8 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp, weight
-from uvms_drake.control.plan import KinematicPlan
+from uvms_drake.control.plan import KinematicPlan, advance
+from uvms_drake.control.points import Points, Slopes
 from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.terminal import declared_terminal, kinematic_terminal_ingredients
 from uvms_drake.model.uvms_model import UvmsModel
@@ -21,6 +22,7 @@ class KinematicOcp(Ocp[KinematicPlan]):
     """The FHOCP of one task for the kinematics of one model; arguments as those of `Ocp`."""
 
     given_speed = -1
+    has_accelerations = False
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):
@@ -61,6 +63,20 @@ class KinematicOcp(Ocp[KinematicPlan]):
     def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
         """Returns ζ̄ (6+n,)."""
         return at[1]
+
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ (..., 6+n), the decision ζ̄, and both ends."""
+        model, y = self.model, self.y_des + xi
+        config = model.configuration(y)
+        end = advance(config, decision, np.zeros_like(decision), self.time_step)
+        error = self._error(end)
+        return (error, decision, Points(model, config, y, decision, decision),
+                Points(model, end, self.y_des + error, decision, decision))
+
+    def state_rows(self) -> Slopes:
+        """Returns ξ itself, and ζ̄ = gain · ξ."""
+        return Slopes(np.eye(self.state_size), self.terminal.gain)
 
     def _velocities(self, plan: KinematicPlan) -> np.ndarray:
         return np.concatenate([plan.zeta, np.zeros((1, self.model.size))])

@@ -21,7 +21,6 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp import Evaluation, Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
@@ -183,7 +182,7 @@ class NominalMpc(LeafSystem):
         # Outputs.
         evaluated = {self._nominal.ticket()}
         self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
-        if isinstance(self._ocp, DynamicOcp):
+        if self._ocp.has_accelerations:
             self.DeclareVectorOutputPort(
                 "nominal_acceleration", size, self._calc_acceleration, evaluated)
         self.DeclareVectorOutputPort("nominal_input", size, self._calc_input, evaluated)

@@ -156,6 +156,8 @@ class Ocp(ABC, Generic[P]):
 
     given_speed: ClassVar[int]
     """Knot at which a plan has no ζ̄ to decide."""
+    has_accelerations: ClassVar[bool]
+    """Whether a plan has ζ̄̇, too."""
     task_cost: TaskCost
     terminal: Terminal
 
@@ -218,7 +220,7 @@ class Ocp(ABC, Generic[P]):
     @property
     @abstractmethod
     def state_size(self) -> int:
-        """Length of the state that a plan starts at."""
+        """Length of the state that a plan starts at, and of ξ."""
 
     @abstractmethod
     def resting_plan(self, time: float, state: np.ndarray) -> P:
@@ -237,6 +239,20 @@ class Ocp(ABC, Generic[P]):
         """Returns ū (6+n,) where a plan is `at`, see `Plan.at`."""
 
     @abstractmethod
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ after one interval, ū − ū_eq, and both ends of it; also of complex numbers.
+
+        Args:
+            xi: ξ (..., its size).
+            decision: The decision, constant on the interval (..., 6+n).
+        """
+
+    @abstractmethod
+    def state_rows(self) -> Slopes:
+        """Returns y − y_des and ζ̄ under the terminal controller as rows of ξ (6+n, its size)."""
+
+    @abstractmethod
     def staged_program(self, plan: P) -> StagedProgram:
         """Returns the convex program about a plan, for the change of its decision."""
 
@@ -249,6 +265,12 @@ class Ocp(ABC, Generic[P]):
         y = y.copy()
         y[..., 3:6] = self.y_des[3:6] + wrap_angle(y[..., 3:6] - self.y_des[3:6])
         return y
+
+    def _error(self, config: np.ndarray) -> np.ndarray:
+        """Returns y − y_des (..., 6+n) at 𝔮, angles by the shorter way round; also complex."""
+        error = self.model.task_pose(config) - self.y_des
+        error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
+        return error
 
     def continued(self, plan: P) -> P:
         """Returns the plan one interval later, its end continued by the terminal controller."""

@@ -67,6 +67,11 @@ class AdversarialDisturbance(Disturbance):
     phase: float = 0.0
     """Phase of the sine at t = 0 [rad]."""
 
+    @property
+    def label(self) -> str:
+        """Its kind."""
+        return self.kind
+
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
                signals: Mapping[str, OutputPort]) -> OutputPort:
         """Adds an `Adversary`; see `Disturbance`."""

@@ -62,6 +62,11 @@ class Disturbance(ABC):
     bound: float = 0.0
     """Bound d̃ of ‖d‖₂ [m/s², rad/s²]; with kinematic motion w̃ of ‖w‖₂ [m/s, rad/s]."""
 
+    @property
+    def label(self) -> str:
+        """Name of its kind, in tables."""
+        return type(self).__name__
+
     def check(self) -> None:
         """Raises `InvalidParameter` unless the bound is one."""
         require(0.0 <= self.bound < np.inf, "bound", self.bound, "zero or positive")
@@ -119,6 +124,8 @@ class OpenLoopDisturbance(Disturbance):
 class ConstantDisturbance(OpenLoopDisturbance):
     """d = d̃ e with the unit vector e along `direction`."""
 
+    label = "constant"
+
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Vector of any length; empty means the same in all components."""
 
@@ -130,6 +137,8 @@ class ConstantDisturbance(OpenLoopDisturbance):
 @dataclass
 class SinusoidalDisturbance(OpenLoopDisturbance):
     """d = d̃ e sin(ωt + phase) with the unit vector e along `direction`; the paper's kind."""
+
+    label = "sinusoid"
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Vector of any length; empty means the same in all components."""
@@ -152,6 +161,8 @@ class SinusoidalDisturbance(OpenLoopDisturbance):
 @dataclass
 class RandomDisturbance(OpenLoopDisturbance):
     """Uniformly distributed points of the ball ‖d‖₂ ≤ d̃, smoothly interpolated in time."""
+
+    label = "random"
 
     bandwidth: float = 0.5
     """Half the rate of the points [Hz]; nearly all power is below it."""

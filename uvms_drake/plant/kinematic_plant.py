@@ -8,7 +8,6 @@ end-effector along, and leaves the joints: with J_x = [J; 0 I],
     𝔮̇ = Γ(𝔮) [ζ + J_x(𝔮)⁻¹ (w, 0)],    which is    ẏ = J_x(𝔮) ζ + (w, 0)    for y = (χ, q).
 """
 
-from typing import cast
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -224,16 +223,3 @@ def make_kinematic_plant(
     diagram = builder.Build()
     diagram.set_name("uvms")
     return diagram
-
-
-def set_configuration(uvms: Diagram, context: Context, config: np.ndarray) -> None:
-    """Sets the state of a Diagram made by `make_kinematic_plant`.
-
-    Args:
-        uvms: The Diagram.
-        context: Its Context; in a larger Diagram, `uvms.GetMyMutableContextFromRoot(root_context)`.
-        config: 𝔮 (6+n,).
-    """
-    kinematics = cast(VelocityDrivenUvms, uvms.GetSubsystemByName("kinematics"))
-    uvms.GetMutableSubsystemContext(kinematics, context).SetContinuousState(
-        vector("configuration", config, kinematics.coordinates.size))

@@ -146,7 +146,6 @@ def draw_force(record: Record, certified: float | None = None) -> Figure:
         axes[-1].set_xlim(*_impact_window(record))
         _draw_instants(axes[-1], record)
         over = summarise_force(record)["overshoot"]
-        assert isinstance(over, dict)
         axes[-1].set_title("\n" if over["percent"] is None else
                            f"overshoot {over['newton']:.2g} N, {over['percent']:.3g} %\n")
     legend_above(figure, axes[0], 3)

@@ -10,8 +10,6 @@ from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 """Relative and absolute excess [m/s², rad/s²] that is rounding of a disturbance of exactly d̃."""
-FIRST = ("nu1", "nu2", "qdot", "q")
-"""Limits whose signals come first in every table; the others follow."""
 
 
 def disturbance_above(record: Record) -> np.ndarray:
@@ -31,11 +29,8 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     model = record.model
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(model, record.config, y, record.zeta, record.u, record.tau)
-    signals = {}
-    limits = limits_of(record.scenario, model).values()
-    for limit in sorted(limits, key=lambda limit: limit.name not in FIRST):
-        signals.update(limit.signals(at))
-    return {name: pair for name, pair in signals.items() if np.isfinite(pair[1])}
+    return {name: pair for limit in limits_of(record.scenario, model).values()
+            for name, pair in limit.signals(at).items() if np.isfinite(pair[1])}
 
 
 def constraint_units(record: Record) -> dict[str, str]:

@@ -6,6 +6,7 @@ None. Everything is evaluated at the logged samples.
 
 import platform
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def summarise_task_error(record: Record) -> dict[str, object]:
     return {"initial": error[0], "final": error[1], "final_norm": np.linalg.norm(error[1])}
 
 
-def summarise_force(record: Record) -> dict[str, object]:
+def summarise_force(record: Record) -> dict[str, Any]:
     """Returns how well 𝔉 came to and stayed at 𝔉_des [N, N m]."""
     desired = record.desired_force[-1]
     error = np.linalg.norm(record.force - record.desired_force, axis=1)

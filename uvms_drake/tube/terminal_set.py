@@ -15,20 +15,15 @@ nonlinear program finds from the worst samples; as ξ → 0, by an eigenvalue of
 is a search for a counterexample that finds none, not a proof.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, cast
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
 from uvms_drake.common.differentiable import differentiable
 from uvms_drake.common.errors import require
-from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import advance
-from uvms_drake.control.points import Points, Slopes
+from uvms_drake.control.points import Points
 from uvms_drake.model.uvms_model import COMPLEX_STEP
 
 DECREASE, AT_REST = "decrease", "decrease at rest"
@@ -75,12 +70,9 @@ class TerminalCheck:
         return min(self.margins, key=lambda name: self.margins[name])
 
 
-class TerminalLoop(ABC):
+class TerminalLoop:
     """The nominal system about its equilibrium, under a terminal controller, valued by a P."""
 
-    P: np.ndarray
-    gain: np.ndarray
-    """Matrix of the terminal controller: decision = gain · ξ."""
     closed: np.ndarray
     """Matrix of the linearised loop: ξ⁺ = closed · ξ."""
     input_rows: np.ndarray
@@ -90,8 +82,8 @@ class TerminalLoop(ABC):
     names: tuple[str, ...]
     """Names of the conditions on the nonlinear map, in the order of `margins`."""
 
-    def __init__(self, ocp: Any, size: int):
-        self.ocp = ocp
+    def __init__(self, ocp: Ocp):
+        self.ocp, size = ocp, ocp.state_size
         self.P, self.gain = ocp.terminal.P, ocp.terminal.gain
         least = float(np.linalg.eigvalsh(self.P)[0])
         require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
@@ -106,26 +98,12 @@ class TerminalLoop(ABC):
                                   for end in ("begin", "end") for part in limit.parts),
                       *(part for limit in self.sampled for part in limit.parts))
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
-        after, w, begin, end = self.move(step[:, :size], step[:, size:])
+        after, w, begin, end = ocp.move(step[:, :size], step[:, size:])
         moved = (item.imag.T / COMPLEX_STEP for item in (
             after, w, self._limited("values", begin, end)))
         (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
         self.closed, self.input_rows, self.rows = (
             by_xi + by_decision @ self.gain for by_xi, by_decision in ((A, B), (C, D), (E, F)))
-
-    @abstractmethod
-    def move(self, xi: np.ndarray, decision: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
-        """Returns ξ⁺ after one interval from ξ with a decision, ū − ū_eq, and both ends of it.
-
-        Args:
-            xi: ξ (..., its size).
-            decision: The input, constant on the interval (..., 6+n).
-        """
-
-    @abstractmethod
-    def state_rows(self) -> Slopes:
-        """Returns y − y_des and ζ̄ as rows of ξ (6+n, its size)."""
 
     def _limited(self, what: str, begin: Points, end: Points) -> np.ndarray:
         """Returns `values` or `used` of the limits that have no closed form (..., their number)."""
@@ -137,7 +115,7 @@ class TerminalLoop(ABC):
     def margins(self, xi: np.ndarray) -> np.ndarray:
         """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0."""
         ocp = self.ocp
-        after, w, begin, end = self.move(xi, xi @ self.gain.T)
+        after, w, begin, end = ocp.move(xi, xi @ self.gain.T)
         stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
         decrease = (_square(xi, self.P) - _square(after, self.P)) / stage - 1.0
         left = 1.0 - self._limited("used", begin, end)
@@ -164,72 +142,13 @@ class TerminalLoop(ABC):
             values = limit.values(rest)
             rooms = np.minimum(limit.upper - values, values - limit.lower)
             for part, form, room, half in zip(limit.parts, forms, rooms, limit.half, strict=True):
-                out[part] = (room, self._reach(form.through(self.state_rows())), half)
+                out[part] = (room, self._reach(form.through(self.ocp.state_rows())), half)
         return out
 
     def _reach(self, A: np.ndarray) -> float:
         """Returns the largest ‖Aξ‖₂ where ‖ξ‖_P ≤ 1; zero if A has no rows, as without an arm."""
         squares = np.linalg.eigvalsh(A @ self.inverse @ A.T)
         return float(np.sqrt(np.max(squares, initial=0.0)))
-
-    def _error(self, config: np.ndarray) -> np.ndarray:
-        """Returns y − y_des (..., 6+n) at 𝔮, angles by the shorter way round."""
-        error = self.ocp.model.task_pose(config) - self.ocp.y_des
-        error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
-        return error
-
-
-class DynamicLoop(TerminalLoop):
-    """ξ = (y − y_des, ζ̄), the decision is ζ̄̇."""
-
-    def __init__(self, ocp: DynamicOcp):
-        self.size = ocp.model.size
-        super().__init__(ocp, 2 * self.size)
-
-    def move(self, xi: np.ndarray, decision: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
-        """Returns ξ⁺ (..., 2(6+n)), ū − ū_eq, and both ends; the decision is ζ̄̇."""
-        ocp, model, h = self.ocp, self.ocp.model, self.ocp.time_step
-        y, zeta = ocp.y_des + xi[..., : self.size], xi[..., self.size:]
-        config = model.configuration(y)
-        end, zeta_end = advance(config, zeta, decision, h), zeta + h * decision
-        u, u_end = decision - model.drift(config, zeta), decision - model.drift(end, zeta_end)
-        error = self._error(end)
-        return (np.concatenate([error, zeta_end], axis=-1), u - ocp.u_eq,
-                Points(model, config, y, zeta, u),
-                Points(model, end, ocp.y_des + error, zeta_end, u_end))
-
-    def state_rows(self) -> Slopes:
-        """Returns the blocks of ξ."""
-        return Slopes(*np.split(np.eye(2 * self.size), 2))
-
-
-class KinematicLoop(TerminalLoop):
-    """ξ = y − y_des, the decision is ζ̄."""
-
-    def __init__(self, ocp: KinematicOcp):
-        super().__init__(ocp, ocp.model.size)
-
-    def move(self, xi: np.ndarray, decision: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
-        """Returns ξ⁺ (..., 6+n), the decision ζ̄, and both ends."""
-        model, y = self.ocp.model, self.ocp.y_des + xi
-        config = model.configuration(y)
-        end = advance(config, decision, np.zeros_like(decision), self.ocp.time_step)
-        error = self._error(end)
-        return (error, decision, Points(model, config, y, decision, decision),
-                Points(model, end, self.ocp.y_des + error, decision, decision))
-
-    def state_rows(self) -> Slopes:
-        """Returns ξ itself, and ζ̄ = gain · ξ."""
-        return Slopes(np.eye(self.ocp.model.size), self.gain)
-
-
-def terminal_loop(ocp: Ocp) -> TerminalLoop:
-    """Returns the loop of a problem, with its own P and controller."""
-    if isinstance(ocp, KinematicOcp):
-        return KinematicLoop(ocp)
-    return DynamicLoop(cast(DynamicOcp, ocp))
 
 
 def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
@@ -265,7 +184,7 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
         seed: Seed of the samples.
         tolerance: Relative tolerance of ε.
     """
-    loop = terminal_loop(ocp)
+    loop = TerminalLoop(ocp)
     states = unit_states(loop, samples, seed)
     radius = upper = linear_radius(loop)
     lower = SMALLEST * (upper if upper > 0.0 else 1.0)

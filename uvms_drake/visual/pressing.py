@@ -1,5 +1,7 @@
 """The surface, the forces on it as arrows and numbers, and the contact."""
 
+from collections.abc import Callable
+
 import numpy as np
 from pydrake.geometry import Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
@@ -39,7 +41,7 @@ class Pressing:
         largest = max(float(np.linalg.norm(force[:3])),
                       float(law.static_force(np.array([*goal, 0.0, 0.0, 0.0]))))
         self._newton = ARROW * unit / (largest or 1.0)
-        self._surface, self._rest = self._draw_surface(goal)
+        self._show_surface = self._draw_surface(goal)
         self._force = Arrow(stage, f"{NED}/force", 0.016 * unit, REAL)
         self._desired = Arrow(stage, f"{NED}/desired_force", 0.024 * unit, GLASS)
         self._contact = Mark(stage, f"{NED}/contact", CONTACT, 0.017 * unit)
@@ -50,14 +52,16 @@ class Pressing:
                     tenths=False)
             for name, color in (("real", REAL_TEXT), ("desired", (1.0, 1.0, 1.0)))]
 
-    def _draw_surface(self, goal: np.ndarray) -> tuple[DrawnWall | Polyline, np.ndarray]:
-        """Returns the drawing of the surface, and where it is touched at rest (3,)."""
+    def _draw_surface(self, goal: np.ndarray) -> Callable[[np.ndarray], None]:
+        """Draws the surface; returns the function that shows what the tip at χ does to it."""
         rest, normal = self._law.anchor, self._law.normal
         if normal is None:
             self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
-            return Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01), rest
-        rest = goal - ((goal - rest) @ normal) * normal
-        return DrawnWall(self._stage, f"{NED}/wall", rest, normal), rest
+            spring = Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01)
+            return lambda chi: spring.show(np.array([rest, chi[:3]]))
+        wall = DrawnWall(
+            self._stage, f"{NED}/wall", goal - ((goal - rest) @ normal) * normal, normal)
+        return lambda chi: wall.show(float(self._law.penetration(chi)))
 
     def show(self, chi: np.ndarray, force: np.ndarray | None, desired: np.ndarray) -> None:
         """Draws what the end-effector does at χ (6,).
@@ -70,10 +74,7 @@ class Pressing:
         tip = chi[:3]
         real = (self._law.force(chi, np.zeros(6)) if force is None else force)[:3]
         wanted = desired[:3]
-        if isinstance(self._surface, DrawnWall):
-            self._surface.show(float(self._law.penetration(chi)))
-        else:
-            self._surface.show(np.array([self._rest, tip]))
+        self._show_surface(chi)
         self._force.show(tip, self._newton * real)
         self._desired.show(tip, self._newton * wanted)
         self._contact.show(tip if np.any(real) else None)

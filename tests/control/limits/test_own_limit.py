@@ -21,7 +21,7 @@ from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.setting import setting_of
 from uvms_drake.station.simulation import simulate
-from uvms_drake.tube.terminal_set import terminal_loop
+from uvms_drake.tube.terminal_set import TerminalLoop
 
 BOX = "{lower_corner: [-3, -3, -3], upper_corner: [3, 3, 3]}"
 VELOCITY = "!TipVelocity {bound: [0.1, 0.2, 0.2]}"
@@ -124,7 +124,7 @@ def test_a_plan_that_leaves_it_between_two_knots_is_found_out(scenario):
 
 
 def test_the_terminal_set_knows_them(scenario):
-    loop = terminal_loop(make_ocp(with_own(scenario, *scenario.limits.more, Elbow())))
+    loop = TerminalLoop(make_ocp(with_own(scenario, *scenario.limits.more, Elbow())))
     assert {"tip[0]", "tip[1]", "tip[2]"} <= set(loop.closed_form_limits())
     assert {"tip_velocity[0]", "tip_velocity[2]", "elbow"} <= set(loop.names)
 

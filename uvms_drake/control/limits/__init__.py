@@ -9,7 +9,6 @@ from uvms_drake.control.limits.settings import (
     make_limits,
     tighten,
 )
-from uvms_drake.control.limits.static_force import force_radius
 
-__all__ = ["Limit", "Limits", "TubeRadii", "check_limits", "force_radius", "joint_limits",
+__all__ = ["Limit", "Limits", "TubeRadii", "check_limits", "joint_limits",
            "make_limits", "resolved_radii", "tighten"]

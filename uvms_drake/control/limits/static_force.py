@@ -6,21 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Rows
-from uvms_drake.control.limits.radii import TubeRadii, resolved_radii
+from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import Points, Slopes
 from uvms_drake.model.surface.law import StaticForceRows, Surface
-
-
-def force_radius(tube: TubeRadii, surface: Surface) -> float:
-    """Returns by how much the tube changes the static force, at most [N].
-
-    Of a spring it takes for granted that no Euler angle is π away from its equilibrium's.
-    """
-    tube = resolved_radii(tube)
-    assert tube.position is not None and tube.orientation is not None  # now they are filled in
-    G = surface.force_jacobian()
-    return float(np.linalg.norm(G[:, :3], 2) * tube.position
-                 + np.linalg.norm(G[:, 3:], 2) * tube.orientation)
 
 
 @dataclass
@@ -54,7 +42,8 @@ class StaticForce(AbsoluteLimit):
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
         """Returns by how much the tube changes the force, at most."""
-        return np.array([force_radius(tube, self.surface)])
+        assert tube.position is not None and tube.orientation is not None  # They are filled in.
+        return np.array([self.surface.force_radius(tube.position, tube.orientation)])
 
     def closed_form(self, size: int) -> list[Slopes]:
         """Returns by how much the force changes at most; a spring's may rise by less."""

@@ -98,6 +98,19 @@ class Surface(ABC):
         """Largest change of the static force with the position, ‖G_p‖₂ [N/m]."""
         return float(np.linalg.norm(self.force_jacobian()[:, :3], 2))
 
+    def force_radius(self, position: float, angle: float) -> float:
+        """Returns the largest change of the static force where the pose is off [N].
+
+        Of a spring it takes for granted that no Euler angle is π away from its equilibrium's.
+
+        Args:
+            position: Largest error of the position [m].
+            angle: Largest error of the attitude [rad].
+        """
+        G = self.force_jacobian()
+        return float(np.linalg.norm(G[:, :3], 2) * position
+                     + np.linalg.norm(G[:, 3:], 2) * angle)
+
     def penetration_for(self, force: float) -> float | None:
         """Returns the penetration at a static force [N], or None if it takes more to tell."""
         return None

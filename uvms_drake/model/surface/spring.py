@@ -85,10 +85,8 @@ class BilateralSpring(Surface):
         return self.anchor + np.linalg.solve(self.stiffness[:3, :3], missing.T).T
 
     def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
-        """Returns ‖K_pp‖ `position` + ‖K_po‖ `angle`, if no Euler angle is π off χ_eq's [N]."""
-        G = self.force_jacobian()
-        return float(np.linalg.norm(G[:, :3], 2) * position
-                     + np.linalg.norm(G[:, 3:], 2) * angle)
+        """Returns ‖K_pp‖ `position` + ‖K_po‖ `angle` [N]: there is no damping."""
+        return self.force_radius(position, angle)
 
     def stiffened(self, factor: float) -> "BilateralSpring":
         """Returns the spring with `factor` times K."""
