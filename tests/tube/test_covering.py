@@ -17,6 +17,8 @@ from uvms_drake.tube.covering import PROVABLE, cover, prove_constants
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.4, 0.6, -0.1, -0.8]), q_upper=np.array([0.4, 1.3, 0.72, 0.8]), roll=0.3,
     pitch=0.15, tip_pitch=0.4, nu1=0.25, nu2=0.2, qdot=0.3)
+WEIGHTS = np.array([0.1, 0.05, 0.2, 0.3, 0.1, 0.15, 1.0, 0.8, 0.6, 0.9])
+"""A scale for each channel: the joints' are larger than the hull's, and no two are alike."""
 SKEW = ConstraintSet(-np.ones(2), np.ones(2), 0.4, 0.3, 0.9, 0.1, 0.1, 0.1)
 ROWS = {"position": slice(0, 3), "attitude": slice(3, 6), "task": slice(0, 6),
         "extended": slice(None)}
@@ -27,8 +29,14 @@ def proven(model):
     return prove_constants(model, BOUNDS, tuple(PROVABLE))
 
 
-def norms(model, block: str, config: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(model.task_jacobian(config)[:, ROWS[block]], ord=2, axis=(1, 2))
+@pytest.fixture(scope="module")
+def weighted(model):
+    return prove_constants(model, BOUNDS, tuple(PROVABLE), weights=WEIGHTS)
+
+
+def norms(model, block: str, config: np.ndarray, weights=1.0) -> np.ndarray:
+    J = model.task_jacobian(config)[:, ROWS[block]] @ np.diag(weights * np.ones(model.size))
+    return np.linalg.norm(J, ord=2, axis=(1, 2))
 
 
 def coordinates(model, bounds: ConstraintSet, boxes: JacobianBoxes, count: int
@@ -57,9 +65,10 @@ def arm_and_bounds(robot: str, model) -> tuple[ContactModel, ConstraintSet]:
     }[robot]()
 
 
-def check_boxes_about_states(arm, bounds: ConstraintSet, block: str, seed: int) -> None:
+def check_boxes_about_states(arm, bounds: ConstraintSet, block: str, seed: int,
+                             weights=1.0) -> None:
     """Checks boxes of all sizes about feasible states, each at 120 points of it."""
-    boxes = JacobianBoxes(arm, bounds, block)
+    boxes = JacobianBoxes(arm, bounds, block, weights)
     _, x = coordinates(arm, bounds, boxes, 500)
     rng = np.random.default_rng(seed)
     for _ in range(100):
@@ -86,6 +95,13 @@ def assert_bounded(boxes: JacobianBoxes, centre: np.ndarray, half: np.ndarray,
 @pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill"])
 def test_the_bound_of_a_box_holds_at_the_states_in_it(model, block, robot):
     check_boxes_about_states(*arm_and_bounds(robot, model), block, seed=9)
+
+
+@pytest.mark.parametrize("block", ["attitude", "extended"])
+@pytest.mark.parametrize("robot", ["oblique", "turret"])
+def test_the_weighted_bound_of_a_box_holds_at_the_states_in_it(model, block, robot):
+    arm, bounds = arm_and_bounds(robot, model)
+    check_boxes_about_states(arm, bounds, block, seed=9, weights=WEIGHTS[: arm.size])
 
 
 @pytest.mark.parametrize("robot", ["girona", "oblique"])
@@ -137,12 +153,14 @@ def only(k: int) -> Callable:
     return multipliers
 
 
+@pytest.mark.parametrize("weights", [np.ones(10), WEIGHTS], ids=["ball", "weighted"])
 @pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill"])
 @pytest.mark.parametrize("block", ["attitude", "extended"])
-def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block):
+def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block, weights):
     """Of position rows, attitude rows and constraints, at states about a centre."""
     arm, bounds = arm_and_bounds(robot, model)
-    boxes = JacobianBoxes(arm, bounds, block)
+    weights = weights[: arm.size]
+    boxes = JacobianBoxes(arm, bounds, block, weights)
     n, rng = arm.num_joints, np.random.default_rng(17)
     nearest = np.zeros(3)
     for _ in range(300):
@@ -158,8 +176,8 @@ def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block):
         g = boxes._constraints(axes, C, np.tile(centre[-1], (2, 17)), np.tile(h, (17, 1)))
         slack = g.value[0, 0] + delta @ g.slope[0, 0].T - g.value[0, 1:]
         for i, (actual, bound) in enumerate((
-                (rest(P, delta), 0.5 * np.sqrt(second[0][0])),
-                (rest(Q, delta), 0.5 * np.sqrt(second[1][0])),
+                (rest(P * weights, delta), 0.5 * np.sqrt(second[0][0])),
+                (rest(Q * weights, delta), 0.5 * np.sqrt(second[1][0])),
                 (np.max(slack / (g.rest[0, 0] + 1e-12)), 1.0))):
             if i == 0 and block == "attitude":
                 continue
@@ -168,7 +186,9 @@ def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block):
                 nearest[i] = max(nearest[i], actual / bound)
     if block == "extended" and robot == "turret":
         assert nearest[0] > 0.9
-    if (block, robot) != ("attitude", "drill"):  # There the rows do not change at all.
+    if weights[5] < 1.0:
+        assert nearest[1] > 0.2  # One factor has to do for the three columns of ν₂.
+    elif (block, robot) != ("attitude", "drill"):  # There the rows do not change at all.
         assert nearest[1] > 0.5
     assert nearest[2] > 0.5
 
@@ -179,12 +199,13 @@ def rest(rows: np.ndarray, delta: np.ndarray) -> float:
     return float(np.max(np.linalg.norm(rows[1:, 0] - linear, ord=2, axis=(1, 2))))
 
 
+@pytest.mark.parametrize("weights", [1.0, WEIGHTS], ids=["ball", "weighted"])
 @pytest.mark.parametrize("block", BLOCKS)
-def test_the_bound_of_a_point_is_its_norm(model, block):
-    boxes = JacobianBoxes(model, BOUNDS, block)
+def test_the_bound_of_a_point_is_its_norm(model, block, weights):
+    boxes = JacobianBoxes(model, BOUNDS, block, weights)
     config, x = coordinates(model, BOUNDS, boxes, 200)
     found = boxes.bounds(x, np.zeros_like(x))
-    np.testing.assert_allclose(found.upper, norms(model, block, config), rtol=1e-8)
+    np.testing.assert_allclose(found.upper, norms(model, block, config, weights), rtol=1e-8)
     np.testing.assert_allclose(found.reached, found.upper, rtol=1e-8)
 
 
@@ -214,6 +235,36 @@ def test_proven_is_above_every_sample_and_within_the_gap(model, proven):
         assert constant.how == "proven" and constant.name == name
         assert 0.98 * constant.value / 1.03 < largest[name] <= constant.sampled_value * (1 + 1e-9)
         assert constant.sampled_value < constant.value <= 1.03 * constant.sampled_value * (1 + 1e-8)
+
+
+def test_no_point_of_the_ellipsoid_is_taken_further_than_the_weighted_constant(model, weighted):
+    """‖J_b d‖ of points d with ‖Ŵ⁻¹d‖ = 1, by multiplying; the worst one is of that length."""
+    rng = np.random.default_rng(21)
+    config, _ = BOUNDS.sample(model, 20_000, rng)
+    points = rng.normal(size=(20_000, 10))
+    points *= WEIGHTS / np.linalg.norm(points, axis=1)[:, None]
+    for name, constant in weighted.items():
+        rows = ROWS[PROVABLE[name]]
+        lengths = np.linalg.norm((model.task_jacobian(config) @ points[..., None])[:, rows, 0],
+                                 axis=1)
+        assert np.max(lengths) < constant.value <= 1.03 * constant.sampled_value * (1.0 + 1e-8)
+        J = model.task_jacobian(constant.worst["config"])[rows]
+        d = points[0]
+        for _ in range(200):  # Uphill: to W²Jᵀ(Jd), back on the ellipsoid.
+            d = WEIGHTS**2 * (J.T @ (J @ d))
+            d /= np.linalg.norm(d / WEIGHTS)
+        assert np.linalg.norm(J @ d) == pytest.approx(constant.sampled_value, rel=1e-6)
+
+
+def test_smaller_weights_have_smaller_constants_and_a_factor_of_all_is_one_of_theirs(
+        model, proven, weighted):
+    for name, constant in weighted.items():
+        assert constant.value < proven[name].value
+    name = "J_attitude_max"  # ν₂ stays as turned as in the ball, and all branches are the same.
+    scaled = prove_constants(model, BOUNDS, (name,), weights=0.25 * np.ones(10))[name]
+    assert scaled.value == pytest.approx(0.25 * proven[name].value, rel=0.03)
+    same = prove_constants(model, BOUNDS, (name,), weights=np.ones(10))[name]
+    assert same.to_data() == proven[name].to_data()
 
 
 def test_the_value_that_is_reached_is_reached(model, proven):

@@ -9,6 +9,9 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.tube_image import input_gain, rests, tube_image
 
 K, SIGMA, D = 20.0, 5.0, 0.1
+WEIGHTS = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 1.0, 0.5, 0.8, 1.0])
+WEIGHTED_GAINS = (0.64, 1.15)
+"""Largest ‖J_pŴ‖ and ‖J_oŴ‖, from samples."""
 U_LIMITS = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])
 
 
@@ -20,9 +23,16 @@ def small_set() -> ConstraintSet:
 
 
 @pytest.fixture(scope="module")
-def image(model, small_set):
-    return tube_image(model, small_set, U_LIMITS, d_bound=D, gains=(1.74, 1.88), k=K, sigma=SIGMA,
-                      samples=150, safety_factor=1.1, seed=0)
+def images(model, small_set):
+    """Images of a ball and of an ellipsoid."""
+    return [tube_image(model, small_set, U_LIMITS, d_bound=D, gains=gains, k=K, sigma=SIGMA,
+                       samples=150, safety_factor=1.1, seed=0, weights=weights)
+            for gains, weights in (((1.74, 1.88), np.ones(10)), (WEIGHTED_GAINS, WEIGHTS))]
+
+
+@pytest.fixture(scope="module")
+def image(images):
+    return images[0]
 
 
 @pytest.mark.parametrize(("k", "sigma"), [(20.0, 5.0), (5.0, 20.0), (7.0, 7.0), (40.0, 1.0)])
@@ -68,15 +78,21 @@ def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-5)
 
 
-def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, image):
-    """Bang-bang disturbances through the exact cascade, at nominal states held fixed."""
+@pytest.mark.parametrize("which", [0, 1], ids=["ball", "weighted"])
+def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, images, which):
+    """Bang-bang disturbances through the exact cascade, at nominal states held fixed.
+
+    Random directions, and those of a single channel, which reach its own part of u alone.
+    """
+    image, weights = images[which], (np.ones(10), WEIGHTS)[which]
     rng = np.random.default_rng(2)
     config, zeta = small_set.sample(model, 60, rng)
     u = U_LIMITS * rng.uniform(-1.0, 1.0, zeta.shape)
     direction = rng.normal(size=zeta.shape)
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    direction[:10] = np.eye(10)
+    direction *= weights / np.linalg.norm(direction, axis=1)[:, None]
     J = model.task_jacobian(config)
-    e, r, dt, worst = np.zeros_like(zeta), np.zeros_like(zeta), 2e-3, 0.0
+    e, r, dt, worst = np.zeros_like(zeta), np.zeros_like(zeta), 2e-3, np.zeros(10)
     switch = 2.0 * np.log(K / SIGMA) / (K - SIGMA)
     for step in range(1500):
         sign = -1.0 if step * dt > 3.0 - switch else 1.0
@@ -86,9 +102,29 @@ def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, im
             p = np.linalg.solve(J, e[..., None])[..., 0]
             du = rests(model, config, zeta, u, e, r, K, SIGMA)[:, 12:22]
             du = du - (K + SIGMA) * r + SIGMA**2 * p
-            worst = max(worst, np.max(np.abs(du) / image.u))
-    assert worst <= 1.0
-    assert worst > 0.4  # and the image is not idle
+            worst = np.maximum(worst, np.max(np.abs(du) / image.u, axis=0))
+    assert np.max(worst) <= 1.0
+    assert np.max(worst) > (0.4, 0.25)[which]  # and the image is not idle
+
+
+def test_what_counts_is_the_product_of_bound_and_weights(model, small_set, images):
+    """Also where no weight is 1; the shift and the rests of second order have products of both."""
+    same = tube_image(
+        model, small_set, U_LIMITS, d_bound=4.0 * D, k=K, sigma=SIGMA, samples=150,
+        gains=(0.25 * WEIGHTED_GAINS[0], 0.25 * WEIGHTED_GAINS[1]), safety_factor=1.1, seed=0,
+        weights=0.25 * WEIGHTS)
+    for name, value in vars(images[1]).items():
+        np.testing.assert_allclose(getattr(same, name), value, rtol=1e-9)
+
+
+def test_a_channel_that_is_disturbed_less_takes_less(images):
+    ball, weighted = images
+    for name in ("nu1", "nu2", "roll", "pitch"):
+        assert getattr(weighted, name) < getattr(ball, name)
+    assert weighted.qdot == ball.qdot  # The largest weight of the joints is 1.
+    assert weighted.omega == ball.omega  # What σ has to be above is of the nominal motion.
+    assert np.max(weighted.u[:6] / ball.u[:6]) < 0.6
+    assert np.max(weighted.u / ball.u) < 1.1  # To what samples find of a supremum.
 
 
 def test_the_image_is_the_same_for_the_same_seed_and_grows_with_the_disturbance(

@@ -1,9 +1,11 @@
-"""Upper bounds of ‖J_x‖ and of its parts over boxes of configurations: proof and computation.
+"""Upper bounds of ‖J_x Ŵ‖ and of its parts over boxes of configurations: proof and computation.
 
-*Coordinates.* ‖J_x‖ does not change if the rows of position are turned, or the columns of ν₁ or
-of ν₂, so position and yaw of the vehicle do not matter. E' is the frame of the end-effector
-before its roll: R_WE' = R_z(ψ)R_y(θ), R_WE = R_WE' R_x(φ). With the columns of ν₁, ν₂ and the rows
-of position in the vehicle's frame B, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ = aᵢ × lever,
+Ŵ is diagonal; it only scales columns. What follows has Ŵ = I, and then what Ŵ changes.
+
+*Coordinates.* ‖J_x‖ does not change if the rows of position are turned, so position and yaw of the
+vehicle do not matter. E' is the frame of the end-effector before its roll: R_WE' = R_z(ψ)R_y(θ),
+R_WE = R_WE' R_x(φ). With the rows of position, like the columns of ν₁ and ν₂, in the vehicle's
+frame B, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ = aᵢ × lever,
 
     J_x ~ [ I  −S(p)  c₁ … c_n ]            A(θ) = [ 1  0  t ]    t = tan θ: the Euler rates
           [ 0  A(θ)C [I  a₁ … a_n] ]               [ 0  1  0 ]    are T(φ, θ)ω_E = A(θ)R_x(φ)ω_E,
@@ -13,7 +15,8 @@ C = R_E'B = R_x(−φ)ᵀR_EB. So −φ is the angle of one more joint, whose ax
 axis and through the tip, c_{n+1} = 0: the coordinates are (q₁ … q_n, −φ, θ). The vehicle's roll and
 pitch bound the direction of "down", d = Cᵀ(−sin θ, 0, cos θ), by half-spaces
 g_k = N_k·d − b_k ≤ 0. Every φ occurs. If the last joint turns the tool about its own axis, it does
-what φ does and is kept still; the attitude rows alone have ν₂ in E', J ~ A[I  C aⱼ].
+what φ does and is kept still. The attitude rows alone have ν₂ in E', J ~ A[I  C aⱼ], if Ŵ is the
+same for its three components, so that their columns may be turned.
 
 *In θ.* |A v|² = (v₁ + t v₃)² + v₂² + v₃² + (t v₃)², so ‖A v‖ and the norm, a supremum of such, are
 convex in t. g_k is α/√(1+t²) + βt/√(1+t²) − b with α² + β² ≤ 1, and |∂²g/∂t²| ≤
@@ -25,6 +28,8 @@ derivative along δ of R(x)v is at most (Σ|δᵢ|)ᵐ|v|, summing over the join
 ‖C″‖ ≤ Δ², |(C aⱼ)″| ≤ (Σ_{i>j} hᵢ)², |p″| ≤ ΣΣ hᵢhₖ r_max(i,k), |cⱼ″| ≤ ΣΣ hᵢhₖ r_max(i,k,j) with
 rᵢ ≥ |cᵢ| in the box: |∂cᵢ/∂qₖ| = |aᵢ × cₖ| ≤ rₖ for k > i and a rotation otherwise, hence
 rᵢ = |cᵢ(centre)| + Σ_{k>i} hₖrₖ. By Taylor with K″ bounded block by block,
+where Ŵ multiplies C″ and p″ by at most its largest entry of ν₂, and the columns of joints by their
+own,
 
     ‖K(x)‖ ≤ ‖K + Σ δᵢ∂ᵢK‖ + ½‖K″‖,    g_k(x) ≥ g_k + Σ δᵢ∂ᵢg_k − ½ΣΣ hᵢhⱼ|∂ᵢ∂ⱼg_k| − Δ³/6.
 
@@ -81,17 +86,22 @@ class _Constraints(NamedTuple):
 
 
 class JacobianBoxes:
-    """Bounds the norm of one block of rows of J_x over boxes of (q, −φ, θ); see above.
+    """Bounds the norm of one block of rows of J_x Ŵ over boxes of (q, −φ, θ); see above.
 
     Args:
         model: Any serial arm.
         constraint_set: Which configurations count.
         block: One of `BLOCKS`.
+        weights: Diagonal of Ŵ (6+n,), positive; 1 for J_x itself.
     """
 
-    def __init__(self, model: ContactModel, constraint_set: ConstraintSet, block: str):
+    def __init__(self, model: ContactModel, constraint_set: ConstraintSet, block: str,
+                 weights: np.ndarray | float = 1.0):
         self._model = model
         self._block = block
+        self._weights = weights * np.ones(model.size)
+        # Whether the columns of ν₂ are turned into E'.
+        self._turned = block == "attitude" and np.ptp(self._weights[3:6]) == 0.0
         roll, pitch = constraint_set.roll, constraint_set.pitch
         self._normals = np.array([
             [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0],
@@ -166,7 +176,7 @@ class JacobianBoxes:
         return P
 
     def _attitude_rows(self, axes: np.ndarray, C: np.ndarray) -> np.ndarray:
-        """Returns C[0 I a] and its n+1 derivatives (m, n+2, 3, 6+n); [0 I Ca] if it is alone.
+        """Returns C[0 I a] and its n+1 derivatives (m, n+2, 3, 6+n); [0 I Ca] if ν₂ is turned.
 
         ∂ᵢC = −C S(wᵢ); ∂ᵢ(C aⱼ) = −C(wᵢ × aⱼ) for i > j, else 0: the joint turns both alike.
         """
@@ -175,16 +185,20 @@ class JacobianBoxes:
         Q[:, 0, :, 6:] = np.swapaxes(axes[:, :n], -1, -2)
         for i in range(n + 1):
             Q[:, 1 + i, :, 6: 6 + i] = np.swapaxes(cross(axes[:, :i], axes[:, i, None]), -1, -2)
-        if self._block != "attitude":
+        if not self._turned:
             Q[:, 0, :, 3:6] = np.eye(3)
             Q[:, 1:, :, 3:6] = -skew(axes)
         Q = C[:, None] @ Q
-        if self._block == "attitude":
+        if self._turned:
             Q[:, 0, :, 3:6] = np.eye(3)
         return Q
 
     def _assemble(self, P: np.ndarray, Q: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Returns the block K and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
+        return self._rows(P, Q, theta) * self._weights
+
+    def _rows(self, P: np.ndarray, Q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Returns the block of J_x and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
         if self._block == "position":
             return P
         A = np.tile(np.eye(3), (len(theta), 1, 1, 1))
@@ -209,11 +223,12 @@ class JacobianBoxes:
         by_joint = np.maximum(outer[..., None], np.arange(n))
         p2 = np.einsum("mi,mk,mik->m", h, h, r[:, outer])
         c2 = np.einsum("mi,mk,mikj->mj", h, h, r[:, by_joint])
-        position = p2**2 + np.sum(c2**2, axis=1)
+        turning, joints = np.max(self._weights[3:6]) ** 2, self._weights[6:] ** 2
+        position = turning * p2**2 + np.sum(joints * c2**2, axis=1)
         beyond = np.cumsum(h[:, ::-1], axis=1)[:, ::-1]  # Σ_{i≥j} hᵢ
-        attitude = np.sum(beyond[:, 1:] ** 4, axis=1)
-        if self._block != "attitude":
-            attitude += beyond[:, 0] ** 4
+        attitude = np.sum(joints * beyond[:, 1:] ** 4, axis=1)
+        if not self._turned:
+            attitude += turning * beyond[:, 0] ** 4
         return position * (self._block != "attitude"), attitude * (self._block != "position")
 
     def _constraints(self, axes: np.ndarray, C: np.ndarray, ends: np.ndarray,

@@ -13,12 +13,13 @@ All are suprema (one infimum) over a `ConstraintSet`, of the model that the cont
     L_1_chi     sup ‖∂f/∂χ‖                ζ and q held [1/s²]
     L_2         sup ‖∂f/∂ζ‖                𝔮 held [1/s]
 
-Norms are spectral. The paper takes Lipschitz constants in χ, but J and f depend on all of 𝔮, and
-𝔮 is no function of χ for n > 0. Two meanings are left. In y: 𝔮 is a function of y, ∂𝔮/∂y =
-Γ J_x⁻¹, and this is what the whole configuration in the tube needs. In χ with q held: the
-end-effector is displaced by moving the vehicle alone; it is the first six columns of the former,
-so never larger, and says nothing once q ≠ q̄. A derivative's supremum is a Lipschitz constant
-between two states whose segment in (y, ζ) stays in the set.
+Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. The paper takes Lipschitz
+constants in χ, but J and f depend on all of 𝔮, and 𝔮 is no function of χ for n > 0. Two
+meanings are left. In y: 𝔮 is a function of y, ∂𝔮/∂y = Γ J_x⁻¹, and this is what the whole
+configuration in the tube needs. In χ with q held: the end-effector is displaced by moving the
+vehicle alone; it is the first six columns of the former, so never larger, and says nothing once
+q ≠ q̄. A derivative's supremum is a Lipschitz constant between two states whose segment in (y, ζ)
+stays in the set.
 
 An estimate may be too small: sampling and local search reach a supremum from below. The safety
 factor is a declared guess at what they missed; only `covering` proves a bound.
@@ -141,16 +142,18 @@ class _Quantity(NamedTuple):
     """Rows of the matrix that count."""
     columns: slice = slice(None)
     """Columns of the matrix that count."""
+    weights: np.ndarray | float = 1.0
+    """Factors of the columns (6+n,), the diagonal of Ŵ."""
 
     def sigma(self, matrices: Matrices) -> np.ndarray:
         """Returns the extreme singular value (m,)."""
-        A = matrices[self.matrix][:, self.rows, self.columns]
+        A = (matrices[self.matrix] * self.weights)[:, self.rows, self.columns]
         return np.linalg.svd(A, compute_uv=False)[:, 0 if self.sign > 0.0 else -1]
 
     def value_and_gradient(self, model: ContactModel, config: np.ndarray,
                            zeta: np.ndarray) -> tuple[float, np.ndarray]:
         """Returns ± the singular value and its derivative ± uᵀ(dA)v in (𝔮, ζ) (2(6+n),)."""
-        A = self.group(model, config[None], zeta[None])[self.matrix][0]
+        A = self.group(model, config[None], zeta[None])[self.matrix][0] * self.weights
         U, sigma, Vh = np.linalg.svd(A[self.rows, self.columns], full_matrices=False)
         i = 0 if self.sign > 0.0 else -1
         v = np.zeros(model.size)
@@ -158,7 +161,8 @@ class _Quantity(NamedTuple):
         steps = DIFFERENCE * np.eye(2 * model.size)
         x = np.concatenate([config, zeta])
         moved_config, moved_zeta = np.split(np.concatenate([x + steps, x - steps]), 2, axis=1)
-        along = product(model, self.matrix, moved_config, moved_zeta, v)[:, self.rows] @ U[:, i]
+        moved = product(model, self.matrix, moved_config, moved_zeta, self.weights * v)
+        along = moved[:, self.rows] @ U[:, i]
         plus, minus = np.split(along, 2)
         return self.sign * float(sigma[i]), self.sign * (plus - minus) / (2.0 * DIFFERENCE)
 
@@ -180,9 +184,10 @@ QUANTITIES = {
 
 
 def sampled_values(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
-                   names: tuple[str, ...] = tuple(QUANTITIES)) -> dict[str, np.ndarray]:
-    """Returns what each constant bounds, e.g. ‖J‖ for J_max, (m,) by name at m states (m, 6+n)."""
-    wanted = {name: QUANTITIES[name] for name in names}
+                   names: tuple[str, ...] = tuple(QUANTITIES),
+                   weights: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:
+    """Returns what each constant bounds, e.g. ‖JŴ‖ for J_max, (m,) by name at m states (m, 6+n)."""
+    wanted = {name: QUANTITIES[name]._replace(weights=weights) for name in names}
     parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for i in range(0, len(config), BATCH):
         state = config[i: i + BATCH], zeta[i: i + BATCH]
@@ -195,7 +200,8 @@ def sampled_values(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
 
 def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
                        names: tuple[str, ...] = tuple(QUANTITIES), *, samples: int = 4000,
-                       safety_factor: float = 1.05, seed: int = 0) -> dict[str, Constant]:
+                       safety_factor: float = 1.05, seed: int = 0,
+                       weights: np.ndarray | float = 1.0) -> dict[str, Constant]:
     """Returns the constants of this file by name; the same for the same arguments.
 
     Args:
@@ -205,16 +211,17 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
         samples: Number of states sampled; local searches start from the worst of them.
         safety_factor: Factor of the suprema and divisor of the infimum, at least 1.
         seed: Seed of the samples.
+        weights: Diagonal of Ŵ (6+n,), positive; 1 for the matrices themselves.
     """
     require(samples >= 1, "samples", samples, "a positive integer")
     require(1.0 <= safety_factor < np.inf, "safety_factor", safety_factor, "at least 1")
     config, zeta = constraint_set.sample(model, samples, np.random.default_rng(seed))
-    values = sampled_values(model, config, zeta, names)
-    ends = [end for name in names
-            for end in _local_maxima(model, constraint_set, name, config, zeta, values[name])]
+    values = sampled_values(model, config, zeta, names, weights)
+    ends = [end for name in names for end in _local_maxima(
+        model, constraint_set, name, config, zeta, values[name], weights)]
     # A bad state for one constant is tried for all of them.
     config, zeta = (np.array(states) for states in zip(*ends, strict=True))
-    values = sampled_values(model, config, zeta, names)
+    values = sampled_values(model, config, zeta, names, weights)
     out = {}
     for name in names:
         infimum = name in INFIMA
@@ -228,9 +235,10 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
 
 
 def _local_maxima(model: ContactModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
-                  zeta: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+                  zeta: np.ndarray, values: np.ndarray, weights: np.ndarray | float
+                  ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Returns where local searches end that start from the worst of the samples (m, 6+n)."""
-    quantity = QUANTITIES[name]
+    quantity = QUANTITIES[name]._replace(weights=weights)
     order = np.argsort(values if name in INFIMA else -values, kind="stable")
     starts = order[[rank for rank in START_RANKS if rank < len(order)]]
     return [climb(partial(quantity.value_and_gradient, model), model, constraint_set,

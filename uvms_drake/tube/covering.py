@@ -1,4 +1,4 @@
-"""Proven upper bounds of ‖J_x‖ and of its parts over a `ConstraintSet`, by branch and bound.
+"""Proven upper bounds of ‖J_x Ŵ‖ and of its parts over a `ConstraintSet`, by branch and bound.
 
 The set is covered by boxes, each with an upper bound (`boxes` has the proof); the boxes with the
 largest bounds are halved until the largest is within `rel_gap` of a value that is reached, or until
@@ -40,12 +40,12 @@ class Covering(NamedTuple):
 def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
                     names: tuple[str, ...] = ("J_position_max", "J_attitude_max", "Jx_max"), *,
                     rel_gap: float = 0.03, max_boxes: int = 40_000, samples: int = 1000,
-                    seed: int = 0) -> dict[str, Constant]:
+                    seed: int = 0, weights: np.ndarray | float = 1.0) -> dict[str, Constant]:
     """Returns proven constants by name; the same for the same arguments.
 
     `J_position_max` bounds ‖J_pos‖, hence also ‖nᵀJ_pos‖ for every unit vector n in Σ_I, such as
     the normal of a plane; `J_attitude_max` the Euler-rate rows of J; `J_max` and `Jx_max` all of J
-    and J_x.
+    and J_x. With weights they bound ‖J_pos Ŵ‖ and so on.
 
     Args:
         model: Any serial arm.
@@ -55,6 +55,7 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
         max_boxes: Budget of each constant; `value / sampled_value` tells whether it was enough.
         samples: Number of samples for the first value that is reached.
         seed: Seed of these samples.
+        weights: Diagonal of Ŵ (6+n,), positive; 1 for J_x itself.
 
     Raises:
         InvalidParameter: The set is empty, or an argument has no meaning.
@@ -64,10 +65,11 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
     for name in names:
         require(name in PROVABLE, "names", name, f"one of {', '.join(PROVABLE)}")
     estimates = estimate_constants(
-        model, constraint_set, names, samples=samples, safety_factor=1.0, seed=seed)
+        model, constraint_set, names, samples=samples, safety_factor=1.0, seed=seed,
+        weights=weights)
     proven = {}
     for name, estimate in estimates.items():
-        boxes = JacobianBoxes(model, constraint_set, PROVABLE[name])
+        boxes = JacobianBoxes(model, constraint_set, PROVABLE[name], weights)
         covering = cover(boxes, estimate.sampled_value, rel_gap, max_boxes)
         proven[name] = Constant(
             name=name, value=covering.upper, how="proven", samples=covering.boxes,

@@ -14,16 +14,20 @@ cascade 𝔭̇ = −σ𝔭 + 𝔯 − J_x⁻¹J̇_x𝔭. Were the last term zero
 
     s/((s + k)(s + σ))   and   −((k + σ)s + kσ)/((s + k)(s + σ)),
 
-whose output is at most the L₁ norm of their impulse responses times d̃ (`tubes.joint_rate_radius`,
-`input_gain`), in 2-norm and in every channel. The last term, with ω ≥ ‖J_x⁻¹J̇_x‖, moves 𝔭 by δ,
-δ̇ = −σδ − J_x⁻¹J̇_x𝔭; ‖𝔭‖ ≤ P = d̃/(k(σ − ω)) from d‖𝔭‖/dt ≤ −(σ − ω)‖𝔭‖ + ‖𝔯‖, so ‖δ‖ ≤ ωP/σ,
-which adds σ‖δ‖ and σ²‖δ‖.
+one channel at a time, whose output is at most the L₁ norm of their impulse responses
+(`tubes.joint_rate_radius`, `input_gain`) times |dᵢ| ≤ Ŵᵢd̃, and in the 2-norm of a block of channels
+times its largest Ŵᵢd̃, for ‖Ŵ⁻¹d‖₂ ≤ d̃. The last term moves 𝔭 from 𝔭₀, which goes without it, by
+δ: δ̇ = −σδ − J_x⁻¹J̇_x(𝔭₀ + δ). With ω ≥ ‖J_x⁻¹J̇_x‖, α ≥ ‖J_x⁻¹J̇_xŴ‖ and ‖Ŵ⁻¹𝔭₀‖ ≤ d̃/(kσ),
+d‖δ‖/dt ≤ −(σ − ω)‖δ‖ + αd̃/(kσ), so ‖δ‖ ≤ αd̃/(kσ(σ − ω)), which adds σ‖δ‖ and σ²‖δ‖. In the
+norm ‖Ŵ⁻¹·‖, δ would ask for a σ that is larger by up to the ratio of Ŵ's entries: here it asks for
+none.
 
 The rests in (1) are small: the nominal motion seen from a slightly different configuration, and
 the drift. Its largest value over the tube is taken to first order in the errors at sampled nominal
-states, where it is a support function Σ_blocks ‖∂c/∂(block)‖ radius, and the second-order part is
-measured at the maximising errors and added. Further rounds of samples close in on the worst nominal
-states. That part is an *estimate* of a supremum, and is multiplied by a declared safety factor.
+states, where it is a support function Σ_blocks ‖∂c/∂(block)‖ radius (‖∂c/∂(block) Ŵ‖ for 𝔢_q and
+𝔯, which are in ellipsoids), and the second-order part is measured at the maximising errors and
+added. Further rounds of samples close in on the worst nominal states. That part is an *estimate* of
+a supremum, and is multiplied by a declared safety factor.
 """
 
 from dataclasses import dataclass
@@ -150,7 +154,8 @@ def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,
                d_bound: float, gains: tuple[float, float], k: float, sigma: float,
-               samples: int, safety_factor: float, seed: int) -> TubeImage:
+               samples: int, safety_factor: float, seed: int,
+               weights: np.ndarray | float = 1.0) -> TubeImage:
     """Returns the deviations over the constraint set; infinite if σ ≤ ω.
 
     Args:
@@ -158,14 +163,16 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         constraint_set: Where nominal and real state are.
         u_limits: |ūᵢ| (6+n,).
         d_bound: d̃ [m/s², rad/s²].
-        gains: Bounds of the norms of the position rows and the orientation rows of J_x.
+        gains: Bounds of the norms of the position rows and the orientation rows of J_x Ŵ.
         k: Velocity gain [1/s].
         sigma: σ [1/s].
         samples: Number of nominal states of the first round.
         safety_factor: Factor of estimated suprema.
         seed: Seed of the samples.
+        weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
     """
     rng = np.random.default_rng(seed)
+    weights = weights * np.ones(model.size)
     radius = d_bound / (k * sigma)
     balls = (gains[0] * radius, gains[1] * radius, radius, d_bound / k)
 
@@ -176,8 +183,9 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
 
     # Samples of the whole set, then of ever smaller neighbourhoods of the worst ones.
     nominal = draw(samples)
-    motion, inertia = _motion_and_inertia(model, nominal)
-    values = _support(model, nominal, balls, k, sigma)
+    motion, inertia = _motion_and_inertia(model, nominal, 1.0)
+    weighted_motion, weighted_inertia = _motion_and_inertia(model, nominal, weights)
+    values = _support(model, nominal, balls, weights, k, sigma)
     total, spread = samples, 1.0
     for _ in range(CLOSING_ROUNDS):
         spread *= CLOSING_FACTOR
@@ -186,29 +194,34 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         fresh = fresh[constraint_set.contains(model, fresh.config, fresh.zeta)]
         nominal = _Nominal(*(np.concatenate(pair) for pair in zip(
             _fields(nominal[leaders]), _fields(fresh), strict=True)))
-        values = np.concatenate([values[leaders], _support(model, fresh, balls, k, sigma)])
+        values = np.concatenate(
+            [values[leaders], _support(model, fresh, balls, weights, k, sigma)])
         total += len(fresh.u)
 
-    # The linear parts by their filters, with the shift ωP/σ of 𝔭; the rests as they were found.
+    # The linear parts by their filters, with the shift δ of 𝔭; the rests as they were found.
     worst = safety_factor * np.max(values, axis=0)
-    omega = safety_factor * motion
-    shift = omega * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else np.inf
-    qdot = joint_rate_radius(k, sigma, d_bound)
-    z = qdot + sigma * shift
-    u = input_gain(k, sigma) * d_bound + sigma**2 * shift
+    omega, alpha = safety_factor * motion, safety_factor * weighted_motion
+    shift = alpha * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else np.inf
+    nu1, nu2, qdot = (
+        joint_rate_radius(k, sigma, d_bound * float(np.max(weights[block], initial=0.0)))
+        for block in (slice(0, 3), slice(3, 6), slice(6, None)))
+    u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift
     u_rest, tau_rest = np.split(worst[4:], 2)
     return TubeImage(
-        nu1=float(worst[0] + z), nu2=float(worst[1] + z), qdot=qdot,
-        roll=float(worst[2]), pitch=float(worst[3]), u=u_rest + u,
-        tau=tau_rest + safety_factor * inertia * u, omega=float(omega), samples=total)
+        nu1=float(worst[0] + (nu1 + sigma * shift)), nu2=float(worst[1] + (nu2 + sigma * shift)),
+        qdot=qdot, roll=float(worst[2]), pitch=float(worst[3]),
+        u=u_rest + (weights * u + extra),
+        tau=tau_rest + safety_factor * inertia * (weighted_inertia / inertia * u + extra),
+        omega=float(omega), samples=total)
 
 
-def _motion_and_inertia(model: ContactModel, nominal: _Nominal) -> tuple[float, np.ndarray]:
-    """Returns the largest ‖J_x⁻¹J̇_x‖ [1/s] and the largest norm of each row of M (6+n,)."""
+def _motion_and_inertia(model: ContactModel, nominal: _Nominal, weights: np.ndarray | float
+                        ) -> tuple[float, np.ndarray]:
+    """Returns the largest ‖J_x⁻¹J̇_xŴ‖ [1/s] and the largest norm of each row of MŴ (6+n,)."""
     _, J, J_dot = model.task_motion(nominal.config, nominal.zeta)
-    motion = np.linalg.norm(np.linalg.solve(J, J_dot), 2, axis=(1, 2))
-    rows = np.linalg.norm(model.mass_matrix(model.kinematics(nominal.config)), axis=2)
-    return float(np.max(motion)), np.max(rows, axis=0)
+    motion = np.linalg.norm(np.linalg.solve(J, J_dot) * weights, 2, axis=(1, 2))
+    M = model.mass_matrix(model.kinematics(nominal.config))
+    return float(np.max(motion)), np.max(np.linalg.norm(M * weights, axis=2), axis=0)
 
 
 def _between(model: ContactModel, a: _Nominal, b: _Nominal, spread: float) -> _Nominal:
@@ -226,15 +239,17 @@ def _fields(nominal: _Nominal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nominal.config, nominal.zeta, nominal.u
 
 
-def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k: float,
-             sigma: float) -> np.ndarray:
+def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], weights: np.ndarray,
+             k: float, sigma: float) -> np.ndarray:
     """Returns the largest rest of ν₁, ν₂, φ, θ, uᵢ and τᵢ (m, 4 + 2(6+n)) over the tube.
 
-    For the norm of a block of channels the operator norm of its Jacobian takes the place of the
-    row's norm; errors and remainder are those of the block's leading direction.
+    The tube is a ball each of 𝔢_p, 𝔢_o, Ŵ⁻¹𝔢_q and Ŵ⁻¹𝔯. For the norm of a block of channels the
+    operator norm of its Jacobian takes the place of the row's norm; errors and remainder are those
+    of the block's leading direction.
     """
     # Jacobian of all rests by (𝔢_y, 𝔯) at zero errors.
     size = model.size
+    axes = np.concatenate([np.ones(6), weights[6:], weights])  # of the errors
     steps = 1j * COMPLEX_STEP * np.eye(2 * size)
     lift = _Nominal(*(item[:, None] for item in _fields(nominal)))
     moved = rests(model, *_fields(lift), steps[:, :size], steps[:, size:], k, sigma)
@@ -247,12 +262,12 @@ def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], k
         # To first order, the largest value over the balls, and the errors at which it is reached.
         out[:, column], error = 0.0, np.zeros((len(nominal.u), 2 * size))
         for block, radius in zip(blocks, balls, strict=True):
-            part = G[:, row, block]
+            part = G[:, row, block] * axes[block]
             left, singular, right = np.linalg.svd(part, full_matrices=False)
             out[:, column] += radius * singular[:, 0]
             # One sign for all blocks, so that their contributions add up.
             sign = np.where(np.sum(left[:, :, 0], axis=1) < 0.0, -1.0, 1.0)
-            error[:, block] = radius * sign[:, None] * right[:, 0, :]
+            error[:, block] = radius * sign[:, None] * axes[block] * right[:, 0, :]
         # The part of second order, at these errors.
         exact = rests(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
         linear = times(G[:, row], error)

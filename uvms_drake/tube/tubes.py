@@ -84,11 +84,16 @@ def resolved_tube(k: float, sigma: float, d_bound: float, gain: float) -> Tube:
     A constant J_b and a constant d along its leading right-singular vector make both inequalities
     equations: the bound cannot be improved for a block whose J_b may stand still.
 
+    *Ellipsoid.* For ‖Ŵ⁻¹d‖₂ ≤ d̃, Ŵ diagonal, all of it holds of 𝔯′ = Ŵ⁻¹𝔯 and J_bŴ in place of 𝔯
+    and J_b: Ŵ commutes with the scalar k, so that 𝔯̇′ = −k𝔯′ + Ŵ⁻¹d and 𝔢̇_b = −σ𝔢_b + J_bŴ𝔯′. The
+    bounds of ‖𝔢_b‖ and ‖𝔢̇_b‖ then have g = sup ‖J_bŴ‖₂.
+
     Args:
         k: Velocity gain [1/s].
         sigma: σ [1/s].
-        d_bound: d̃, bound of ‖d‖₂.
-        gain: g, supremum of ‖J_b(𝔮)‖₂; exactly 1 for the joints or some of them, J_b = [0 I].
+        d_bound: d̃, bound of ‖Ŵ⁻¹d‖₂.
+        gain: g, supremum of ‖J_b(𝔮)Ŵ‖₂; for the joints or some of them, J_b = [0 I], the largest of
+            their entries of Ŵ.
     """
     _check_gains(k, sigma, d_bound)
     require(bool(0.0 <= gain < math.inf), "gain", gain, "finite, zero or positive")
@@ -109,7 +114,7 @@ def joint_rate_radius(k: float, sigma: float, d_bound: float) -> float:
     Args:
         k: Velocity gain [1/s].
         sigma: σ [1/s].
-        d_bound: d̃, bound of ‖d‖₂.
+        d_bound: d̃, bound of ‖d_q‖₂.
     """
     _check_gains(k, sigma, d_bound)
     ratio = (k - sigma) / sigma
