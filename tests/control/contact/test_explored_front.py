@@ -1,0 +1,169 @@
+"""Tests of `uvms_drake.control.contact.explored_front`: what is kept, in and between Contexts."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from support.scripts import Script
+from support.tiny_robots import drill
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.contact.explored_front import ExploredFront
+from uvms_drake.control.contact.felt import ForceSensing, felt, nothing
+from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.control.contact.target import PressTarget
+
+SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
+SENSING = ForceSensing(force_max=45.0, noise=1.0, period=0.1)
+MARGIN = 1e-3
+OUTPUTS = ("safe_depth", "apex", "touched", "reading", "slope", "contact_depth")
+
+
+def depth(time):
+    """In, with 5 mm/s, until 4 s; then back as slowly."""
+    return 5e-3 * (4.0 - abs(time - 4.0))
+
+
+def wall(time, kappa=1000.0):
+    return kappa * max(depth(time) - 0.01, 0.0)
+
+
+def state(time, at=depth):
+    """Of the drill, whose tip is at the vehicle's origin; its axes are those of Σ_I."""
+    rate = (at(time + 1e-6) - at(time - 1e-6)) / 2e-6
+    return np.array([0.0, at(time), *np.zeros(6), rate, *np.zeros(5)])
+
+
+def force(time, load=wall):
+    return np.array([0.0, load(time), 0.0, 0.0, 0.0, 0.0])
+
+
+def pressing(measured=force, true=state, **options):
+    builder = DiagramBuilder()
+    script = builder.AddSystem(Script(state=true, force=measured, desired=lambda time: [20.0]))
+    front = ExploredFront.AddToBuilder(
+        builder, drill(), SURFACE, SENSING, margin=MARGIN, state=script.GetOutputPort("state"),
+        measured_force=script.GetOutputPort("force"), **options)
+    target = PressTarget.AddToBuilder(builder, front,
+                                      desired_force=script.GetOutputPort("desired"))
+    return Simulator(builder.Build()), front, target
+
+
+def values(simulator, system, *names):
+    context = system.GetMyContextFromRoot(simulator.get_context())
+    return [system.GetOutputPort(name).Eval(context) for name in names]
+
+
+def test_it_keeps_the_deepest_safe_place_and_never_less():
+    simulator, front, _ = pressing()
+    before = -np.inf
+    for time in np.arange(1, 78) * 0.1 + 0.05:
+        simulator.AdvanceTo(time)
+        (safe,), _, (touched,), (x, load), *_ = values(simulator, front, *OUTPUTS)
+        assert safe >= before
+        sampled = np.floor(time * 10.0 + 1e-6) / 10.0
+        assert (x, load) == pytest.approx((depth(sampled), wall(sampled)))
+        assert touched == (load > 1.0)
+        before = safe
+    # The reading at 20 mm, 10 N, allows for 34 N more; one before did no better.
+    assert before == pytest.approx(0.02 + 34.0 / 2000.0 - MARGIN)
+
+
+def test_it_finds_where_the_wall_is_and_how_steep():
+    simulator, front, target = pressing()
+    simulator.AdvanceTo(3.95)
+    (slope,), (begins,), (x, load) = values(simulator, front, "slope", "contact_depth", "reading")
+    assert 1000.0 <= slope <= 1500.0
+    assert begins == pytest.approx(0.01, abs=4e-3)
+    assert values(simulator, target, "target_depth")[0] == pytest.approx(
+        x + (20.0 - load) / slope)
+
+
+def test_before_the_first_update_it_knows_what_it_sees():
+    simulator, front, target = pressing()
+    safe, apex, touched, reading, slope, begins = values(simulator, front, *OUTPUTS)
+    assert safe == pytest.approx((45.0 - 1.0) / 2000.0 - MARGIN)
+    np.testing.assert_allclose(apex, [0.0, 0.022, 0.0])
+    assert (touched, *reading, slope) == (0.0, 0.0, 0.0, 2000.0)
+    assert np.isnan(begins)
+    assert values(simulator, target, "target_depth")[0] == pytest.approx(safe + 1.0)
+    np.testing.assert_array_equal(
+        front.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(2).value(),
+        np.zeros(6))
+
+
+def test_a_clone_goes_on_as_the_run_does():
+    simulator, front, _ = pressing()
+    simulator.AdvanceTo(3.0)
+    other = Simulator(simulator.get_system(), simulator.get_context().Clone())
+    for each in (simulator, other):
+        each.AdvanceTo(5.0)
+    for one, two in zip(values(simulator, front, *OUTPUTS), values(other, front, *OUTPUTS),
+                        strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_a_reading_that_is_none_teaches_nothing():
+    lost = partial(force, load=lambda time: np.nan if 1.95 < time < 3.95 else wall(time))
+    simulator, front, _ = pressing(lost)
+    simulator.AdvanceTo(1.95)
+    before = values(simulator, front, *OUTPUTS)
+    simulator.AdvanceTo(3.5)
+    for one, two in zip(before, values(simulator, front, *OUTPUTS), strict=True):
+        np.testing.assert_array_equal(one, two)
+    simulator.AdvanceTo(4.05)
+    assert values(simulator, front, "reading")[0] == pytest.approx([0.02, 10.0])
+
+
+def test_a_wall_that_went_away_is_searched_for_again():
+    """Touched, left, and not found where it was: the front stays, the line does not."""
+    gone = partial(force, load=lambda time: wall(time) if time < 3.0 else 0.0)
+    simulator, front, target = pressing(gone)
+    simulator.AdvanceTo(2.95)
+    assert np.isfinite(values(simulator, front, "contact_depth")[0])
+    simulator.AdvanceTo(4.05)
+    safe, begins = values(simulator, front, "safe_depth", "contact_depth")
+    assert np.isnan(begins)
+    assert safe == pytest.approx(0.02 + 44.0 / 2000.0 - MARGIN)
+    assert values(simulator, target, "target_depth")[0] == pytest.approx(safe + 1.0)
+
+
+@pytest.mark.parametrize("kernel", [[1.0, 0.0, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]])
+def test_an_old_reading_is_not_taken_for_a_new_one(kernel):
+    """At a run into the stiffest wall, with a sensor that averages over 0.3 s, or is that late.
+
+    The front is safe, and so is the slope: the stiffest.
+    """
+    sensing = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.3)
+    speed, known = 0.03, nothing(sensing)
+    true = np.maximum(2000.0 * speed * 0.1 * np.arange(-3, 12), 0.0)
+    for i in range(12):
+        load = np.dot(kernel, true[i: i + 4])
+        tip = np.array([0.0, speed * 0.1 * i, 0.0, 0.0, speed, 0.0])
+        known = felt(SURFACE, sensing, 0.0, known, tip, np.array([0.0, load, 0.0]))
+        safe = known.apex[1]
+        assert 2000.0 * safe <= 45.0 + 1e-9
+    assert 2000.0 * safe > 30.0
+
+
+def test_a_tip_that_retreats_too_fast_feels_nothing():
+    surface = SurfaceClass(SURFACE.direction, 2000.0, dissipation=2.0)
+    tip = np.array([0.0, 0.3, 0.0, 0.0, -0.6, 0.0])
+    known = felt(surface, SENSING, 0.0, nothing(SENSING), tip, np.zeros(3))
+    assert np.all(np.isnan(known.apex))
+    np.testing.assert_array_equal(known.line, np.zeros(6))
+
+
+@pytest.mark.parametrize("bad", [{"margin": -1.0}, {"reach": np.inf}])
+def test_what_has_no_meaning_is_refused(bad):
+    with pytest.raises(InvalidParameter, match=next(iter(bad))):
+        ExploredFront(drill(), SURFACE, SENSING, **{"margin": 0.0, **bad})
+
+
+@pytest.mark.parametrize("bad", [{"noise": 0.0}, {"period": -1.0}, {"window": -0.1},
+                                 {"force_max": np.inf}, {"memory": np.nan}])
+def test_no_sensor_is_like_that(bad):
+    with pytest.raises(InvalidParameter, match=next(iter(bad))):
+        ForceSensing(**{"force_max": 45.0, "noise": 1.0, **bad})

@@ -1,0 +1,155 @@
+"""Presses on many one-dimensional walls at once, with a planner that may be told in three lines.
+
+The planned tip has a constant acceleration in each interval h; each plan moves as fast as it can
+and stops at the target or at the front, whichever comes first. The real tip is off it by e(t).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.control.contact.approach import approach_speed, stopping_room
+from uvms_drake.control.contact.front import apex, replaces, safe_depth
+from uvms_drake.control.contact.slope import (
+    Line,
+    slope,
+    surface_depth,
+    with_reading,
+    without_contact,
+)
+from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.control.contact.target import target_depth
+
+STEP, ACCELERATION, CRUISE = 0.2, 0.2, 0.3
+"""h [s], a [m/s²], and the largest speed [m/s]."""
+FORCE_MAX, NOISE, MEMORY = 45.0, 0.5, 10.0
+"""F_max, ν and the slope's memory [N]."""
+PERIOD = 0.02
+"""Of the sensor, and of the simulation [s]."""
+ALONG = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass
+class Walls:
+    """Walls at `place` [m]: slope `soft` to the depth `knee` and `stiff` from there on, damped."""
+
+    place: np.ndarray
+    soft: np.ndarray
+    stiff: np.ndarray
+    knee: np.ndarray
+    damping: np.ndarray
+
+    def static(self, x):
+        deep = x - self.place
+        return (self.soft * np.clip(deep, 0.0, self.knee)
+                + self.stiff * np.maximum(deep - self.knee, 0.0))
+
+
+def random_walls_in_line(stiffness, count, rng, furthest, dissipation=2.5):
+    """Half of them straight, half of two slopes; each at 0.1 to 1 times the largest."""
+    share = rng.uniform(0.1, 1.0, (2, count))
+    share[1] = np.where(np.arange(count) % 2, share[1], share[0])
+    soft, stiff = stiffness * share
+    return Walls(rng.uniform(0.02, furthest, count), soft, stiff,
+                 rng.uniform(3.0, 20.0, count) / soft, rng.uniform(0.0, dissipation, count))
+
+
+def stop(speed):
+    """`stopping_distance`, of arrays, as the interpolation that it is."""
+    quanta = np.arange(12) * ACCELERATION * STEP
+    return np.interp(speed, quanta, quanta**2 / (2.0 * ACCELERATION))
+
+
+def end(x, v, w):
+    """Where a plan ends that goes from speed v to w in its first interval and then stops."""
+    return x + 0.5 * STEP * (v + w) + np.sign(w) * stop(np.abs(w))
+
+
+def next_speed(x, v, bound, cap):
+    """The largest speed at the next knot from which a plan ends at the bound; by bisection."""
+    change = ACCELERATION * STEP
+    low, high = v - change, np.clip(cap, v - change, v + change)
+    least = low
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        fits = end(x, v, middle) <= bound
+        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+    return np.where(end(x, v, high) <= bound, high, np.maximum(low, least))
+
+
+def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_front=False,
+            speed=None):
+    """Presses, and returns what came of it, one entry for each wall.
+
+    Args:
+        stiffness: κ₊ [N/m].
+        walls: The walls.
+        desired: F_des [N].
+        error: Function of the time and of whether the wall was touched yet: e and its rate.
+        noise: Function of the time: error of the reading [N].
+        duration: Of the simulation [s].
+        margin: E [m].
+        with_front: Whether the front limits plans before the first touch, and not the speed.
+        speed: Largest speed before the first touch [m/s]; v_app if None.
+    """
+    surface = SurfaceClass(ALONG, stiffness, dissipation=2.5)
+    count = len(walls.place)
+    if speed is None:
+        room = stopping_room(FORCE_MAX, NOISE, stiffness, margin)
+        speed = approach_speed(room, STEP, ACCELERATION, PERIOD)
+    x, v, a, begun = np.zeros((4, count))
+    tip, line = np.full((count, 3), np.nan), Line(*np.zeros((6, count)))
+    first, late, largest = np.full(count, np.nan), np.zeros(count), np.zeros(count)
+    slack, was_touched = np.full(count, np.inf), np.zeros(count, dtype=bool)
+    for time in PERIOD * np.arange(round(duration / PERIOD)):
+        # The world.
+        t = time - begun
+        x_now, v_now = x + v * t + 0.5 * a * t**2, v + a * t
+        e, e_rate = error(time, ~np.isnan(first))
+        real, rate = x_now + e, v_now + e_rate
+        static = walls.static(real)
+        force = static * np.maximum(1.0 + walls.damping * rate, 0.0) + noise(time)
+        # What is felt.
+        at, moving = real[:, None, None] * ALONG, rate[:, None, None] * ALONG
+        new = apex(surface, at, moving, force[:, None] * ALONG, FORCE_MAX, NOISE)
+        tip = np.where(replaces(surface, new, tip, 0.0)[:, None], new, tip)
+        safe = safe_depth(surface, tip, at[:, 0], 0.0, margin)
+        touched = np.abs(force) > NOISE
+        bound = surface.static_force_bound(force[:, None] * ALONG, moving[:, 0], NOISE)
+        sure = NOISE + surface.dissipation * np.abs(rate) * bound
+        read = with_reading(line, real, force, stiffness, NOISE, MEMORY, sure)
+        away = without_contact(line, real, force, stiffness, NOISE, sure)
+        line = Line(*(np.where(touched, *each) for each in zip(read, away, strict=True)))
+        kappa = slope(line, stiffness, NOISE)
+        target = target_depth(desired, np.array([real, force]), touched, kappa,
+                              surface_depth(line, stiffness, NOISE), safe, 1.0)
+        # The plan: at its own instants, and when a wall is touched.
+        again = (t >= STEP - 1e-9) | (touched & ~was_touched) | (time == 0.0)
+        first = np.where(touched & np.isnan(first), time, first)
+        was_touched = touched
+        searches = np.isnan(first) & (not with_front)
+        w = next_speed(x_now, v_now, np.where(searches, target, np.minimum(target, safe)),
+                       np.where(searches, speed, CRUISE))
+        left = safe - end(x_now, v_now, w)
+        slack = np.where(again & ~searches & (w > 0.0), np.minimum(slack, left), slack)
+        x, v = np.where(again, x_now, x), np.where(again, v_now, v)
+        a, begun = np.where(again, (w - v_now) / STEP, a), np.where(again, time, begun)
+        # The verdict.
+        largest = np.maximum(largest, static)
+        off = np.abs(static - desired) > NOISE + stiffness * margin
+        late = np.where(off, time, late)
+    return {"share": largest / FORCE_MAX, "slack": slack, "first": first, "settled": late - first,
+            "slope": kappa, "largest_v": speed}
+
+
+def random_errors(margin, count, rng):
+    """Errors within ± E: sines, and sines cut off hard; of 2 to 20 s."""
+    rate, phase = rng.uniform(0.3, 3.0, count), rng.uniform(0.0, 2.0 * np.pi, count)
+    gain = np.where(rng.random(count) < 0.3, 3.0, 1.0)
+
+    def error(time, touched):
+        wave = gain * np.sin(rate * time + phase)
+        slope = np.where(np.abs(wave) < 1.0, gain * rate * np.cos(rate * time + phase), 0.0)
+        return margin * np.clip(wave, -1.0, 1.0), margin * slope
+
+    return error

@@ -1,0 +1,137 @@
+"""Keeps what the tip has felt of a wall, sample by sample, and puts out how far it may go."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing
+from uvms_drake.control.contact.front import safe_depth
+from uvms_drake.control.contact.slope import Line, slope, surface_depth
+from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+class ExploredFront(LeafSystem):
+    """Keeps the front and the slope of the wall at every reading of a force sensor.
+
+    .. pydrake_system::
+
+        name: ExploredFront
+        input_ports:
+        - state
+        - measured_force
+        output_ports:
+        - safe_depth
+        - apex
+        - touched
+        - reading
+        - slope
+        - contact_depth
+
+    - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
+    - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
+    - `safe_depth` (1): x_safe [m], see `safe_depth`; −inf before any reading allows a place.
+    - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
+    - `touched` (1): 1 if the last reading was a touch, else 0.
+    - `reading` (2): depth x [m] and force n·𝐅 [N] of the last reading.
+    - `slope` (1): κ̂ [N/m], see `slope`.
+    - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
+
+    The discrete state is `Felt`. Until the first update, outputs are those of the inputs as they
+    are, so that a plan can be made at initialization. A reading or a state that is not finite
+    teaches nothing.
+
+    Args:
+        model: The controller's model, for the tip's motion.
+        surface: The class of walls.
+        sensing: The sensor.
+        margin: E, of the planned tip [m]; see `safe_depth`.
+        reach: ℓ, how far from the tip across n plans go [m]; see `replaces`.
+    """
+
+    def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensing, *,
+                 margin: float, reach: float = 0.0):
+        super().__init__()
+        for key, value in (("margin", margin), ("reach", reach)):
+            require(0.0 <= value < np.inf, key, value, "zero or positive")
+        self._model, self._surface, self._sensing = model, surface, sensing
+        self._margin, self._reach = margin, reach
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self._force_port = self.DeclareVectorInputPort("measured_force", 6)
+        for part in nothing(sensing):
+            self.DeclareDiscreteState(part)
+        self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
+        for name, size, calc in (
+            ("safe_depth", 1, self._safe_depth),
+            ("apex", 3, lambda now: now.apex),
+            ("touched", 1, lambda now: now.reading[2:]),
+            ("reading", 2, lambda now: now.reading[:2]),
+            ("slope", 1, lambda now: slope(Line(*now.line), surface.stiffness, sensing.noise)),
+            ("contact_depth", 1, lambda now: surface_depth(
+                Line(*now.line), surface.stiffness, sensing.noise)),
+        ):
+            self.DeclareVectorOutputPort(name, size, self._calc(calc))
+
+    def _calc(self, of: Callable[[Felt], np.ndarray]) -> Callable[[Context, BasicVector], None]:
+        return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))
+
+    def _safe_depth(self, now: Felt) -> np.ndarray:
+        return safe_depth(self._surface, now.apex, now.past[-6:-3], self._reach, self._margin)
+
+    @staticmethod
+    def _remembered(context: Context) -> Felt:
+        return Felt(*(context.get_discrete_state(i).value() for i in range(len(Felt._fields))))
+
+    def _now(self, context: Context) -> Felt:
+        remembered = self._remembered(context)
+        return self._after(context) if np.isnan(remembered.reading[0]) else remembered
+
+    def _after(self, context: Context) -> Felt:
+        """Returns what is known after a reading of the input ports."""
+        before, state = self._remembered(context), self._state_port.Eval(context)
+        force = self._force_port.Eval(context)[:3]
+        if not (np.all(np.isfinite(state)) and np.all(np.isfinite(force))):
+            return before
+        config, zeta = np.split(state, 2)
+        kinematics = self._model.kinematics(config)
+        tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
+        return felt(self._surface, self._sensing, self._reach, before, tip, force)
+
+    def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
+        for i, part in enumerate(self._after(context)):
+            state.set_value(i, part)
+        return EventStatus.Succeeded()
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
+                     sensing: ForceSensing, *, margin: float, reach: float = 0.0,
+                     state: OutputPort, measured_force: OutputPort,
+                     name: str = "explored_front") -> "ExploredFront":
+        """Adds the front and connects it.
+
+        Args:
+            builder: Where to add it.
+            model: The controller's model.
+            surface: The class of walls.
+            sensing: The sensor.
+            margin: E [m].
+            reach: ℓ [m].
+            state: Gives (𝔮, ζ) measured.
+            measured_force: Gives 𝔉 as the sensor does.
+            name: Name of the system.
+        """
+        system = ExploredFront(model, surface, sensing, margin=margin, reach=reach)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(state, system.GetInputPort("state"))
+        builder.Connect(measured_force, system.GetInputPort("measured_force"))
+        return system

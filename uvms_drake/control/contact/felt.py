@@ -1,0 +1,94 @@
+"""What one reading of a force sensor adds to what is known of a wall."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.contact.front import apex, replaces
+from uvms_drake.control.contact.slope import Line, with_reading, without_contact
+from uvms_drake.control.contact.surface_class import SurfaceClass
+
+
+@dataclass(frozen=True)
+class ForceSensing:
+    """What is known of the force sensor, and what is wanted of the force."""
+
+    force_max: float
+    """F_max, largest static normal force [N]."""
+    noise: float
+    """ν, bound of the reading's error in norm [N]; see `SurfaceClass.normal_force_bound`."""
+    period: float = 0.01
+    """Time between two readings [s]."""
+    window: float = 0.0
+    """W, how old the force may be that a reading shows [s]: hold, delay, filter; see `front`."""
+    memory: float = 10.0
+    """Change of the force over which a reading is forgotten in the slope [N]; see `slope`."""
+
+    def __post_init__(self):
+        for key in ("force_max", "noise", "period", "memory"):
+            value = getattr(self, key)
+            require(0.0 < value < np.inf, key, value, "positive")
+        require(0.0 <= self.window < np.inf, "window", self.window, "zero or positive")
+
+    @property
+    def readings(self) -> int:
+        """Number m of readings of the time W, its two ends included."""
+        return 1 + math.ceil(self.window / self.period - 1e-9)
+
+
+class Felt(NamedTuple):
+    """All that is remembered; the arrays are the discrete state."""
+
+    apex: np.ndarray
+    """𝔞 (3,) [m]; NaN: no place is known to be safe."""
+    reading: np.ndarray
+    """Depth x [m] and force n·𝐅 [N] of the last reading, 1 if it was a touch, else 0 (3,)."""
+    line: np.ndarray
+    """The `Line` (6,)."""
+    past: np.ndarray
+    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,)."""
+
+
+def nothing(sensing: ForceSensing) -> Felt:
+    """Returns what is known before any reading."""
+    return Felt(np.full(3, np.nan), np.array([np.nan, np.nan, 0.0]), np.zeros(6),
+                np.full(6 * sensing.readings, np.nan))
+
+
+def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Felt,
+         tip: np.ndarray, force: np.ndarray) -> Felt:
+    """Returns what is known after one more reading.
+
+    A touch is a reading above ν in norm: there is no noise that large. The line gets the damping
+    that may be in the reading, c₊|δ̇|φ⁺, and what the tip has moved within W, as an error.
+
+    Args:
+        surface: The class of walls.
+        sensing: The sensor.
+        reach: ℓ, see `replaces` [m].
+        before: What was known; its `past` may be NaN, for a tip that was where it is.
+        tip: Position and velocity now (6,) [m, m/s].
+        force: The reading, on the wall, in Σ_I (3,) [N].
+    """
+    past = np.append(before.past[6:], tip)
+    past = np.where(np.isnan(past), np.tile(tip, past.size // 6), past)
+    points, velocities = np.hsplit(past.reshape(-1, 6), 2)
+    nu, most = sensing.noise, surface.stiffness
+    new = apex(surface, points, velocities, force, sensing.force_max, nu)
+    if not replaces(surface, new, before.apex, reach):
+        new = before.apex
+    touch = np.linalg.norm(force) > nu
+    depth, pressed = surface.depth(tip[:3]), surface.depth(force)
+    rate, way = (np.max(np.maximum(surface.advance(each), surface.advance(-each)))
+                 for each in (velocities, tip[:3] - points))
+    bound = np.max(surface.static_force_bound(force, velocities, nu))
+    if not np.isfinite(bound):  # It may feel nothing of any wall.
+        return Felt(new, np.array([depth, pressed, touch]), before.line, past)
+    error = nu + surface.dissipation * rate * bound + most * way
+    line = Line(*before.line)
+    line = (with_reading(line, depth, pressed, most, nu, sensing.memory, error) if touch else
+            without_contact(line, depth, pressed, most, nu, error))
+    return Felt(new, np.array([depth, pressed, touch]), np.array(line), past)
