@@ -101,3 +101,8 @@ def test_the_wheel_has_every_package():
     folders = {".".join(path.parent.relative_to(root).parts)
                for path in (root / "uvms_drake").rglob("__init__.py")}
     assert set(listed["packages"]) == folders | {"uvms_drake.models"}
+
+
+def test_the_version_is_the_one_that_is_installed():
+    assert uvms_drake.__version__ == tomllib.loads(
+        (Path(__file__).parent.parent / "pyproject.toml").read_text())["project"]["version"]

@@ -14,6 +14,8 @@ What a script needs is here, by `import uvms_drake as uv`; a name is loaded when
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from uvms_drake.common.program import VERSION
+
 if TYPE_CHECKING:
     from uvms_drake.certificate.certificate import Certificate as Certificate
     from uvms_drake.certificate.certify import certify as certify
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     from uvms_drake.station.scenario import load_scenario as load_scenario
     from uvms_drake.station.simulation import simulate as simulate
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOME = {
     "AncillaryLaw": "control.laws.law",

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import uvms_drake
+from uvms_drake.common.program import FOLDER
 
 
 def cache_dir() -> Path:
@@ -43,7 +43,7 @@ def cached(key: Any, compute: Callable[[], Any]) -> Any:
 @functools.cache
 def source_digest() -> str:
     """Returns the SHA-256 of this package's Python files: another program, another result."""
-    folder = Path(uvms_drake.__file__).parent
+    folder = FOLDER
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
-import uvms_drake
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable, restored
+from uvms_drake.common.program import VERSION
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.uvms import model_dir
 from uvms_drake.station.faults import uncovered
@@ -145,7 +145,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     relevant["mpc"].pop("deadline", None)
     relevant["task"].pop("force_tolerance")
     return {"files": files, "inputs": _digest(jsonable(relevant, names=True)),
-            "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake")}}
+            "versions": {"uvms_drake": VERSION, "drake": version("drake")}}
 
 
 def write_certificate(certificate: Certificate, folder: Path) -> None:

@@ -15,7 +15,6 @@ from typing import NoReturn
 # The matrices are small: threads cost more than they give, and very much on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from uvms_drake import __version__
 from uvms_drake.command.bench import add_bench
 from uvms_drake.command.campaign_options import add_campaign
 from uvms_drake.command.certify import add_certify
@@ -26,6 +25,7 @@ from uvms_drake.command.run import add_plot, add_run
 from uvms_drake.command.scenarios import add_scenarios
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
+from uvms_drake.common.program import VERSION
 
 # What takes long to import (simulation, summary, figures, replay) is imported where it is used.
 
@@ -85,7 +85,7 @@ def make_parser() -> argparse.ArgumentParser:
     """Returns the parser; the function of a subcommand is the `command` of its arguments."""
     parser = _Parser(prog=PROGRAM, allow_abbrev=False, description=(
         "Robust interaction control of underwater vehicle-manipulator systems."))
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for add in (add_run, add_plot, add_certify, add_bench, add_campaign, add_errata,
                 add_scenarios, add_keys):

@@ -12,8 +12,8 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
 
-import uvms_drake
 from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.program import FOLDER
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters, load_hydrodynamics
 
 STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
@@ -34,7 +34,7 @@ class Uvms:
 
 def models_dir() -> Path:
     """Returns the folder of the robots: inside an installed package, or beside it in a checkout."""
-    package = Path(uvms_drake.__file__).parent
+    package = FOLDER
     installed = package / "models"
     return installed if installed.is_dir() else package.parent / "models"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
-import uvms_drake
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, read_certificate
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.common.program import VERSION
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, load_record
 from uvms_drake.station.scenario import dump_scenario
@@ -156,5 +156,5 @@ def _reproduction(summary: dict[str, Any], certificate: Certificate | None) -> s
     command = f"uvms-drake run {SCENARIO_FILE}{'' if certificate else ' --uncertified'}"
     return (f"<p>With the scenario above in <code>{SCENARIO_FILE}</code>:</p>"
             f"<pre>{command}</pre>"
-            f"<p>uvms_drake {uvms_drake.__version__}, Drake {html.escape(versions['drake'])}, "
+            f"<p>uvms_drake {VERSION}, Drake {html.escape(versions['drake'])}, "
             f"Python {html.escape(versions['python'])}, seed {summary['seed']}.</p>")

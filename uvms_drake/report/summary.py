@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-import uvms_drake
 from uvms_drake.common.jsonable import jsonable
+from uvms_drake.common.program import VERSION
 from uvms_drake.control.nominal_mpc import DROPPED, FAILED, KEPT, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.plant.surface_error import displaced
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -25,6 +24,7 @@ from uvms_drake.report.signals import (
     settling_index,
     wrench_unit,
 )
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
 LAST_SECONDS = 5.0
@@ -40,7 +40,7 @@ def summarise(record: Record) -> dict[str, object]:
     summary = {
         "scenario": scenario.name,
         "seed": scenario.seed,
-        "versions": {"uvms_drake": uvms_drake.__version__, "drake": version("drake"),
+        "versions": {"uvms_drake": VERSION, "drake": version("drake"),
                      "python": platform.python_version()},
         "duration_s": scenario.duration,
         "wall_time_s": wall,
@@ -120,7 +120,7 @@ def summarise_contact(record: Record) -> dict[str, object]:
     scenario, touching = record.scenario, record.penetration > 0.0
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     settled = settling_index(error, scenario.task.force_tolerance) or 0
-    surface = displaced(check_surface(scenario.surface), scenario.surface_error)
+    surface = check_surface(true_surface(scenario))
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
             "losses": np.count_nonzero(np.diff(touching[settled:].astype(int)) < 0),
             "largest_static_force": np.max(surface.static_force(record.chi))}

@@ -19,10 +19,9 @@ from uvms_drake.model.part import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
-from uvms_drake.plant.surface_error import displaced
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.station.motion import Motion
-from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp
+from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp, true_surface
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -133,7 +132,7 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
         start: Likewise.
     """
     return make_uvms_plant(
-        model=scenario.model, surface=displaced(scenario.surface, scenario.surface_error),
+        model=scenario.model, surface=true_surface(scenario),
         disturbance=disturbance, seed=scenario.seed, start=start,
         error=scenario.model_error)
 

@@ -12,7 +12,8 @@ from uvms_drake.control.limits.attitude import ANGLES
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.plant.surface_error import displaced
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
@@ -22,6 +23,11 @@ def load_model(scenario: Scenario) -> ContactModel:
     with within("surface"):
         surface = check_surface(scenario.surface)
     return ContactModel.load(scenario.model, surface)
+
+
+def true_surface(scenario: Scenario) -> Surface:
+    """Returns the simulated surface, which the controller may not know."""
+    return displaced(scenario.surface, scenario.surface_error)
 
 
 def make_kinematic_ocp(scenario: Scenario, model: ContactModel) -> KinematicOcp:

@@ -15,7 +15,6 @@ import numpy as np
 from pydrake.common.yaml import yaml_load_data
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-import uvms_drake
 from uvms_drake.actuation import AnyActuation
 from uvms_drake.common.errors import (
     InvalidParameter,
@@ -26,6 +25,7 @@ from uvms_drake.common.errors import (
     vector,
     within,
 )
+from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_yaml
 from uvms_drake.control.laws import AnyLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
@@ -136,7 +136,7 @@ class Scenario:
 
 def shipped_scenarios() -> dict[str, Path]:
     """Returns the files of the scenarios that come with the package, by name."""
-    folder = Path(uvms_drake.__file__).parent / "scenarios"
+    folder = FOLDER / "scenarios"
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 

@@ -22,8 +22,8 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, LeafSystem
 
-import uvms_drake
 from uvms_drake.common.jsonable import jsonable
+from uvms_drake.common.program import VERSION
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control import scp
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
@@ -412,7 +412,7 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     growth = measure_growth(scenario, model, effort)
     cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
     machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
-    versions = {"uvms_drake": uvms_drake.__version__, "drake": version("drake"),
+    versions = {"uvms_drake": VERSION, "drake": version("drake"),
                 "numpy": version("numpy"), "python": platform.python_version()}
     return Bench(scenario.name, versions, machine, controller, derivative, simulation, growth)
 

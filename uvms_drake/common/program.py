@@ -1,0 +1,6 @@
+"""The program itself: its version, and the folder that it is installed in."""
+
+from pathlib import Path
+
+VERSION = "0.1.0"
+FOLDER = Path(__file__).parent.parent
