@@ -197,7 +197,12 @@ def test_a_campaign_goes_on_and_can_be_made_longer(reference, tmp_path, capsys):
     file.write_bytes(b'{"result": 7}\n' + b"".join(rest) + first[: len(first) // 2])
     capsys.readouterr()
     assert main([*SHORT, "--runs", str(RUNS), "--workers", "1", "--output", str(tmp_path)]) == 0
-    assert f"2 of {RUNS} runs are there already" in capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert f"2 of {RUNS} runs are there already" in err
+    *_, files, verdict = out.splitlines()
+    assert files.startswith(f"written to {tmp_path}: campaign.json, ")
+    assert RUNS_FILE in files
+    assert verdict == f"all promises kept; the force never settled in {RUNS} of {RUNS} runs"
     assert result_bytes(tmp_path) == result_bytes(reference)
     assert len(file.read_bytes().splitlines()) == RUNS + 1  # no run is there twice
 
@@ -292,6 +297,15 @@ def test_the_folder_of_another_campaign_is_refused(reference, capsys):
     err = refusal(capsys, "--seed", "4", "--output", str(reference))
     assert "another campaign" in err
     assert (result_bytes(reference), (reference / RUNS_FILE).read_bytes()) == before
+
+
+def test_the_folder_is_looked_at_before_anything_is_certified(reference, capsys, monkeypatch):
+    def certify(*args, **kwargs):
+        pytest.fail("a certificate was begun")
+
+    monkeypatch.setattr("uvms_drake.command.campaign.certified_once", certify)
+    assert main(["campaign", "--seed", "3", "--output", str(reference)]) == 2
+    assert "another campaign" in capsys.readouterr().err
 
 
 def test_a_folder_in_use_is_refused(campaign, tmp_path, capsys):

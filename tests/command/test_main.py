@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -23,7 +24,7 @@ from uvms_drake.report.figures import figures_of
 from uvms_drake.report.summary import summarise
 from uvms_drake.station import simulation
 from uvms_drake.station.record import load_record
-from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario import dump_scenario, load_scenario, shipped_scenarios
 from uvms_drake.studies import bench
 
 DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz"}
@@ -139,9 +140,11 @@ def test_a_run_prints_the_summary_and_where_the_files_are(smoke):
 
 
 def test_progress_is_a_few_lines_on_stderr(smoke):
-    times = [float(line.split()[1]) for line in smoke[1].stderr.splitlines()]
+    first, *lines = smoke[1].stderr.splitlines()
+    assert first == "simulating: first plan"
+    times = [float(line.split()[1]) for line in lines]
     assert times == sorted(times)
-    assert 1 <= len(times) <= LINES + 1
+    assert 1 <= len(times) <= LINES
 
 
 def test_the_written_files_belong_together(smoke):
@@ -195,6 +198,10 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
     keys = {line.split()[0] for line in lines}
     assert {"seed", "limits.u", "surface!BilateralSpring.stiffness", "ancillary!Resolved.k",
             "simulator.max_step_size"} <= keys
+    assert main(["keys", "surface.stiff"]) == 0
+    plane, spring = capsys.readouterr().out.splitlines()
+    assert plane.startswith("surface!UnilateralPlane.stiffness")
+    assert spring.startswith("surface!BilateralSpring.stiffness")
     assert main(["keys", "nothing"]) == 2
 
 
@@ -204,12 +211,52 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
     ["certify", "paper_kinematic", "--front"], ["certify", "paper_dynamic", "--front"],
     ["certify", "paper_kinematic", "--laws"], ["certify", "paper_kinematic", "--propose", "20"],
     ["bench", "--seed", "1"], ["bench", "a", "b"]])
-def test_arguments_that_make_no_sense_are_one_line(args, capsys):
+def test_arguments_that_make_no_sense_are_one_line(args, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     assert main(args) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("uvms-drake: error: ")
     assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+    if "--propose" in args and "0" in args:
+        assert "error: --propose = 0.0: must be positive" in err
+
+
+def test_the_help_of_run_names_the_scenarios_and_keys_that_there_are(capsys):
+    with pytest.raises(SystemExit):
+        main(["run", "--help"])
+    said = capsys.readouterr().out
+    assert all(name in said for name in shipped_scenarios())
+    keys = re.search(r"changed most.*?:\n(.*?)\n\n", said, re.DOTALL)[1].replace(",", " ").split()
+    assert len(keys) > 10
+    for key in keys:
+        assert main(["keys", key]) == 0, key
+        capsys.readouterr()
+
+
+def test_quiet_says_nothing_but_the_result(tmp_path, capsys):
+    assert main(["run", "--quiet", "--duration", "0.1", "--output", str(tmp_path), *QUICK]) == 0
+    out, err = capsys.readouterr()
+    assert "girona500_contact, seed 0: 0.1 s" in out
+    assert err == ""
+
+
+@pytest.mark.parametrize(("command", "where"), [
+    ("run", "uvms_drake.station.simulation.simulate"),
+    ("certify", "uvms_drake.certificate.certify.certified_once"),
+    ("campaign", "uvms_drake.command.campaign.certified_once")])
+def test_what_has_no_effect_is_said_before_anything_takes_long(
+        command, where, tmp_path, capsys, monkeypatch):
+    def begin(*args, **kwargs):
+        raise RunFailed("begun")
+
+    monkeypatch.setattr(where, begin)
+    args = [*(["--uncertified"] if command == "run" else []), "--output", str(tmp_path / "out")]
+    assert main([command, "--set", "simulator.max_step_size=0.05", *args]) == 1
+    first, last = capsys.readouterr().err.splitlines()
+    assert first == "note: simulator.max_step_size = 0.05 s is cut to 0.02 s by the log or the MPC"
+    assert last.startswith("uvms-drake: error: begun")
 
 
 @pytest.mark.parametrize(("args", "expected"), [
@@ -219,6 +266,8 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--seed", "x"], "seed = 'x': must be a whole number"),
     (["--seed", "-1"], "seed = -1: must be zero or positive (girona500_contact.yaml with "
      "--seed=-1 --duration=0.2)"),
+    (["--seed", "1e30"], "must be at most 9223372036854775807"),
+    (["--seed", "010"], "seed = '010': must be a YAML value"),
     (["--verbose"], "unrecognized arguments: --verbose (see uvms-drake run --help)"),
     (["nowhere/mine.yaml"], "scenario = 'nowhere/mine.yaml': must be a file that exists, or one"),
     (["mine.yml"], "scenario = 'mine.yml': must be a file that exists, or one"),
@@ -251,6 +300,10 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
     (["--set", "surface.dissipation=1e9"], "surface.dissipation = 1000000000.0: must be at most"),
     (["--set", "surface.dissipation=900"], "mpc.time_step = 0.2: must be such that the loop"),
     (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
+    (["--set", "ancillary.k=1e9"], "simulator.max_step_size = 0.02: must be at most 1.1e-09 s"),
+    (["--set", "current=[1e6, 0, 0]"], "simulator.max_step_size = 0.02: must be at most "),
+    (["--set", "disturbance.frequency=-1"],
+     "disturbance.frequency = -1.0: must be zero or positive"),
     (["--set", "mpc.weight_y.0=1e40"], "must be 10 positive numbers, from 1e-06 to 1e+06"),
     (["--set", "task.force_tolerance=25"],
      "task.force_tolerance = 25.0: must be smaller than the desired force itself, 20 N"),
@@ -263,6 +316,7 @@ def test_arguments_that_make_no_sense_are_one_line(args, capsys):
      "least 6.9e-09 s, or the duration shorter: 0.2 s would take about 56 hours"),
     (["--set", f"name={'n' * 300}"], "of at most 100 bytes"),
     (["--set", 'name="a\\0b"'], "name = 'a\\x00b': must be usable as the name of a folder"),
+    (["--set", "name="], "name = None: must be text (in quotes, if"),
     (["--set", 'name=""'], "name = '': must be usable as the name of a folder"),
     (["n" * 300], "must be one of girona500_bilateral"),
     (["a\0b"], "must be one of girona500_bilateral"),
@@ -347,7 +401,7 @@ def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "uvms_drake", "run", "--duration", "500", "--output",
          str(tmp_path / "out"), *QUICK], stderr=subprocess.PIPE, text=True)
-    assert process.stderr.readline().startswith("simulating: 0.0 of 500 s")
+    assert process.stderr.readline() == "simulating: first plan\n"
     time.sleep(0.3)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)

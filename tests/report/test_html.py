@@ -33,7 +33,8 @@ def record():
 def test_it_is_one_file_with_figures_in_it_that_loads_nothing(record, tmp_path):
     text = format_report(record, make_figures(record, tmp_path), None)
     assert text.startswith("<!DOCTYPE html>")
-    assert text.count('src="data:image/png;base64,') == 8
+    assert text.count('src="data:image/png;base64,') == 9
+    assert text.index('alt="The robot at the end') < text.index("<h2>Summary</h2>")
     assert not re.search(r'(src|href)="(?!data:)|url\(|@import', text)
 
 

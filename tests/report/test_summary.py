@@ -308,7 +308,8 @@ def test_the_disturbance_is_measured_by_its_norm():
     d[7, [0, 9]] = [0.03, -0.04]
     disturbance = summarise(replace(record, disturbance=d, effective_disturbance=3.0 * d))
     assert disturbance["disturbance"] == {
-        "bound": 0.1, "worst": pytest.approx(0.15), "applied": pytest.approx(0.05), "exceeded": 1}
+        "unit": "m/s², rad/s²", "bound": 0.1, "worst": pytest.approx(0.15),
+        "applied": pytest.approx(0.05), "exceeded": 1}
 
 
 @pytest.mark.parametrize(("above", "times"), [
@@ -384,6 +385,21 @@ def test_a_run_without_events_has_none():
     record = synthetic_record(1.0)
     assert summarise(record)["events"] == []
     assert "events        none" in format_summary(summarise(record))
+
+
+def test_a_surface_that_is_never_reached_is_said():
+    record = pressing(np.zeros(4))
+    assert "normal 0 N at its peak, never in contact" in format_summary(summarise(record))
+
+
+def test_what_is_a_length_is_in_millimetres_and_what_has_a_unit_says_it():
+    record = synthetic_record()
+    chi = record.chi.copy()
+    chi[[0, -1]] = record.chi_des + np.outer([0.1, 0.001], [3.0, 0.0, 4.0, 1.0, 0.0, 0.0])
+    text = format_summary(summarise(replace(record, chi=chi)))
+    assert "task error    500 mm and 100 mrad at the start, 5 mm and 1 mrad at the end" in text
+    assert "bound 0.1 [m/s², rad/s²], exceeded 0 times" in text
+    assert "(bound 0.006 [m, rad])" in text
 
 
 def test_a_force_that_nobody_desires_is_not_judged():

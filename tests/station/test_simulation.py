@@ -136,7 +136,7 @@ def test_the_same_seed_gives_the_same_log_byte_for_byte(record, tmp_path):
         save_record(item, tmp_path / name)
     assert (tmp_path / "a" / LOG_FILE).read_bytes() == (tmp_path / "b" / LOG_FILE).read_bytes()
     assert times == sorted(times)
-    assert 14 <= len(times) <= 16
+    assert 15 <= len(times) <= 17
 
 
 def test_a_value_that_cannot_be_used_is_named(record):
@@ -150,6 +150,14 @@ def test_a_value_that_cannot_be_used_is_named(record):
 def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
     with pytest.raises(RunFailed, match=r"stopped at t = 0\.250 s: no way on"):
         _run(Simulator(Breaks(kind("no\n  way on"))), 1.0)
+
+
+def test_the_first_plan_is_announced_before_it_is_made():
+    said = []
+    with pytest.raises(RunFailed, match="out of the reach"):
+        simulate(load_scenario("girona500_contact", ["start.eta.0=-50"]),
+                 progress=lambda *what: said.append(what))
+    assert said == [("first plan", 0.0)]
 
 
 def test_a_failed_run_keeps_its_own_message():

@@ -31,7 +31,7 @@ from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, wr
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
 from uvms_drake.command.progress import Bar, stream_of
-from uvms_drake.command.run import sound
+from uvms_drake.command.run import note, sound
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.common.progress import part_of
@@ -81,6 +81,7 @@ def run_campaign(args: argparse.Namespace) -> int:
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
         check_step(scenario, model)
+        note(scenario)
         with closing(Bar("certifying the surfaces (two minutes)", stream_of(args))) as progress:
             certificate = None if args.uncertified else sound(
                 certified_once(scenario, part_of(progress, 0.0, 0.2)), source)

@@ -10,6 +10,7 @@ import numpy as np
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
+from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.control.laws import Resolved
@@ -60,6 +61,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with output_folder(path, [CERTIFICATE_FILE]) as output:
         with reported_in(source):
             check_inputs(scenario)  # Before anything is announced.
+            note(scenario)
             with closing(Bar(CERTIFYING, stream_of(args))) as progress:
                 certificate = certified_once(scenario, progress)
         write_certificate(certificate, output.folder)

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import re
 import typing
 from collections.abc import Iterator
 
@@ -23,8 +24,9 @@ def add_keys(commands: argparse._SubParsersAction) -> None:
 
 
 def list_keys(args: argparse.Namespace) -> int:
-    """Prints the keys that begin with a prefix, a line each."""
-    lines = [line for key, line in keys_of(Scenario()) if key.startswith(args.prefix)]
+    """Prints the keys that begin with a prefix, in which tags can be left out, a line each."""
+    lines = [line for key, line in keys_of(Scenario())
+             if any(name.startswith(args.prefix) for name in (key, re.sub(r"!\w+", "", key)))]
     require(bool(lines), "PREFIX", args.prefix, "the beginning of a key, or left out for all")
     print("\n".join(lines))
     return 0

@@ -127,8 +127,7 @@ def run_scenario(args: argparse.Namespace) -> int:
         with reported_in(source):
             model = load_model(scenario)
             check_step(scenario, model)
-            for line in remarks(scenario):
-                print(f"note: {line}", file=sys.stderr)
+            note(scenario)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
         record = _simulate(args, scenario, model, source, show)
         summary = write_data(record, output.folder)
@@ -207,6 +206,12 @@ def _new_certificate(scenario: Scenario, source: str, stream: TextIO) -> Certifi
     with reported_in(source), closing(Bar(CERTIFYING, stream)) as progress:
         certificate = certified_once(scenario, progress)
     return sound(replace(certificate, made_by="run"), source)
+
+
+def note(scenario: Scenario) -> None:
+    """Says on stderr what the scenario says in vain."""
+    for line in remarks(scenario):
+        print(f"note: {line}", file=sys.stderr)
 
 
 def sound(certificate: Certificate, source: str) -> Certificate:

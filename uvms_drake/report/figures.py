@@ -40,6 +40,7 @@ from uvms_drake.report.kinematic_figures import (
     draw_orientation_errors,
     draw_position_errors,
 )
+from uvms_drake.report.robot_figure import draw_robot
 from uvms_drake.report.signals import settling_index, wrench_unit
 from uvms_drake.report.summary import summarise_force
 from uvms_drake.station.motions import MOTIONS, motion_of
@@ -374,6 +375,7 @@ def _impact_window(record: Record) -> tuple[float, float]:
 
 
 FIGURES: dict[str, Callable[[Record], Figure]] = {
+    "robot.png": draw_robot,
     "task_error.png": draw_task_error,
     "force.png": draw_force,
     "velocities.png": draw_velocities,

@@ -47,7 +47,11 @@ summary { cursor: pointer; color: var(--blue); }
 }
 """
 
+PORTRAIT = "robot.png"
+"""The figure that comes before everything else."""
 CAPTIONS = {
+    PORTRAIT: "The robot at the end, seen by parallel rays; in red the way of its end-effector and "
+              "its force.",
     "task_error.png": "Task error χ − χ_des, and the same close to zero with the tube.",
     "force.png": "Force on the surface, and penetration with its limit in a plane that is known; "
                  "after an approach, also the force from first contact to settling.",
@@ -61,7 +65,7 @@ CAPTIONS = {
     "orientation_errors.png": "Orientation errors, as in the paper.",
     "input_norms.png": "Norms of the inputs, as in the paper.",
 }
-WIDE = ("task_error.png", "inputs.png")
+WIDE = (PORTRAIT, "task_error.png", "inputs.png")
 
 
 def load_run(folder: Path) -> tuple[Record, Certificate | None]:
@@ -107,14 +111,16 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
     scenario = record.scenario
     summary: dict[str, Any] = summarise(record)
     title = html.escape(scenario.name)
+    drawn = {path.name: _figure(path) for path in figures}
+    portrait = drawn.pop(PORTRAIT, "")
     parts = [
         f"<h1>{title}</h1>",
         f'<p class="lead">{html.escape(" ".join(scenario.description.split()))}</p>',
-        _verdict(certificate),
+        _verdict(certificate), portrait,
         "<h2>Summary</h2>", f"<pre>{html.escape(format_summary(summary, event_lines=None))}</pre>",
         "<h2>Figures</h2>",
-        f'<div class="figures">{"".join(_figure(path) for path in figures)}</div>'
-        if figures else "<p>Made without figures.</p>",
+        f'<div class="figures">{"".join(drawn.values())}</div>' if drawn
+        else "<p>Made without figures.</p>",
         "<h2>Certificate</h2>",
         f"<pre>{html.escape(format_certificate(certificate))}</pre>" if certificate
         else "<p>Run without a certificate, with the tube that the scenario declares.</p>",

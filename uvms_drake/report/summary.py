@@ -24,6 +24,7 @@ from uvms_drake.report.signals import (
     settling_index,
     wrench_unit,
 )
+from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
@@ -153,6 +154,7 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     """
     above = disturbance_above(record)
     return {"bound": record.scenario.disturbance.bound,
+            "unit": motion_of(record.scenario).disturbance_unit,
             "worst": np.max(np.linalg.norm(record.effective_disturbance, axis=1)),
             "applied": np.max(np.linalg.norm(record.disturbance, axis=1)),
             "exceeded": np.count_nonzero(np.diff(above.astype(int), prepend=0) > 0)}
@@ -211,7 +213,8 @@ def broken(summary: dict) -> list[str]:
 
 def _format_run(summary: dict) -> list[str]:
     mpc, step, task = summary["mpc"], summary["mpc"]["step_ms"], summary["task_error"]
-    initial = float(np.linalg.norm(task["initial"]))
+    ends = [" and ".join(f"{1e3 * np.linalg.norm(task[end][part]):.3g} {unit}" for part, unit in (
+        (slice(0, 3), "mm"), (slice(3, 6), "mrad"))) for end in ("initial", "final")]
     return [
         f"{'scenario':<14}{summary['scenario']}, seed {summary['seed']}: "
         f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
@@ -222,7 +225,7 @@ def _format_run(summary: dict) -> list[str]:
         f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
         f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
         f"terminal set by {_number(mpc['worst_terminal_slack'], '.2g')} at most",
-        f"{'task error':<14}{initial:.4g} at the start, {task['final_norm']:.4g} at the end",
+        f"{'task error':<14}{ends[0]} at the start, {ends[1]} at the end",
     ]
 
 
@@ -271,10 +274,12 @@ def _format_robustness(summary: dict) -> list[str]:
     return [
         f"{'disturbance':<14}{disturbance['worst']:.4g} at most with what the controller does not "
         f"know ({disturbance['applied']:.4g} applied)",
-        f"{'':<14}bound {disturbance['bound']:.4g}, exceeded {disturbance['exceeded']} times",
+        f"{'':<14}bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
+        f"{disturbance['exceeded']} times",
         f"{'tube':<14}law {tube['law']}; "
-        f"|{error} - {error}_nominal| {tube['worst_e']:.3g} (bound {tube['bound_e']:.3g}), "
-        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g})",
+        f"|{error} - {error}_nominal| {tube['worst_e']:.3g} "
+        f"(bound {tube['bound_e']:.3g} [m, rad]), "
+        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g} [m/s, rad/s])",
         f"{'':<14}worst deviation over its bound: "
         f"{_number(tube['worst_ratio']['set'], '.3f')} set-wise, "
         f"{_number(tube['worst_ratio']['trajectory'], '.3f')} along the run",

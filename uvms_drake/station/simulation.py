@@ -57,6 +57,7 @@ def simulate(
         simulator.set_target_realtime_rate(realtime_rate)
     context = simulator.get_mutable_context()
     simulator.set_monitor(_monitor(station, progress, stop, scenario))
+    progress("first plan", 0.0)
     wall_time = _run(simulator, scenario.duration)
     if context.get_time() < scenario.duration:
         scenario = replace(scenario, duration=context.get_time())

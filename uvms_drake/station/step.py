@@ -78,7 +78,9 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
     if settings.use_error_control or settings.integration_scheme not in ORDERS:
         return
     # At rest at the task, and without a disturbance: that of an adversary jumps with the state.
-    quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[])
+    # There a plan stays where it is, however short it is.
+    quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[],
+                    mpc=replace(scenario.mpc, horizon=1))
     ocp = make_ocp(quiet, model)
     config = model.configuration(ocp.y_des)
     station = make_station(
