@@ -1,7 +1,5 @@
 """Tests of `uvms_drake.station.step`."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pydrake.systems.primitives import LinearSystem
@@ -61,8 +59,8 @@ def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they
     assert str(caught.value) == (
         "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the loop has "
         "a rate of 200 1/s, and longer steps make errors of their own")
-    shorter = replace(scenario.simulator, max_step_size=0.0055)
-    check_step(replace(scenario, simulator=shorter), model)
+    shorter = load_scenario("girona500_contact", [*gains, "simulator.max_step_size=0.0055"])
+    check_step(shorter, model)
 
 
 def test_a_step_is_rounded_down():
