@@ -284,6 +284,51 @@ def test_without_a_measurement_the_command_is_the_plans_own(model, states, confi
             feedback.GetOutputPort("tau").Eval(context), M @ nominal_input, rtol=1e-9, atol=1e-8)
 
 
+@pytest.mark.parametrize("where", ["free", "skin", "deep"])
+def test_with_a_measured_force_the_law_resolved_asks_nothing_of_the_surface(model, states, where):
+    """Only M⁻¹Jᵀ(𝔉_s − 𝔉) is added to what a perfect model commands, whatever the true 𝔉 is."""
+    rng = np.random.default_rng(5)
+    for state, nominal, acceleration, _ in pairs(model, states, where):
+        true, off = rng.normal(size=6) * [30.0, 30.0, 30.0, 1.0, 1.0, 1.0], rng.normal(size=6)
+        now = pair_of(model, state, nominal)
+        known, felt, wrong = (
+            Resolved(K, SIGMA).command(
+                model, now._replace(contact=contact), lambda a=acceleration: a, not_asked).u()
+            + model.drift(state[:10], state[10:], contact if contact is None else true)
+            for contact in (None, true, true + off))
+        np.testing.assert_allclose(felt, known, rtol=1e-9, atol=1e-9)
+        kinematics = model.kinematics(state[:10])
+        np.testing.assert_allclose(wrong - felt, np.linalg.solve(
+            model.mass_matrix(kinematics), kinematics.J_chi.T @ off), rtol=1e-8, atol=1e-9)
+
+
+def test_the_measured_force_takes_the_place_of_the_surface_while_it_is_finite(model, states):
+    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
+    contact = np.array([3.0, -4.0, 5.0, 0.1, 0.2, -0.3])
+    feedback = AncillaryFeedback(model, Resolved(K, SIGMA))
+    context = feedback.CreateDefaultContext()
+    for name, value in (("state", state), ("nominal_state", nominal),
+                        ("nominal_acceleration", acceleration)):
+        feedback.GetInputPort(name).FixValue(context, value)
+
+    def tau():
+        return feedback.GetOutputPort("tau").Eval(context).copy()
+
+    known, measured = tau(), feedback.GetInputPort("measured_force")
+    measured.FixValue(context, contact)
+    kinematics = model.kinematics(state[:10])
+    believed = model.surface.force(kinematics.chi, kinematics.J_chi @ state[10:])
+    np.testing.assert_allclose(
+        tau() - known, kinematics.J_chi.T @ (contact - believed), rtol=1e-9, atol=1e-9)
+    assert np.max(np.abs(tau() - known)) > 1.0
+    measured.FixValue(context, np.where(np.arange(6) == 4, np.nan, contact))
+    np.testing.assert_array_equal(tau(), known)
+    lost = np.full(20, np.nan)
+    feedback.GetInputPort("state").FixValue(context, lost)
+    measured.FixValue(context, contact)
+    assert np.all(np.isfinite(tau()))
+
+
 def commands(model, states, size: float):
     """Yields M of the robot and random u up to `size` times the limits, and τ = M u."""
     rng = np.random.default_rng(30)

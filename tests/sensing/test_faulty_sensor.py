@@ -6,11 +6,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.sensing.faulty_sensor import FaultySensor, FrozenState, LostState, sensed
+from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 
 
 @pytest.mark.parametrize(("fault", "during"), [
-    (LostState(1.0, 0.5), [np.nan, np.nan]), (FrozenState(1.0, 0.5), [7.0, 8.0])])
+    (LostState(1.0, 0.5), [np.nan, np.nan]), (FrozenState(1.0, 0.5), [7.0, 8.0]),
+    (LostForce(1.0, 0.5), [np.nan, np.nan]), (FrozenForce(1.0, 0.5), [7.0, 8.0]),
+    (SaturatedForce(1.0, 0.5, largest=1.5), [1.0, 1.5]),
+    (JumpedForce(1.0, 0.5, jump=np.array([3.0, -1.0])), [4.0, 1.0])])
 def test_a_sensor_measures_something_else_during_its_fault(fault, during):
     true, held = np.array([1.0, 2.0]), np.array([7.0, 8.0])
     for time in (0.0, 0.999, 1.5, 9.0):
@@ -41,3 +46,13 @@ def test_a_frozen_sensor_holds_what_it_measured_at_the_start(start):
         np.testing.assert_allclose(measured(each.get_context()), [start, -start], atol=1e-12)
         each.AdvanceTo(start + 0.75)
         np.testing.assert_allclose(measured(each.get_context()), [start + 0.75, -start - 0.75])
+
+
+@pytest.mark.parametrize(("fault", "message"), [
+    (SaturatedForce(largest=-1.0), r"^largest = -1.0: must be zero or positive"),
+    (JumpedForce(jump=np.zeros(3)), r"^jump = .*: must be 6 finite numbers"),
+    (LostForce(duration=0.0), r"^duration = 0.0: must be positive"),
+    (JumpedForce(start=-1.0), r"^start = -1.0: must be zero or positive")])
+def test_a_fault_without_a_meaning_is_one_line(fault, message):
+    with pytest.raises(InvalidParameter, match=message):
+        fault.check()

@@ -18,6 +18,11 @@ t = 0
 the measured state is frozen for 0.5 s    Outside: the monitor notes an exit, with its time. Finite;
                                           no command exceeds `limits.u`, and `input_limited` says
                                           when they cut it; back in the tube when the fault is over.
+the measured force is not a number        Outside: the law goes on with the last one that was,
+for 0.5 s, or frozen, cut, off by 5 N     `felt_force`. Finite; no command exceeds `limits.u`; back
+                                          at the task when the fault is over. Without anything that
+                                          measures the force: bad input, one line. (See
+                                          `test_felt_force`.)
 ‖d‖ = 1.5, 2, 5 times d̃                   Outside: ‖d‖ > d̃ is noted at the sample at which it is
                                           first. The tube is proportional to d̃, so the deviation
                                           stays within as many times the trajectory-wise bound.

@@ -82,6 +82,7 @@ class AncillaryFeedback(LeafSystem):
         - nominal_state
         - nominal_acceleration
         - nominal_input
+        - measured_force (optional)
         output_ports:
         - u
         - tau
@@ -93,6 +94,9 @@ class AncillaryFeedback(LeafSystem):
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n); read where the law asks for it.
     - `nominal_input`: ū (6+n); likewise.
+    - `measured_force`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, to a law
+      that takes it in place of the force by the model's surface; the latter comes back while it is
+      not finite.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
@@ -120,9 +124,10 @@ class AncillaryFeedback(LeafSystem):
         self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
         self._input_port = self.DeclareVectorInputPort("nominal_input", model.size)
+        self._force_port = self.DeclareVectorInputPort("measured_force", 6)
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
-            "state", "nominal_state", "nominal_acceleration", "nominal_input"))
+            "state", "nominal_state", "nominal_acceleration", "nominal_input", "measured_force"))
         self._command = self.DeclareCacheEntry(
             description="the command",
             value_producer=ValueProducer(
@@ -146,6 +151,8 @@ class AncillaryFeedback(LeafSystem):
             now = pair_of(self._model, nominal, nominal)
         else:
             now = self._pair_port.Eval(context)
+        if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
+            now = now._replace(contact=self._force_port.Eval(context))
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))

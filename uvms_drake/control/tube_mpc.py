@@ -23,13 +23,14 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         state ─┬─▶│ nominal_mpc │──────────────┐
                │  └─────────────┘        ┌─────▼─────┐
                └────────────────────────▶│ ancillary │──▶ tau, u
-                                         └───────────┘
+        measured_force ─────────────────▶└───────────┘
 
     .. pydrake_system::
 
         name: tube_mpc
         input_ports:
         - state
+        - measured_force (optional)
         - fault (optional)
         - desired_force (optional, with targets)
         output_ports:
@@ -46,6 +47,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         - accepted_force (with targets)
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
+    - `measured_force`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
@@ -69,6 +71,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
+    builder.ExportInput(feedback.GetInputPort("measured_force"), "measured_force")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     for name in ("tau", "u", "lost", "limited", "pair"):
         builder.ExportOutput(feedback.GetOutputPort(name), name)

@@ -16,6 +16,11 @@ from uvms_drake.model.uvms_model import UvmsModel
 ONLY_ONCE = 1e9
 """Period [s] of an event that comes once in a run; Drake's systems have none without a period."""
 
+MEASURED_FORCE = "measured_force"
+"""Name of the signal 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates. If a part
+of sensing gives it, the law takes it in place of the force by the law of the surface."""
+
+
 class Signals(dict[str, OutputPort]):
     """The vectors of a closed loop by name; all of them are logged.
 
@@ -69,8 +74,9 @@ class Part(Component, ABC):
 class Fault(Component):
     """Something that fails in a run."""
 
-    place: ClassVar[Literal["sensing", "actuation", "solver", "disturbance"]]
-    """Place in the loop: a chain, as a `Part` of it, or the solver or the disturbance."""
+    place: ClassVar[Literal["sensing", "force", "actuation", "solver", "disturbance"]]
+    """Place in the loop: a chain, as a `Part` of it, where that of the force has `MEASURED_FORCE`
+    on it; or the solver or the disturbance."""
 
 
 def check_times(start: float, duration: float | None) -> None:

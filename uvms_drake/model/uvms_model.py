@@ -251,10 +251,14 @@ class UvmsModel:
         return (_stacked(J).swapaxes(-1, -2) @ _stacked(self._links.inertia @ J)
                 + np.diag(self._rotor_inertia))
 
-    def drift(self, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
-        """Returns f (..., 6+n) of (eq:func_h): the acceleration at τ = 0."""
+    def drift(self, config: np.ndarray, zeta: np.ndarray, contact: np.ndarray | None = None
+              ) -> np.ndarray:
+        """Returns f (..., 6+n) of (eq:func_h): the acceleration at τ = 0.
+
+        `contact` is 𝔉 (..., 6), if it is known otherwise than by `contact_force`.
+        """
         kinematics = self.kinematics(config)
-        bias = self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
+        bias = self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta), contact)
         return -np.linalg.solve(self.mass_matrix(kinematics), bias[..., None])[..., 0]
 
     def drift_derivatives(

@@ -1,7 +1,8 @@
-"""A sensor of the state that for some time measures something else."""
+"""A sensor that for some time measures something else; the faults of that of the state."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -27,9 +28,9 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 @dataclass
 class SensorFault(Fault, Part):
-    """A fault of the sensor of the state."""
+    """A fault of the sensor of the state, or of another vector."""
 
-    place = "sensing"
+    place: ClassVar[Literal["sensing", "force"]] = "sensing"
 
     start: float = 0.0
     """First instant of the fault [s]."""
@@ -37,7 +38,7 @@ class SensorFault(Fault, Part):
     """Duration of the fault [s]."""
 
     @abstractmethod
-    def faulty(self, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Returns the measurement during the fault, of a vector that was `held` at its start."""
 
     def check(self) -> None:
@@ -54,7 +55,7 @@ class SensorFault(Fault, Part):
 class FrozenState(SensorFault):
     """The measured state stays what it was at `start`."""
 
-    def faulty(self, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Returns the measurement at the start."""
         return held
 
@@ -72,7 +73,7 @@ class LostState(SensorFault):
                 "above 0: the first plan needs a measured state")
         super().check()
 
-    def faulty(self, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Returns NaN."""
         return np.full_like(held, np.nan)
 
@@ -88,7 +89,7 @@ def sensed(fault: SensorFault, time: float, true: np.ndarray, held: np.ndarray) 
     """
     if not is_active(fault.start, fault.duration, time):
         return true
-    return fault.faulty(held if time > fault.start else true)
+    return fault.faulty(true, held if time > fault.start else true)
 
 
 class FaultySensor(LeafSystem):

@@ -40,7 +40,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.euler import rotation_matrix
-from uvms_drake.model.part import Part, Signals
+from uvms_drake.model.part import MEASURED_FORCE, Part, Signals
 from uvms_drake.model.spatial import block_diagonal, skew
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.tool import Tool
@@ -173,7 +173,7 @@ class ForceSensor(Part):
         sensor = WristSensor.AddToBuilder(
             builder, model, self, self.imperfection(seed), force=signals["force"],
             state=signals["state"], measured_state=port)
-        signals["measured_force"] = sensor.GetOutputPort("measured_force")
+        signals[MEASURED_FORCE] = sensor.GetOutputPort("measured_force")
         signals["force_reading"] = sensor.GetOutputPort("reading")
         return port
 
@@ -254,7 +254,7 @@ class WristSensor(LeafSystem):
 
     def _sample(self, context: Context, state: DiscreteValues) -> None:
         measured = self._measured_port.Eval(context)
-        if not np.all(np.isfinite(measured)):
+        if not np.isfinite(measured).all():
             return
         samples = Samples.of(context.get_discrete_state_vector().value())
         x = (context.get_continuous_state_vector().CopyToVector() if self._settings.lag > 0.0

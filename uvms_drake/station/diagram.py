@@ -9,14 +9,15 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
-from uvms_drake.common.errors import within
+from uvms_drake.common.errors import require, within
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.nominal_mpc import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import Signals
+from uvms_drake.model.part import MEASURED_FORCE, Signals
 from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.sensing.last_finite import LastFinite
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
 from uvms_drake.station.motions import motion_of
@@ -48,7 +49,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
     ::
 
-                       ┌──────┐ state   ┌─────────┐         ┌──────────┐
+                       ┌──────┐ state   ┌─────────┐ (force) ┌──────────┐
         disturbance ──▶│ uvms │────────▶│ sensing │────────▶│ tube_mpc │◀── fault
                    ┌──▶└──────┘         └─────────┘         └──────────┘
                    │                   ┌───────────┐ tau         │
@@ -57,7 +58,9 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
     Sensing and actuation are chains of parts, none by default: the scenario's, and its faults of
     the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
-    true state and the commanded τ: the logs, and a `TubeMonitor`. The input port `desired_force`
+    true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
+    signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
+    The input port `desired_force`
     (6) changes the task while it runs, see `NominalMpc`; unconnected, it stays the scenario's. With
     kinematic motion there is none; the controller reads `configuration`, and its velocity ζ = u
     goes to the plant.
@@ -100,6 +103,17 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder, model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
+    force_faults = faults_at("force", scenario.faults)
+    for key, fault in force_faults.items():
+        require(MEASURED_FORCE in signals, key, type(fault).__name__,
+                "left out: nothing measures the force")
+    if MEASURED_FORCE in signals:
+        require(scenario.ancillary.takes_force, "ancillary", scenario.law,
+                "a law that takes the measured force, such as resolved")
+        felt = LastFinite.AddToBuilder(builder, measured=add_chain(
+            builder, ocp.model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed))
+        signals["felt_force"] = felt.get_output_port()
+        builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
     exerted = add_chain(
         builder, model, controller.GetOutputPort(motion.command), signals,
         keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults),

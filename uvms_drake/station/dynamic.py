@@ -102,7 +102,7 @@ class Dynamic(Motion[DynamicOcp]):
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the effective disturbance."""
         return logs | {"effective_disturbance": effective_disturbance(
-            model, logs["state"], logs["u"], logs["acceleration"])}
+            model, logs["state"], logs["u"], logs["acceleration"], logs.get("felt_force"))}
 
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
@@ -138,7 +138,8 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
 
 
 def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
-                          acceleration: np.ndarray) -> np.ndarray:
+                          acceleration: np.ndarray, contact: np.ndarray | None = None
+                          ) -> np.ndarray:
     """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
 
     The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
@@ -150,5 +151,7 @@ def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
         state: (𝔮, ζ) (T, 2(6+n)).
         u: 𝔲, the command (T, 6+n).
         acceleration: ζ̇ of the robot (T, 6+n).
+        contact: The force that the law takes in place of the surface's, if it does (T, 6).
     """
-    return acceleration - model.drift(*np.split(state, 2, axis=1)) - u
+    config, zeta = np.split(state, 2, axis=1)
+    return acceleration - model.drift(config, zeta, contact) - u

@@ -9,9 +9,10 @@ from uvms_drake.control.solver_faults import DroppedPeriod, SolverFailure, Solve
 from uvms_drake.model.part import Component, Fault
 from uvms_drake.plant.disturbance import ExcessDisturbance
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 
-AnyFault = (SolverFailure | SolverTimeout | DroppedPeriod | FrozenState | LostState | StuckJoint
-            | ExcessDisturbance)
+AnyFault = (SolverFailure | SolverTimeout | DroppedPeriod | FrozenState | LostState | LostForce
+            | FrozenForce | SaturatedForce | JumpedForce | StuckJoint | ExcessDisturbance)
 """The faults that a scenario's file may name; the first is the one meant without a tag."""
 
 

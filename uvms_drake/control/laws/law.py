@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,9 @@ class Pair(NamedTuple):
     """Rates of J_x along the two motions (2, 6+n, 6+n) [1/s]."""
     inverse: np.ndarray
     """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
+    contact: np.ndarray | None = None
+    """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: that of the model's
+    surface."""
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
@@ -110,6 +113,9 @@ class AncillaryLaw(ABC):
     """Gain of the velocity error [1/s]; NaN where a law has none."""
     sigma: float = math.nan
     """σ, gain of the task error [1/s]; NaN where a law has none."""
+
+    takes_force: ClassVar[bool] = False
+    """Whether the command takes `Pair.contact`."""
 
     @property
     def name(self) -> str:

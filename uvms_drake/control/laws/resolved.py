@@ -8,6 +8,9 @@ leaves exactly 𝔢̇_y = −σ 𝔢_y + J_x(𝔮) 𝔯 and 𝔯̇ = −k 𝔯 +
 surface costs nothing, and ‖𝔢_y‖ ≤ J̄ d̃/(kσ), ‖𝔯‖ ≤ d̃/k for every k, σ > 0. τ = M(𝔮)u is the inverse
 dynamics at ζ̇_ref − k𝔯, so neither f nor M is needed.
 
+With a measured contact force 𝔉_s in the inverse dynamics in place of the model's, nothing is asked
+of the surface: d is then joined by M⁻¹Jᵀ(𝔉_s − 𝔉), the sensor's error, wherever the wall is.
+
 Where the velocity is the input, ζ = ζ_ref leaves exactly 𝔢̇_y = −σ 𝔢_y + (w, 0).
 """
 
@@ -38,6 +41,8 @@ class Resolved(AncillaryLaw):
     sigma: float = 5.0
     """σ, gain of the task error [1/s]."""
 
+    takes_force = True
+
     def check(self, *, kinematic: bool = False) -> None:  # noqa: D102  see AncillaryLaw
         check_gains(self, kinematic=kinematic)
 
@@ -52,7 +57,8 @@ class Resolved(AncillaryLaw):
         error_rate = J @ zeta - velocity
         zeta_ref_dot = now.inverse @ (acceleration - self.sigma * error_rate - J_dot @ zeta_ref)
         measured = now.kinematics.at(0)
-        tau = model.inverse_dynamics(measured, zeta, zeta_ref_dot - self.k * (zeta - zeta_ref))
+        tau = model.inverse_dynamics(
+            measured, zeta, zeta_ref_dot - self.k * (zeta - zeta_ref), now.contact)
         M = cache(lambda: model.mass_matrix(measured))
         return Command(u=lambda: np.linalg.solve(M(), tau), tau=lambda: tau, M=M)
 

@@ -1,0 +1,38 @@
+"""Tests of `uvms_drake.sensing.last_finite`: what goes on through a gap."""
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator
+from support.scripts import Script, use_fixed_steps
+
+from uvms_drake.sensing.last_finite import LastFinite
+
+
+def measured(time):
+    """Rises, but for a gap from 0.5 s to 0.7 s, of one component only."""
+    return [time, np.nan if time < 0.1 or 0.5 <= time < 0.7 else -time]
+
+
+def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
+    builder = DiagramBuilder()
+    script = builder.AddSystem(Script(measured=measured))
+    last = LastFinite.AddToBuilder(builder, measured=script.get_output_port())
+    moving = builder.AddSystem(Integrator(2))  # What moves is simulated in steps.
+    builder.Connect(last.get_output_port(), moving.get_input_port())
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    use_fixed_steps(simulator)
+    step = simulator.get_integrator().get_maximum_step_size()
+
+    def value(simulator):
+        return last.get_output_port().Eval(last.GetMyContextFromRoot(simulator.get_context()))
+
+    for time in (0.05, 0.2, 0.45, 0.55, 0.69, 0.75):
+        simulator.AdvanceTo(time)
+        if time == 0.55:
+            clone = Simulator(diagram, simulator.get_context().Clone())
+        expected = {0.05: 0.0, 0.55: 0.5, 0.69: 0.5}.get(time, time)
+        np.testing.assert_allclose(value(simulator), [expected, -expected], atol=1.01 * step)
+    clone.AdvanceTo(0.69)
+    np.testing.assert_allclose(value(clone), [0.5, -0.5], atol=1.01 * step)

@@ -1,0 +1,60 @@
+"""What is done without a measurement: the last one goes on."""
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
+
+
+class LastFinite(LeafSystem):
+    """Passes a vector on while it is finite, and else the last one that was.
+
+    A gap of a sensor is so a longer hold, whose error is what the vector changes by meanwhile.
+
+    .. pydrake_system::
+
+        name: LastFinite
+        input_ports:
+        - measured
+        output_ports:
+        - finite
+
+    - `measured`, `finite` (size).
+
+    The discrete state is the vector at the beginning of the last step of the simulation at which it
+    was finite (size); zero before there is one.
+
+    Args:
+        size: Size of the vector.
+    """
+
+    def __init__(self, size: int):
+        super().__init__()
+        self._port = self.DeclareVectorInputPort("measured", size)
+        self.DeclareDiscreteState(size)
+        self.DeclarePerStepDiscreteUpdateEvent(self._remember)
+        self.DeclareVectorOutputPort("finite", size, self._calc)
+
+    def _remember(self, context: Context, state: DiscreteValues) -> None:
+        measured = self._port.Eval(context)
+        if np.isfinite(measured).all():
+            state.set_value(measured)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        measured = self._port.Eval(context)
+        output.SetFromVector(measured if np.isfinite(measured).all()
+                             else context.get_discrete_state_vector().value())
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
+                     name: str = "last_finite") -> "LastFinite":
+        """Adds the system behind the vector that `measured` gives."""
+        system = LastFinite(measured.size())
+        builder.AddNamedSystem(name, system)
+        builder.Connect(measured, system.GetInputPort("measured"))
+        return system
