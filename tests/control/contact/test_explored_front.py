@@ -12,6 +12,7 @@ from support.tiny_robots import drill
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing, felt, nothing
+from uvms_drake.control.contact.slope import Line, slope
 from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.contact.target import PressTarget
 
@@ -130,22 +131,38 @@ def test_a_wall_that_went_away_is_searched_for_again():
     assert values(simulator, target, "target_depth")[0] == pytest.approx(safe + 1.0)
 
 
-@pytest.mark.parametrize("kernel", [[1.0, 0.0, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]])
-def test_an_old_reading_is_not_taken_for_a_new_one(kernel):
-    """At a run into the stiffest wall, with a sensor that averages over 0.3 s, or is that late.
+LATE = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.3)
 
-    The front is safe, and so is the slope: the stiffest.
+
+@pytest.mark.parametrize(("kernel", "reached"), [
+    ([1.0, 0.0, 0.0, 0.0], 44.0), ([0.25, 0.25, 0.25, 0.25], 35.0)])
+def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
+    """At a run into the stiffest wall, with a sensor that is 0.3 s late, or averages over them.
+
+    By the last reading alone, the force there is F_max less ν, and less the 9 N by which the mean
+    is above the first of four forces that are 6 N apart.
     """
-    sensing = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.3)
-    speed, known = 0.03, nothing(sensing)
-    true = np.maximum(2000.0 * speed * 0.1 * np.arange(-3, 12), 0.0)
-    for i in range(12):
+    speed, known = 0.03, nothing(LATE)
+    true = np.maximum(2000.0 * speed * 0.1 * np.arange(-3, 8), 0.0)
+    for i in range(8):
         load = np.dot(kernel, true[i: i + 4])
         tip = np.array([0.0, speed * 0.1 * i, 0.0, 0.0, speed, 0.0])
-        known = felt(SURFACE, sensing, 0.0, known, tip, np.array([0.0, load, 0.0]))
-        safe = known.apex[1]
-        assert 2000.0 * safe <= 45.0 + 1e-9
-    assert 2000.0 * safe > 30.0
+        known = felt(SURFACE, LATE, 0.0, known, tip, np.array([0.0, load, 0.0]))
+        assert 2000.0 * known.apex[1] <= 45.0 + 1e-9
+        if i == 6:
+            known = known._replace(apex=np.full(3, np.nan))
+    assert 2000.0 * known.apex[1] == pytest.approx(reached)
+
+
+def test_a_late_sensor_makes_no_wall_look_soft():
+    """A tip that goes in and out, and a force that is 0.3 s behind it."""
+    known, lowest = nothing(LATE), np.inf
+    for time in np.arange(0.0, 30.0, 0.1):
+        x, old = 0.02 + 0.01 * np.sin(2.0 * np.array([time, time - 0.3]))
+        tip = np.array([0.0, x, 0.0, 0.0, 0.02 * np.cos(2.0 * time), 0.0])
+        known = felt(SURFACE, LATE, 0.0, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
+        lowest = min(lowest, slope(Line(*known.line), 2000.0, 1.0))
+    assert lowest > 1000.0
 
 
 def test_a_tip_that_retreats_too_fast_feels_nothing():

@@ -77,7 +77,7 @@ def approach_speed(room: float, step: float, deceleration: float, reaction: floa
     Args:
         room: L, see `stopping_room` [m].
         step: h [s].
-        deceleration: a [m/s²].
+        deceleration: a [m/s²], one that a plan has along n wherever it is, whatever else limits it.
         reaction: T_r [s].
     """
     if room <= 0.0:

@@ -13,13 +13,13 @@ e' = (1 − κ/κ̂) e − (κ/κ̂) n − κε, so in the end
 
     |F − F_des| ≤ (κν/κ̂ + κE_n) / (1 − |1 − κ/κ̂|),
 
-for κ̂ ≥ κ that is ν + κ̂E_n ≤ ν + κ₊E_n; below κ it is *more*: 5ν + 3κE_n at κ̂ = 0.6κ. (Rigorous for
-a target that is held until it is reached. Plans made on the way do better in `test_target`.) With
-the planned depth x̄ in place of the measured one, a constant ε leaves no error at all, for then the
-target integrates, but one that jumps between ±E_n leaves ν + 2κ̂E_n.
+for κ̂ ≥ κ that is ν + κ̂E_n ≤ ν + κ₊E_n; below κ it is *more*: 5ν + 3κE_n at κ̂ = 0.6κ. (Proven for a
+target that is held until it is reached; plans that are made on the way were tried, not proven.)
+With the planned depth x̄ in place of the measured one, a constant ε leaves no error at all, for then
+the target integrates, but one that jumps between ±E_n leaves ν + 2κ̂E_n.
 
 *What can be reached.* The front lets the planned tip go on from a place with force F as long as
-(F_max − F − 2ν)/κ₊ > 2E: F_des < F_max − 2ν − 2κ₊E. Contact is not lost at F_des > 2ν + κ₊E_n.
+(F_max − F − 2ν)/κ₊ > 2E: F_des < F_max − 2ν − 2κ₊E. A touch remains one at F_des > 3ν + κ₊E_n.
 
 *Without contact.* Before the first one, the target is beyond the front: a search, as fast as the
 limits of speed and front let it. If it is lost, the law goes on with no force from where the wall
