@@ -202,7 +202,7 @@ def test_larger_gains_certify_a_smaller_force_error(scenario):
 
 def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):
     scenario = load_scenario("girona500_bilateral")
-    bound = ultimate_bounds(certificate.tube, scenario.surface, np.zeros(6), 1.0)["force"]
+    bound = ultimate_bounds(certificate.tube, scenario.surface, np.zeros(6))["force"]
     K, rng = np.asarray(scenario.surface.stiffness), np.random.default_rng(0)
     shift = rng.normal(size=(5000, 6))
     for block, radius in ((slice(0, 3), certificate.tube.position),

@@ -50,8 +50,8 @@ UNITS = {
     "Jx_inv_max": "-", "J_dot_max": "1/s", "L_c": "1/s", "L_c_chi": "1/s", "L_1": "1/s²",
     "L_1_chi": "1/s²", "L_2": "1/s",
     "e": "m, rad", "position": "m", "orientation": "rad", "joints": "rad", "z": "m/s, rad/s",
-    "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "roll": "rad", "pitch": "rad",
-    "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
+    "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "tip_speed": "m/s",
+    "roll": "rad", "pitch": "rad", "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
     "printed radius": "m, rad", "corrected radius": "m, rad", "comparison system radius": "m, rad",
     "radius of resolved": "m, rad", "smallest k": "1/s", "at σ": "1/s", "smallest σ": "1/s"}
 """Units of constants, radii, ultimate bounds and numbers of the paper's Lemma; metres and radians

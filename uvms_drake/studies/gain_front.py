@@ -71,7 +71,7 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
             emptied = next((item.name for item in rooms if not item.holds), "")
             points.append(FrontPoint(
                 d_bound=at.disturbance.bound, k=scaled.k, sigma=scaled.sigma,
-                force=ultimate_bounds(tube.radii, surface, chi_des, tube.tip_speed)["force"],
+                force=ultimate_bounds(tube.radii, surface, chi_des)["force"],
                 input_left=min(item.margin / item.right for item in rooms
                                if item.name.startswith("tube in limits.u")),
                 emptied=emptied))

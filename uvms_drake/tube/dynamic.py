@@ -67,9 +67,10 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
         e=resolved_task_radius(law, basis), position=position, orientation=orientation,
         joints=resolved_tube(k, sigma, d, 1.0).e,
         z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
-        qdot=image.qdot, roll=image.roll, pitch=image.pitch, u=image.u, tau=image.tau)
+        qdot=image.qdot, tip_speed=2.0 * sigma * position, roll=image.roll, pitch=image.pitch,
+        u=image.u, tau=image.tau)
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
-    return LawTube(tube, (condition,), tip_speed=2.0 * sigma * position)
+    return LawTube(tube, (condition,))
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
@@ -84,9 +85,9 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
     joints = found.e if law.joints or model.num_joints == 0 else np.inf
     roll, pitch = attitude_radii(basis.declared, found.e, joints, model.num_joints)
     tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
-                     nu2=z, qdot=z, roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
-    return LawTube(tube, (*found.conditions, undetermined_joints(law, model)),
-                   tip_speed=lemma.L_c * tube.e + lemma.J_max * tube.z)  # of 𝔢̇ = 𝔟 + J𝔷
+                     nu2=z, qdot=z, tip_speed=lemma.L_c * found.e + lemma.J_max * z,  # 𝔢̇ = 𝔟 + J𝔷
+                     roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
+    return LawTube(tube, (*found.conditions, undetermined_joints(law, model)))
 
 
 DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {

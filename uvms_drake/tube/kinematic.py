@@ -58,8 +58,9 @@ def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
         safety_factor=settings.safety_factor, seed=settings.seed)
     roll, pitch = attitude_radii(basis.declared, e)
     tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
-                     nu1=nu1, nu2=nu2, qdot=0.0, roll=roll, pitch=pitch)
-    return LawTube(tube, (), tip_speed=2.0 * law.sigma * e)
+                     nu1=nu1, nu2=nu2, qdot=0.0, tip_speed=2.0 * law.sigma * e, roll=roll,
+                     pitch=pitch)
+    return LawTube(tube, ())
 
 
 def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
@@ -72,9 +73,8 @@ def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
     joints = e if law.joints or num_joints == 0 else np.inf
     roll, pitch = attitude_radii(basis.declared, e, joints, num_joints)
     tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
-                     roll=roll, pitch=pitch)
-    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
-                   tip_speed=2.0 * law.sigma * e)
+                     tip_speed=2.0 * law.sigma * e, roll=roll, pitch=pitch)
+    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)))
 
 
 KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {

@@ -40,5 +40,3 @@ class LawTube(NamedTuple):
 
     radii: TubeRadii
     conditions: tuple[Condition, ...]
-    tip_speed: float
-    """Bound of ‖𝔢̇_p‖ [m/s]."""

@@ -6,8 +6,7 @@ from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.surface.law import Surface
 
 
-def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, tip_speed: float
-                    ) -> dict[str, float]:
+def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray) -> dict[str, float]:
     """Returns the largest errors once the nominal state has come to the task.
 
     `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
@@ -17,9 +16,9 @@ def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, tip_
         tube: The radii.
         surface: The surface, as the controller knows it.
         chi_des: Pose of the task (6,), at which the surface gives 𝔉_des.
-        tip_speed: Bound of ‖𝔢̇_p‖ [m/s].
     """
     tube = resolved_radii(tube)
     assert tube.position is not None and tube.orientation is not None  # now they are filled in
+    assert tube.tip_speed is not None  # a law's tube has it
     return {"position": tube.position, "orientation": tube.orientation,
-            "force": surface.force_error(chi_des, tube.position, tube.orientation, tip_speed)}
+            "force": surface.force_error(chi_des, tube.position, tube.orientation, tube.tip_speed)}

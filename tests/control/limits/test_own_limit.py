@@ -162,3 +162,9 @@ def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
                              record.nominal_input[0])
     assert used[-1] == pytest.approx(values[0] / 3.0, abs=0.05)
     assert list(limits_of(own, setting.model))[-3:] == ["tip", "tip_velocity", "elbow"]
+
+
+def test_a_tube_that_knows_how_fast_the_tip_leaves_the_plan_tightens_its_velocity():
+    limit = TipVelocity(np.array([0.1, 0.2, 0.3]))
+    assert limit.tube_takes(TubeRadii()) is None
+    assert limit.tightened(TubeRadii(tip_speed=0.04)).upper == pytest.approx([0.06, 0.16, 0.26])

@@ -30,6 +30,8 @@ class TubeRadii:
     """‖ν₂ − ν̄₂‖₂ [rad/s]."""
     qdot: float | None = None
     """‖q̇ − q̄̇‖₂ [rad/s]."""
+    tip_speed: float | None = None
+    """‖𝔭̇ − 𝔭̄̇‖₂ of the end-effector [m/s]; needed if its velocity is limited."""
     roll: float = 0.0
     """|φ − φ̄| of the vehicle [rad]."""
     pitch: float = 0.0
@@ -60,6 +62,8 @@ def check_tube(tube: TubeRadii, num_inputs: int, *, tau: bool) -> None:
     with within("tube"):
         for key, value in vars(tube).items():
             if key == "tau" and not tau:
+                continue
+            if value is None:
                 continue
             if key in ("u", "tau"):
                 value = vector(key, value, num_inputs)

@@ -7,12 +7,13 @@ import numpy as np
 
 from uvms_drake.common.errors import vector
 from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import About, Points
 
 
 @dataclass
 class TipVelocity(Limit):
-    """|𝔭̇ᵢ| ≤ bound. No tube here bounds what it takes of it, so it leaves no certificate."""
+    """|𝔭̇ᵢ| ≤ bound. There is a certificate if the tube says how fast the tip leaves the plan."""
 
     name = "tip_velocity"
     about: ClassVar[About] = "speed"
@@ -29,6 +30,14 @@ class TipVelocity(Limit):
         """Returns 𝔭̇ = J_𝔭(𝔮)ζ."""
         J = at.model.kinematics(at.config).J_chi[..., :3, :]
         return (J @ at.zeta[..., None])[..., 0]
+
+    def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
+        """Returns the radius of 𝔭̇, if there is one."""
+        return None if tube.tip_speed is None else np.full(3, tube.tip_speed)
+
+    def unit_of(self, signal: str) -> str:
+        """Returns m/s."""
+        return "m/s"
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∓bound."""
