@@ -18,7 +18,6 @@ from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import Scenario, load_scenario
-from uvms_drake.studies.gain_front import format_front, front
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 
@@ -190,14 +189,6 @@ def test_the_table_names_everything(certificate):
     assert text.endswith(f"certified: all {len(certificate.conditions)} conditions hold")
     assert "proven" in text
     assert "estimated" in text
-
-
-def test_larger_gains_certify_a_smaller_force_error(scenario):
-    points = front(replace(scenario), disturbances=(1.0,), gains=(0.5, 1.0))
-    assert points[1].force < points[0].force
-    assert points[0].emptied
-    assert not points[1].emptied
-    assert format_front(points).count("void") == 1
 
 
 def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):

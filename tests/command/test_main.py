@@ -208,8 +208,8 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
 @pytest.mark.parametrize("args", [
     [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
     ["certify", "--uncertified"], ["certify", "a", "b"], ["certify", "--propose", "0"],
-    ["certify", "paper_kinematic", "--front"], ["certify", "paper_dynamic", "--front"],
-    ["certify", "paper_kinematic", "--laws"], ["certify", "paper_kinematic", "--propose", "20"],
+    ["certify", "paper_kinematic", "--front"], ["certify", "paper_kinematic", "--laws"],
+    ["certify", "paper_kinematic", "--propose", "20"],
     ["bench", "--seed", "1"], ["bench", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -20,8 +20,8 @@ KEYS = {
     "scenario", "seed", "versions", "duration_s", "wall_time_s", "real_time_factor", "mpc",
     "task_error", "force", "contact", "constraints", "disturbance", "tube", "events"}
 CONSTRAINTS = [
-    "nu1", "nu2", "qdot", "q1_min", "q1_max", "q2_min", "q2_max", "q3_min", "q3_max", "q4_min",
-    "q4_max", "roll", "pitch", "tip_pitch", "static_force", "u_surge", "u_sway", "u_heave",
+    "nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch", "q1_min", "q1_max", "q2_min", "q2_max",
+    "q3_min", "q3_max", "q4_min", "q4_max", "static_force", "u_surge", "u_sway", "u_heave",
     "u_roll", "u_pitch", "u_yaw", "u_q1", "u_q2", "u_q3", "u_q4"]
 TUBE = {
     "certified", "law", "error", "bound_e", "worst_e", "bound_z", "worst_z", "exits",

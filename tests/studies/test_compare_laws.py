@@ -10,8 +10,8 @@ from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
 
 @pytest.fixture(scope="module")
-def rows():
-    return compare_laws(load_scenario("girona500_contact"),
+def rows(model):
+    return compare_laws(load_scenario("girona500_contact"), model,
                         [Resolved(k=20.0, sigma=5.0), Transpose(k=40.0, sigma=5.0)])
 
 

@@ -31,7 +31,7 @@ from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.compare_laws import compare_laws
 from uvms_drake.studies.gain_front import front
@@ -466,7 +466,8 @@ def test_options_that_break_the_theory_are_conditions(override, begins):
     assert broken.name.startswith(begins)
 
 
-@pytest.mark.parametrize("function", [front, compare_laws, lambda item: propose_gains(item, 10.0)])
+@pytest.mark.parametrize("function", [
+    front, compare_laws, lambda scenario, model: propose_gains(scenario, model, 10.0)])
 def test_what_is_about_the_dynamics_refuses_the_kinematics(scenario, function):
     with pytest.raises(InvalidParameter, match="motion = 'kinematic'"):
-        function(scenario)
+        function(scenario, load_model(scenario))

@@ -13,7 +13,6 @@ from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
-from uvms_drake.control.laws import Resolved
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import (
     Scenario,
@@ -60,7 +59,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     path = args.output if args.output is not None else Path("out") / scenario.name
     with output_folder(path, [CERTIFICATE_FILE]) as output:
         with reported_in(source):
-            check_inputs(scenario)  # Before anything is announced.
+            model = check_inputs(scenario)  # Before anything is announced.
             note(scenario)
             with closing(Bar(CERTIFYING, stream_of(args))) as progress:
                 certificate = certified_once(scenario, progress)
@@ -70,11 +69,11 @@ def certify_scenario(args: argparse.Namespace) -> int:
     # Studies that were asked for.
     if args.front:
         with closing(Bar("computing what other gains give", stream_of(args))) as progress:
-            points = front(scenario, progress=progress)
+            points = front(scenario, model, progress=progress)
         print(f"\n{format_front(points)}")
     if args.propose is not None:
         with reported_in(source):
-            law, error = propose_gains(scenario, args.propose)
+            law, error = propose_gains(scenario, model, args.propose)
         print(f"\nproposed: k = {law.k:g} 1/s, σ = {law.sigma:g} 1/s for a force error of "
               f"{error:.3g} N at most")
         scheme = scenario.simulator.integration_scheme
@@ -83,15 +82,17 @@ def certify_scenario(args: argparse.Namespace) -> int:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     if args.laws:
         with closing(Bar("computing what both laws give", stream_of(args))) as progress:
-            rows = compare_laws(scenario, progress=progress)
+            rows = compare_laws(scenario, model, progress=progress)
         print(f"\n{format_laws(rows)}")
     return 0 if certificate.certified else 1
 
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
     """Raises `InvalidParameter` for the first study that is asked for and has no meaning."""
-    for option in ("front", "propose", "laws"):
+    from uvms_drake.studies.gain_front import check_front
+
+    if args.front:
+        check_front(scenario)
+    for option in ("propose", "laws"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
                 "motion", scenario.motion, f"dynamic, for --{option}")
-    require(not args.front or type(scenario.ancillary) is Resolved, "ancillary",
-            type(scenario.ancillary).__name__, "!Resolved, for --front")

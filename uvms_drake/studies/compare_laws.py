@@ -25,7 +25,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions import motion_of
-from uvms_drake.station.problem import load_model, make_dynamic_ocp
+from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.dynamic import TASK_RADII, lemma_constants
 
@@ -55,12 +55,11 @@ class LawRow:
     """Lower bound d̃/σ̲ of the paper's radius [m, rad]; inf if σ̲ ≤ 0."""
 
 
-def compare_laws(scenario: Scenario, laws: Iterable[AncillaryLaw] = LAWS,
+def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[AncillaryLaw] = LAWS,
                  progress: Progress = silent) -> list[LawRow]:
-    """Returns a row for every law, with the scenario's model, limits and d̃."""
+    """Returns a row for every law, with the controller's model and the scenario's limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
     d = scenario.disturbance.bound
-    model = load_model(scenario)
     basis = basis_of(scenario, model)
     lemma = lemma_constants(basis.constants)
     rows: list[LawRow] = []

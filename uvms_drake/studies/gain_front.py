@@ -1,4 +1,4 @@
-"""The front of certified force error against remaining input, over gains and d̃, for `resolved`.
+"""The front of certified force error against remaining input, over gains and d̃.
 
 The tube shrinks like d̃/(kσ), and with it the input that a stiff surface and a turning task take.
 So the largest gains that the bandwidth of the actuators allows are the best, and the front shows
@@ -7,17 +7,16 @@ what a smaller d̃ or bandwidth would give.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.control.laws import Resolved
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import motion_of
-from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 DISTURBANCES = (0.5, 1.0, 1.5, 2.0)
@@ -37,21 +36,29 @@ class FrontPoint:
     sigma: float
     """Gain σ of the task error [1/s]."""
     force: float
-    """Ultimate bound of the force error [N]."""
+    """Ultimate bound of the force error [N]; inf if there is no tube."""
     input_left: float
     """Smallest fraction of an input limit that the tube leaves; negative if none."""
     emptied: str
-    """First condition on a limit that fails, or an empty string."""
+    """First condition on the tube or on a limit that fails, or an empty string."""
 
 
-def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
+def check_front(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` if a scenario has no front."""
+    motion, law = motion_of(scenario), type(scenario.ancillary)
+    require(motion.has_forces, "motion", scenario.motion, "dynamic, for a front")
+    require(law in motion.tubes, "ancillary", law.__name__, "a law with a certificate, for a front")
+
+
+def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float] = DISTURBANCES,
           gains: Iterable[float] = GAINS, progress: Progress = silent) -> list[FrontPoint]:
-    """Returns the points for all combinations of factors on d̃ and on (k, σ)."""
-    law = scenario.ancillary
-    require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic for a front")
-    require(type(law) is Resolved, "ancillary", type(law).__name__, "!Resolved for a front")
-    model = load_model(scenario)
-    surface = model.surface
+    """Returns the points for all combinations of factors on d̃ and on (k, σ).
+
+    The model is the controller's.
+    """
+    check_front(scenario)
+    law: Any = scenario.ancillary
+    tube_of, surface = motion_of(scenario).tubes[type(law)], model.surface
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     basis = basis_of(scenario, model)
     disturbances, gains = tuple(disturbances), tuple(gains)
@@ -59,22 +66,25 @@ def front(scenario: Scenario, disturbances: Iterable[float] = DISTURBANCES,
     for d_factor in disturbances:
         for factor in gains:
             progress("tubes", len(points) / (len(disturbances) * len(gains)))
-            scaled = Resolved(k=factor * law.k, sigma=factor * law.sigma)
+            scaled = replace(law, k=factor * law.k, sigma=factor * law.sigma)
             # The scenario with these gains and this bound.
             at = replace(
                 scenario, ancillary=scaled,
                 disturbance=replace(
                     scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
-            tube = resolved_law_tube(scaled, replace(basis, d_bound=at.disturbance.bound))
-            # The limits, tightened by its tube.
-            rooms = room_of(at, tube.radii, model)
-            emptied = next((item.name for item in rooms if not item.holds), "")
+            tube = tube_of(scaled, replace(basis, d_bound=at.disturbance.bound))
+            # The limits, tightened by its tube, if there is one.
+            rooms, bounds = [], {"force": np.inf}
+            if all(item.holds for item in tube.conditions):
+                rooms = room_of(at, tube.radii, model)
+                bounds = ultimate_bounds(tube.radii, surface, chi_des)
             points.append(FrontPoint(
                 d_bound=at.disturbance.bound, k=scaled.k, sigma=scaled.sigma,
-                force=ultimate_bounds(tube.radii, surface, chi_des)["force"],
-                input_left=min(item.margin / item.right for item in rooms
-                               if item.name.startswith("tube in limits.u")),
-                emptied=emptied))
+                force=bounds["force"],
+                input_left=min((item.margin / item.right for item in rooms
+                                if item.name.startswith("tube in limits.u")), default=-np.inf),
+                emptied=next(
+                    (item.name for item in (*tube.conditions, *rooms) if not item.holds), "")))
     return points
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws import Resolved
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import motion_of
-from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.tube_image import input_gain
@@ -23,11 +23,12 @@ FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
 """Candidate gains, as fractions of the bandwidth."""
 
 
-def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float]:
+def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
+                  ) -> tuple[Resolved, float]:
     """Returns gains k, σ ≤ `bandwidth` [1/s], and the bound of the force error [N] they certify.
 
     They leave something of every limit; whether terminal set and first plan follow is for `certify`
-    to say.
+    to say. The model is the controller's.
 
     Raises:
         InvalidParameter: The bandwidth is not positive, or the motion kinematic.
@@ -35,7 +36,6 @@ def propose_gains(scenario: Scenario, bandwidth: float) -> tuple[Resolved, float
     """
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
-    model = load_model(scenario)
     surface = model.surface
     chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
     basis = basis_of(scenario, model)
