@@ -1,7 +1,8 @@
 """What several test files share: the robot, its model, its MPC problem and differences."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # As the command line does.
 
@@ -19,6 +20,24 @@ from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
 STIFFNESS = 1000.0  # N/m
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Gives a file to one process, so that what its tests share is made once; `--dist` decides."""
+    from xdist.scheduler import LoadFileScheduling
+    return LoadFileScheduling(config, log) if config.getoption("dist") == "load" else None
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory) -> Iterator[Path]:
+    """A cache of the tests' own, for all processes: they compute a certificate once."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield folder / "cache"
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from support.quick import FEW, search_less
 from support.terminal_checks import check_terminal
 
 from uvms_drake.certificate.certificate import Certificate
@@ -21,16 +22,8 @@ from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    """A cache of these tests' own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 @pytest.fixture(scope="module")
-def scenario(cache) -> Scenario:
+def scenario() -> Scenario:
     return load_scenario("girona500_contact")
 
 
@@ -99,16 +92,16 @@ def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypa
 
 
 def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
-        scenario, monkeypatch, tmp_path):
+        scenario, certificate, monkeypatch, tmp_path):
+    search_less(monkeypatch)
     stages = []
-    few = replace(scenario, certificate=replace(
-        scenario.certificate, tube_samples=10, terminal_samples=10))
+    few = load_scenario("girona500_contact", FEW)
     certify(few, progress=lambda what, done: stages.append((what, done)))
     assert [what for what, _ in stages] == ["constants", "tube", "terminal set", "first plan"]
     assert [done for _, done in stages] == sorted(done for _, done in stages)
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    certificate, calls = certify(few), []
+    calls = []
     monkeypatch.setattr("uvms_drake.certificate.certify.certify",
                         lambda _, progress: calls.append(progress) or certificate)
     for _ in range(2):
@@ -127,8 +120,10 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
     (["mpc.initial_state=measured"], "mpc.initial_state"),
     (["mpc.terminal_set=false"], "mpc.terminal_set"),
 ])
-def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(overrides, begins):
-    void = certify(load_scenario("girona500_contact", overrides))
+def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
+        overrides, begins, monkeypatch):
+    search_less(monkeypatch)
+    void = certify(load_scenario("girona500_contact", [*FEW, *overrides]))
     assert not void.certified
     assert void.failed.name.startswith(begins)
     line = verdict(void)
@@ -176,7 +171,7 @@ def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate):
 
 
 def test_the_bilateral_scenario_is_certified():
-    certificate = certify(load_scenario("girona500_bilateral"))
+    certificate = certified_once(load_scenario("girona500_bilateral"))
     assert certificate.certified, verdict(certificate)
 
 
