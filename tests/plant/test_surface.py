@@ -7,10 +7,13 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput
+from support.shapes import LAWS, SHAPES, turned
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.shaped import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 
@@ -149,6 +152,62 @@ def test_a_ball_bounces_off_a_plane_and_leaves_with_less_energy():
         speeds.append(-v[3])
     assert speeds[0] == pytest.approx(0.5, abs=1e-5)
     assert 0.0 < speeds[1] < 0.4
+
+
+def thrown(surface, tangent, weight):
+    """Throws a ball at a surface and pulls it there; returns its state (T, 13) and its energy (T,).
+
+    Energy is kinetic, potential and elastic, the last by quadrature of the force at rest.
+    """
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", make_plant(BALL))
+    contact = CompliantSurface.AddToBuilder(builder, plant, plant.GetFrameByName("tip"), surface)
+    pull = builder.AddSystem(ConstantVectorSource(np.append(np.zeros(3), weight)))
+    total = builder.AddSystem(Adder(2, 6))
+    builder.Connect(contact.GetOutputPort("generalized_force"), total.get_input_port(0))
+    builder.Connect(pull.get_output_port(), total.get_input_port(1))
+    builder.Connect(total.get_output_port(), plant.get_applied_generalized_force_input_port())
+    log = LogVectorOutput(plant.get_state_output_port(), builder, 0.01)
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_integrator().set_target_accuracy(1e-7)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    away = surface.geometry.point_at(np.zeros(2), -0.02)
+    plant.SetPositionsAndVelocities(context, np.concatenate([
+        [1, 0, 0, 0], away, np.zeros(3), -0.3 * surface.geometry.normal + 0.1 * tangent]))
+    simulator.AdvanceTo(1.0)
+    states = log.FindLog(simulator.get_context()).data().T
+    position, velocity = states[:, 4:7], states[:, 10:]
+    depth = surface.geometry.depth(position)
+    fraction = (np.arange(200) + 0.5) / 200
+    elastic = np.mean(surface.law.force(depth[:, None] * fraction), axis=1) * depth
+    return states, 0.5 * 2.3 * np.sum(velocity**2, axis=1) + elastic - position @ weight
+
+
+@pytest.mark.parametrize(("name", "law"), list(zip(SHAPES, LAWS, strict=True)))
+def test_a_ball_thrown_at_any_surface_keeps_its_energy_or_loses_it(name, law):
+    shape = turned(SHAPES[name])
+    tangent, weight = shape.axes[1], 12.0 * shape.axes[2]
+    smooth = ShapedSurface(shape, LAWS[law], dissipation=0.0, friction=0.0)
+    states, energy = thrown(smooth, tangent, weight)
+    assert np.max(shape.depth(states[:, 4:7])) > 0.015
+    np.testing.assert_allclose(energy, energy[0], atol=2e-4)
+    rough = ShapedSurface(shape, LAWS[law], dissipation=3.0, friction=0.4)
+    _, energy = thrown(rough, tangent, weight)
+    assert np.max(np.diff(energy)) < 2e-5
+    assert energy[-1] < energy[0] - 0.1
+
+
+@pytest.mark.parametrize("name", ["plane", "pole", "pipe"])
+def test_a_ball_that_slides_slows_down_by_the_friction_and_ends_as_deep_as_its_weight_takes(name):
+    """Along the axis it loses μ times the momentum that the surface gives, 12 N s in 1 s."""
+    shape = turned(SHAPES[name])
+    weight = 12.0 * shape.axes[2]
+    surface = ShapedSurface(shape, LAWS["linear"], dissipation=8.0, friction=0.01, creep=0.001)
+    states, _ = thrown(surface, shape.tangent, weight)
+    given = 12.0 + 2.3 * (0.3 + states[-1, 10:] @ shape.normal)
+    lost = 2.3 * (0.1 - states[-1, 10:] @ shape.tangent)
+    assert lost == pytest.approx(0.01 * given, rel=1e-4)
+    assert shape.depth(states[-1, 4:7]) == pytest.approx(LAWS["linear"].depth_for(12.0), rel=0.05)
 
 
 def test_the_system_has_no_state():

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ def drawn(variation: Variation) -> dict[str, Any]:
         "outside": variation.outside,
         "faults": [type(fault).__name__ for fault in scenario.faults],
         "desired_force": float(np.linalg.norm(scenario.task.force[:3])),
-        "surface": vars(scenario.surface),
+        "surface": asdict(scenario.surface),
         "eta": scenario.start.eta, "q": scenario.start.q,
         "unknown": {**{name: getattr(error, name) - 1.0 for name in FACTORS},
                     "stiffness": surface.stiffness - 1.0,

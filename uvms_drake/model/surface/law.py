@@ -111,6 +111,14 @@ class Surface(ABC):
         return float(np.linalg.norm(G[:, :3], 2) * position
                      + np.linalg.norm(G[:, 3:], 2) * angle)
 
+    def patch(self, center: np.ndarray, size: float, count: int) -> np.ndarray | None:
+        """Returns points (count, count, 3) of the undeformed surface in Σ_I, or None: for pictures.
+
+        Neighbours in the array are so on the surface, in a square with sides of at most `size` [m]
+        about the point of it next to `center` (3,).
+        """
+        return None
+
     def penetration_for(self, force: float) -> float | None:
         """Returns the penetration at a static force [N], or None if it takes more to tell."""
         return None

@@ -1,0 +1,88 @@
+"""Runs against surfaces that are put together, from files."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.command.main import main
+from uvms_drake.model.surface.shaped import ShapedSurface
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.record import load_record
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+
+FILE = """
+base: girona500_contact
+duration: 0.5
+limits: {{static_force: null}}
+simulator: {{max_step_size: 0.01}}
+task: {{force: {force}}}
+surface: !ShapedSurface
+  {surface}
+"""
+SURFACES = {
+    "plane": "geometry: !Plane {normal: [-0.96, 0.0, 0.28]}\n  law: !Bilinear {ratio: 2}",
+    "hull": "geometry: !Cylinder {radius: 0.4}\n  law: !Hardening {ratio: 3}\n  friction: 0.3",
+    "pipe": "geometry: !Cylinder {radius: 0.6, inside: true, axis: [0, 0.6, 0.8]}\n  friction: 0",
+    "bumpy": "geometry: !Bumpy {amplitude: 0.01, seed: 5}\n  dissipation: 4"}
+
+
+def scenario_of(path, name):
+    """Writes a file in which the tip starts at rest, 5 mm off the surface, and loads it."""
+    path.write_text(FILE.format(force=[20.0, 0, 0, 0, 0, 0], surface=SURFACES[name]))
+    surface = load_scenario(str(path)).surface
+    _, into = surface.geometry.depth_and_gradient(np.zeros(3))
+    force = 20.0 * into / np.linalg.norm(into)
+    path.write_text(FILE.format(force=[*force.tolist(), 0, 0, 0], surface=SURFACES[name]))
+    ocp = make_ocp(load_scenario(str(path)))
+    off = ocp.y_des[:3] - (surface.geometry.depth(ocp.y_des[:3]) + 0.005) * force / 20.0
+    config = ocp.model.configuration(np.concatenate([off, ocp.y_des[3:]]))
+    with path.open("a") as file:
+        file.write(f"start: {{eta: {config[:6].tolist()}, q: {config[6:].tolist()}}}\n")
+    return load_scenario(str(path))
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
+    scenario = scenario_of(tmp_path / "mine.yaml", name)
+    assert main(["run", str(tmp_path / "mine.yaml"), "--uncertified", "--no-figures",
+                 "--output", str(tmp_path / "out")]) == 0
+    record = load_record(tmp_path / "out")
+    assert isinstance(record.scenario.surface, ShapedSurface)
+    assert dump_scenario(record.scenario) == dump_scenario(scenario)
+    surface = record.scenario.surface.checked()
+    depth, into = surface.geometry.depth_and_gradient(record.chi[:, :3])
+    assert depth[0] == pytest.approx(-0.005, abs=1e-4)
+    np.testing.assert_allclose(record.penetration, np.maximum(depth, 0.0), atol=1e-12)
+    normal = into / np.linalg.norm(into, axis=1)[:, None]
+    along = np.sum(record.force[:, :3] * normal, axis=1)
+    across = np.linalg.norm(record.force[:, :3] - along[:, None] * normal, axis=1)
+    assert np.max(along) > 3.0
+    assert np.all(across <= surface.friction * along + 1e-9)
+    assert (np.max(across) > 0.1) == (surface.friction > 0.0)
+    assert (tmp_path / "out" / "replay.html").is_file()
+
+
+@pytest.mark.parametrize(("override", "expected"), [
+    ("surface=!ShapedSurface {geometry: !Sphere {}}",
+     "surface.geometry = '!Sphere': must be a mapping tagged !Plane or !Cylinder or !Bumpy"),
+    ("surface=!ShapedSurface {law: !Bilinear {kne: 1}}",
+     "surface.law.kne = 1: must be under one of the keys stiffness, transition, ratio, knee (did"),
+    ("surface=!ShapedSurface {law: !Hardening {ratio: 0.5}}",
+     "surface.law.ratio = 0.5: must be at least 1"),
+    ("surface=!ShapedSurface {geometry: !Cylinder {radius: -1}}",
+     "surface.geometry.radius = -1.0: must be positive"),
+    ("surface=!ShapedSurface {friction: 3}", "surface.friction = 3.0: must be from 0 to 2"),
+    ("surface=!ShapedSurface {geometry: !Plane {normal: [-0.6, 0, 0.8]}}",
+     "task.force = [20., 0., 0., 0., 0., 0.]: must be along a normal of the surface near the pose, "
+     "which is [0.6, 0.0, -0.8] there")])
+def test_a_bad_surface_is_one_line(tmp_path, capsys, override, expected):
+    assert main(["run", "--uncertified", "--output", str(tmp_path / "out"), "--set", override,
+                 "--set", "limits.static_force=null"]) == 2
+    err = capsys.readouterr().err
+    assert expected in err
+    assert err.count("\n") == 1
+
+
+def test_a_limit_on_the_static_force_and_a_certificate_need_what_it_does_not_offer(capsys):
+    """Nobody who does not know a surface knows either; see `contact`."""
+    assert main(["certify", "--set", "surface=!ShapedSurface {}"]) == 2
+    assert "one that has `static_force_rows`" in capsys.readouterr().err

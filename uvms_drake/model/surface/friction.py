@@ -1,0 +1,26 @@
+"""Coulomb friction without a jump, as in Drake's continuous contact, for one coefficient μ.
+
+A tip that slides at the speed v is held back with μ ρ(v/v_s) times the normal force, where
+ρ(x) = x³(10 − 15x + 6x²) for x < 1 and 1 beyond: twice continuously differentiable. The price is
+creep: what would stick moves at up to v_s, for ρ grows from zero at rest.
+"""
+
+import numpy as np
+
+
+def slip_factor(slip: np.ndarray) -> np.ndarray:
+    """Returns ρ(x)/x (...) at the slip x = v/v_s ≥ 0 (...); zero at rest."""
+    fast = np.where(slip.real < 1.0, 1.0, slip)
+    return np.where(slip.real < 1.0, slip**2 * (10.0 + slip * (6.0 * slip - 15.0)), 1.0 / fast)
+
+
+def coulomb(velocity: np.ndarray, friction: float, creep: float) -> np.ndarray:
+    """Returns the force per normal force (..., 3) of a tip on the surface along which it slides.
+
+    Args:
+        velocity: Tangential velocity of the tip (..., 3) [m/s].
+        friction: Coefficient μ.
+        creep: v_s [m/s].
+    """
+    slip = np.sqrt(np.sum(velocity**2, axis=-1, keepdims=True)) / creep
+    return friction / creep * slip_factor(slip) * velocity
