@@ -7,6 +7,7 @@ from pydrake.geometry import Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.surface.law import Surface
+from uvms_drake.visual.patch import draw_patch
 from uvms_drake.visual.props import GLASS, PLAN, REAL, Arrow, Mark, Polyline
 from uvms_drake.visual.readout import Readout
 from uvms_drake.visual.stage import NED, Stage, frame_at
@@ -54,14 +55,17 @@ class Pressing:
 
     def _draw_surface(self, goal: np.ndarray) -> Callable[[np.ndarray], None]:
         """Draws the surface; returns the function that shows what the tip at χ does to it."""
-        rest, normal = self._law.anchor, self._law.normal
-        if normal is None:
-            self._stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
-            spring = Polyline(self._stage, f"{NED}/spring", 2, SPRING, 0.01)
-            return lambda chi: spring.show(np.array([rest, chi[:3]]))
-        wall = DrawnWall(
-            self._stage, f"{NED}/wall", goal - ((goal - rest) @ normal) * normal, normal)
-        return lambda chi: wall.show(float(self._law.penetration(chi)))
+        stage, law, rest, normal = self._stage, self._law, self._law.anchor, self._law.normal
+        if normal is not None:
+            wall = DrawnWall(stage, f"{NED}/wall", goal - ((goal - rest) @ normal) * normal, normal)
+            return lambda chi: wall.show(float(law.penetration(chi)))
+        points = law.patch(goal, DrawnWall.SIZE, DrawnWall.MESH + 1)
+        if points is not None:
+            draw_patch(stage, f"{NED}/wall", points)
+            return lambda chi: None
+        stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
+        spring = Polyline(stage, f"{NED}/spring", 2, SPRING, 0.01)
+        return lambda chi: spring.show(np.array([rest, chi[:3]]))
 
     def show(self, chi: np.ndarray, force: np.ndarray | None, desired: np.ndarray) -> None:
         """Draws what the end-effector does at χ (6,).

@@ -154,7 +154,8 @@ class Scene:
         """Returns the meaning of colours, bars and lines."""
         forces = (("force and ", "     yellow: contact", "desired force, ") if has_forces
                   else ("", "", ""))
-        walls = ", 0.1 m on the wall" if has_forces and self._law.normal is not None else ""
+        is_wall = self._law.normal is not None or self._law.patch(self._goal, 1.0, 2) is not None
+        walls = ", 0.1 m on the wall" if has_forces and is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
         return (f"red: real {forces[0]}path{forces[1]}     white: {forces[2]}planned path, outline "
                 f"of the nominal robot{size}\n"

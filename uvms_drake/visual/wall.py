@@ -6,6 +6,16 @@ from uvms_drake.visual.stage import Stage, frame_at
 from uvms_drake.visual.textured import textured_mesh
 
 
+def grid() -> np.ndarray:
+    """Returns the picture of the wall: lines every 10 cm, circles every 3 cm in the middle."""
+    at = np.arange(1000.0)  # Pixels are millimetres.
+    line = (np.abs((at + 50.0) % 100.0 - 50.0) < 3.0) | (np.abs(at - 499.5) > 492.0)
+    radius = np.hypot(at - 499.5, at[:, None] - 499.5)
+    circle = (np.abs((radius + 15.0) % 30.0 - 15.0) < 4.0) & (np.abs(radius - 75.0) < 60.0)
+    dark = line | line[:, None] | circle
+    return np.where(dark[..., None], [40, 54, 66, 230], [186, 196, 204, 95]).astype(np.uint8)
+
+
 class DrawnWall:
     """A part of a plane with a grid on it; the dent is as deep as the end-effector is inside.
 
@@ -34,20 +44,10 @@ class DrawnWall:
         faces = np.concatenate([np.column_stack([corner, corner + 1, below]),
                                 np.column_stack([corner + 1, below + 1, below])])
         mesh = textured_mesh(np.column_stack([x, y, -depth]),
-                             np.column_stack([x, y]) / self.SIZE + 0.5, faces, self._grid(),
+                             np.column_stack([x, y]) / self.SIZE + 0.5, faces, grid(),
                              normals=normals / np.linalg.norm(normals, axis=1)[:, None])
         stage.make(f"{path}/depth/skin", mesh)
         stage.meshcat.SetTransform(path, frame_at(point, normal))
-
-    @staticmethod
-    def _grid() -> np.ndarray:
-        """Returns the picture of the wall: lines every 10 cm, circles every 3 cm in the middle."""
-        at = np.arange(1000.0)  # Pixels are millimetres.
-        line = (np.abs((at + 50.0) % 100.0 - 50.0) < 3.0) | (np.abs(at - 499.5) > 492.0)
-        radius = np.hypot(at - 499.5, at[:, None] - 499.5)
-        circle = (np.abs((radius + 15.0) % 30.0 - 15.0) < 4.0) & (np.abs(radius - 75.0) < 60.0)
-        dark = line | line[:, None] | circle
-        return np.where(dark[..., None], [40, 54, 66, 230], [186, 196, 204, 95]).astype(np.uint8)
 
     def show(self, penetration: float) -> None:
         """Makes the dent `penetration` [m] deep."""
