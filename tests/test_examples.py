@@ -83,6 +83,12 @@ def test_the_force_settles_with_a_part_of_ones_own_and_a_void_certificate_says_s
     assert void is None or void in text
 
 
+def test_a_wall_that_is_felt_keeps_the_tube_wherever_it_is(tmp_path):
+    text = run("felt_wall.py", 1.6, tmp_path)
+    known, felt = (float(x) for x in re.findall(r"up to (\d+\.\d+) of the tube", text))
+    assert felt < 0.5 < 2.0 < known
+
+
 def test_a_limit_of_ones_own_is_kept_by_the_plan(tmp_path):
     text = run("own_limit.py", 4.0, tmp_path)
     assert "limits.pillar, of which nobody says what the tube takes" in text

@@ -8,6 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import Part
 from uvms_drake.model.surface.law import check_surface
@@ -68,18 +69,39 @@ def test_a_perfect_sensor_of_a_known_wall_changes_nothing():
     np.testing.assert_array_equal(felt.signals["felt_force"], felt.force)
 
 
+def on_another_wall(duration: float, **changes):
+    """5 mm nearer, a quarter as stiff as is believed; the tube has room for a sensor."""
+    return scenario_of(
+        duration, "surface_error.shift=[-0.005, 0, 0]", "surface_error.stiffness=0.25",
+        "log_period=0.01", "tube.e=0.012", "tube.position=0.008", "tube.orientation=0.008",
+        "tube.joints=0.004", "tube.z=0.06", **changes)
+
+
 @pytest.fixture(scope="module")
 def run():
-    """Of a wall that is 5 mm nearer and softer than the controller believes."""
-    return simulate(scenario_of(
-        3.0, "surface_error.shift=[-0.005, 0, 0]", "surface_error.stiffness=0.5",
-        "log_period=0.01"))
+    return simulate(on_another_wall(3.0))
+
+
+def exits(record) -> float:
+    return dict(zip(TUBE_REPORT, record.tube_report, strict=True))["set_exits"]
+
+
+def test_a_wall_that_is_felt_keeps_the_tube_and_a_wall_that_is_believed_in_does_not(run):
+    """The plan presses to the depth that it believes in: the force is as wrong as the wall."""
+    known = simulate(on_another_wall(2.0, sensing=[]))
+    assert exits(known) > 0.0
+    assert exits(run) == 0.0
+    for part in ("position", "orientation", "joints"):
+        radius = getattr(run.scenario.tube, part)
+        assert np.max(run.deviation_of(part)) < 0.7 * radius
+        assert np.max(known.deviation_of(part)) > 1.5 * radius
+    assert run.force[-1, 0] < run.desired_force[-1, 0] - 5.0
 
 
 def test_the_error_of_the_sensor_is_all_that_the_wall_adds_to_the_disturbance(run):
     felt = run.signals["felt_force"]
     np.testing.assert_array_equal(felt, run.signals["measured_force"])
-    assert np.max(np.abs(felt - run.force)[:, :3]) < 5.0 < np.max(run.force[:, 0])
+    assert np.max(np.abs(felt - run.force)[:, :3]) < 3.0 < np.max(run.force[:, 0])
     np.testing.assert_allclose(
         run.effective_disturbance,
         run.disturbance + force_on_the_robot(run, felt - run.force), atol=1e-8)
