@@ -1,184 +1,19 @@
-"""Tests of `uvms_drake.control.ancillary`: the error dynamics that the two laws promise."""
+"""Tests of `uvms_drake.control.ancillary`: the system that reads the ports of a law."""
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
-from support import dh
+from support.laws import SIGMA, K, pairs, resolved_input, transpose_input
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ancillary import AncillaryFeedback, limited_input
 from uvms_drake.control.laws import Resolved, Transpose
-from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.limits import Limits
-from uvms_drake.control.plan import DynamicPlan
-from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.euler import pose_difference
-from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 
-K, SIGMA = 13.0, 4.0  # 1/s
 U_LIMIT = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])  # m/s² (3), rad/s² (7)
-
-
-def not_asked() -> np.ndarray:
-    raise AssertionError("the law has no use for it")
-
-
-def resolved_input(model, state, nominal, acceleration, k, sigma) -> np.ndarray:
-    return Resolved(k, sigma).command(
-        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u()
-
-
-def transpose_input(model, state, nominal, nominal_input, k, sigma, joints=False) -> np.ndarray:
-    return Transpose(k, sigma, joints).command(
-        model, pair_of(model, state, nominal), not_asked, lambda: nominal_input).u()
-
-
-def pairs(model, states, where: str):
-    """Yields a real state, a nominal one near it, a nominal acceleration and a disturbance."""
-    rng = np.random.default_rng(20)
-    for state in states[where]:
-        y = model.task_pose(state[:10]) + rng.uniform(-0.05, 0.05, size=10)
-        zeta = state[10:] + rng.uniform(-0.05, 0.05, size=10)
-        nominal = np.concatenate([model.configuration(y), zeta])
-        yield state, nominal, rng.uniform(-0.3, 0.3, size=10), rng.uniform(-0.1, 0.1, size=10)
-
-
-def flow(state: np.ndarray, acceleration: np.ndarray, s: float) -> np.ndarray:
-    """Returns (𝔮, ζ) to first order in the time s."""
-    config, zeta = np.split(state, 2)
-    return np.concatenate([config + s * configuration_rate(config, zeta), zeta + s * acceleration])
-
-
-def errors(model, state: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns 𝔢_y = y − ȳ and 𝔯 = ζ − J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y], typed again."""
-    (config, zeta), (nominal_config, nominal_zeta) = np.split(state, 2), np.split(nominal, 2)
-    error = np.concatenate([dh.chi(config), config[6:]])
-    error -= np.concatenate([dh.chi(nominal_config), nominal_config[6:]])
-    reference = model.task_jacobian(nominal_config) @ nominal_zeta - SIGMA * error
-    return error, zeta - np.linalg.solve(model.task_jacobian(config), reference)
-
-
-@pytest.mark.parametrize("where", ["free", "skin", "deep"])
-def test_the_law_resolved_leaves_exactly_its_cascade(model, states, derivative, where):
-    """𝔢̇_y = −σ𝔢_y + J_x𝔯 and 𝔯̇ = −k𝔯 + d under ζ̇ = f + u + d, by differences along the flow."""
-    for state, nominal, acceleration, d in pairs(model, states, where):
-        u = resolved_input(model, state, nominal, acceleration, K, SIGMA)
-        zeta_dot = model.drift(state[:10], state[10:]) + u + d
-        error, deviation = errors(model, state, nominal)
-        assert np.linalg.norm(error) > 0.01
-
-        def along(s, state=state, nominal=nominal, zeta_dot=zeta_dot, a=acceleration):
-            return np.concatenate(errors(model, flow(state, zeta_dot, s), flow(nominal, a, s)))
-
-        error_rate, deviation_rate = np.split(derivative(along), 2)
-        np.testing.assert_allclose(
-            error_rate, -SIGMA * error + model.task_jacobian(state[:10]) @ deviation, atol=1e-7)
-        np.testing.assert_allclose(deviation_rate, -K * deviation + d, atol=1e-6)
-
-
-def test_the_law_resolved_keeps_a_closed_loop_within_its_bound(model):
-    """‖𝔯‖ ≤ d̃/k and ‖𝔢_y‖ ≤ J̄d̃/(kσ) over 3 s from zero error, pressing into the wall."""
-    y = np.array([0.0, 0.2, 0.1, 0.0, 0.0, 0.1, 0.0, 1.1, 0.47, 0.0])
-    zeta = np.array([0.05, 0.02, 0.0, 0.0, 0.0, 0.05, 0.1, -0.05, 0.05, 0.1])
-    plan = DynamicPlan.from_accelerations(
-        0.0, 3.0, model.configuration(y), zeta, -zeta[None] / 3.0)
-    bound, dt = 0.1, 0.003
-    direction = np.linspace(1.0, -0.5, 10)
-    direction *= bound / np.linalg.norm(direction)
-
-    def rate(time: float, state: np.ndarray) -> np.ndarray:
-        config, nominal_zeta, nominal_zeta_dot = plan.at(time)
-        u = resolved_input(model, state, np.concatenate([config, nominal_zeta]),
-                           nominal_zeta_dot, K, SIGMA)
-        zeta_dot = model.drift(state[:10], state[10:]) + u + direction
-        return np.concatenate([configuration_rate(state[:10], state[10:]), zeta_dot])
-
-    state, worst, norms = np.concatenate([plan.config[0], zeta]), [], []
-    for i in range(1000):
-        middle = state + 0.5 * dt * rate(i * dt, state)
-        state = state + dt * rate((i + 0.5) * dt, middle)
-        nominal = np.concatenate(plan.at((i + 1) * dt)[:2])
-        worst.append([np.linalg.norm(each) for each in errors(model, state, nominal)])
-        norms.append(np.linalg.norm(model.task_jacobian(state[:10]), 2))
-    worst_e, worst_r = np.max(worst, axis=0)
-    assert 0.99 * bound / K < worst_r <= bound / K * (1.0 + 1e-3)
-    assert worst_e <= np.max(norms) * bound / (K * SIGMA)
-    assert worst_e > 0.2 * bound / (K * SIGMA), "the disturbance does something"
-
-
-@pytest.mark.parametrize("where", ["free", "deep"])
-def test_without_an_error_the_nominal_input_is_passed_on(model, states, where):
-    acceleration = np.linspace(-0.3, 0.3, 10)
-    for state in states[where]:
-        nominal_input = acceleration - model.drift(state[:10], state[10:])
-        np.testing.assert_allclose(
-            resolved_input(model, state, state, acceleration, K, SIGMA), nominal_input,
-            rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(
-            transpose_input(model, state, state, nominal_input, K, SIGMA), nominal_input,
-            atol=1e-12)
-
-
-@pytest.mark.parametrize("where", ["free", "deep"])
-def test_the_law_transpose_is_the_papers_as_its_proof_needs_it(model, states, where):
-    """That is, u = ū − k(ζ − ζ̄) − kσJ(𝔮̄)ᵀ(χ − χ̄)."""
-    for state, nominal, nominal_input, _ in pairs(model, states, where):
-        error = dh.chi(state[:10]) - dh.chi(nominal[:10])
-        J = model.task_jacobian(nominal[:10])[:6]
-        expected = nominal_input - K * (state[10:] - nominal[10:]) - K * SIGMA * (J.T @ error)
-        u = transpose_input(model, state, nominal, nominal_input, K, SIGMA)
-        np.testing.assert_allclose(u, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("where", ["free", "deep"])
-def test_with_joints_the_law_transpose_feeds_back_the_extended_task(model, states, where):
-    """That is, u = ū − k(ζ − ζ̄) − kσJ_x(𝔮̄)ᵀ(y − ȳ), y = (χ, q)."""
-    for state, nominal, nominal_input, _ in pairs(model, states, where):
-        y, y_nominal = (np.concatenate([dh.chi(x[:10]), x[6:10]]) for x in (state, nominal))
-        J_x = model.task_jacobian(nominal[:10])
-        expected = nominal_input - K * (state[10:] - nominal[10:]) - K * SIGMA * (
-            J_x.T @ (y - y_nominal))
-        u = transpose_input(model, state, nominal, nominal_input, K, SIGMA, joints=True)
-        np.testing.assert_allclose(u, expected, atol=1e-12)
-
-
-def turned(state: np.ndarray, angle: float) -> np.ndarray:
-    """Returns the state seen after a turn of the whole world about the vertical, ψ in (−π, π]."""
-    out = state.copy()
-    out[:3] = dh.rotation("z", angle)[:3, :3] @ state[:3]
-    out[5] = np.arctan2(np.sin(state[5] + angle), np.cos(state[5] + angle))
-    return out
-
-
-@pytest.mark.parametrize("law", [resolved_input, transpose_input])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_errors_across_the_jump_of_the_yaw_angle_are_small(uvms, states, law, sign):
-    """Real yaw π − ε against nominal −π + ε gives the input of −ε against ε, from behind."""
-    floor = UnilateralPlane(point=np.array([0.0, 0.0, 50.0]), normal=np.array([0.0, 0.0, -1.0]))
-    model = ContactModel(uvms, check_surface(floor))  # The same seen from north and from south.
-    for real, ideal, nominal, _ in pairs(model, states, "free"):
-        real, ideal = real.copy(), ideal.copy()
-        real[5] += -0.02 * sign - dh.chi(real[:10])[5]
-        ideal[5] += 0.02 * sign - dh.chi(ideal[:10])[5]
-        behind = turned(real, np.pi), turned(ideal, np.pi)
-        assert abs(dh.chi(behind[0][:10])[5] - dh.chi(behind[1][:10])[5]) > 6.0
-        np.testing.assert_allclose(law(model, *behind, nominal, K, SIGMA),
-                                   law(model, real, ideal, nominal, K, SIGMA), atol=1e-9)
-
-
-def test_the_difference_of_euler_angles_is_the_shorter_one():
-    y, y_nominal = np.zeros(10), np.zeros(10)
-    y[3:6], y_nominal[3:6] = [3.1, -3.1, 0.2], [-3.1, 3.1, 0.1]
-    y[9], y_nominal[9] = 3.1, -3.1  # A joint angle is no angle modulo 2π.
-    expected = np.zeros(10)
-    expected[3:6] = 6.2 - 2 * np.pi, 2 * np.pi - 6.2, 0.1
-    expected[9] = 6.2
-    np.testing.assert_allclose(pose_difference(y, y_nominal), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
@@ -282,24 +117,6 @@ def test_without_a_measurement_the_command_is_the_plans_own(model, states, confi
             feedback.GetOutputPort("u").Eval(context), nominal_input, atol=1e-9)
         np.testing.assert_allclose(
             feedback.GetOutputPort("tau").Eval(context), M @ nominal_input, rtol=1e-9, atol=1e-8)
-
-
-@pytest.mark.parametrize("where", ["free", "skin", "deep"])
-def test_with_a_measured_force_the_law_resolved_asks_nothing_of_the_surface(model, states, where):
-    """Only M⁻¹Jᵀ(𝔉_s − 𝔉) is added to what a perfect model commands, whatever the true 𝔉 is."""
-    rng = np.random.default_rng(5)
-    for state, nominal, acceleration, _ in pairs(model, states, where):
-        true, off = rng.normal(size=6) * [30.0, 30.0, 30.0, 1.0, 1.0, 1.0], rng.normal(size=6)
-        now = pair_of(model, state, nominal)
-        known, felt, wrong = (
-            Resolved(K, SIGMA).command(
-                model, now._replace(contact=contact), lambda a=acceleration: a, not_asked).u()
-            + model.drift(state[:10], state[10:], contact if contact is None else true)
-            for contact in (None, true, true + off))
-        np.testing.assert_allclose(felt, known, rtol=1e-9, atol=1e-9)
-        kinematics = model.kinematics(state[:10])
-        np.testing.assert_allclose(wrong - felt, np.linalg.solve(
-            model.mass_matrix(kinematics), kinematics.J_chi.T @ off), rtol=1e-8, atol=1e-9)
 
 
 def test_the_measured_force_takes_the_place_of_the_surface_while_it_is_finite(model, states):

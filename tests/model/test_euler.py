@@ -132,3 +132,13 @@ def test_poses_differ_by_the_shorter_way_round():
     np.testing.assert_allclose(
         pose_difference(near, far), [[0.0, 0.0, 0.0, 0.0, 0.0, -0.2, 0.0, -4.0]], atol=1e-15)
     assert far[0, 5] == -np.pi + 0.1
+
+
+def test_the_difference_of_euler_angles_is_the_shorter_one():
+    y, y_nominal = np.zeros(10), np.zeros(10)
+    y[3:6], y_nominal[3:6] = [3.1, -3.1, 0.2], [-3.1, 3.1, 0.1]
+    y[9], y_nominal[9] = 3.1, -3.1  # A joint angle is no angle modulo 2π.
+    expected = np.zeros(10)
+    expected[3:6] = 6.2 - 2 * np.pi, 2 * np.pi - 6.2, 0.1
+    expected[9] = 6.2
+    np.testing.assert_allclose(pose_difference(y, y_nominal), expected, atol=1e-12)
