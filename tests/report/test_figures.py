@@ -146,12 +146,13 @@ def test_the_tube_about_the_task_error_is_that_of_position_and_of_orientation(re
 
 
 def test_the_deviation_is_drawn_with_both_bounds(record):
-    for axis, column, bound in zip(axes_of("deviation.png", record), (0, 4), (0.006, 0.04),
+    for axis, column, bound in zip(axes_of("deviation.png", record), (0, 4), (6.0, 40.0),
                                    strict=True):
         lines = {line.get_label(): line.get_ydata() for line in axis.get_lines()}
-        np.testing.assert_array_equal(lines["deviation"], record.tube_deviation[:, column])
-        np.testing.assert_array_equal(lines["bound along the run"], record.tube_bound[:, column])
-        assert levels(axis, tube_label(False)) == [bound]
+        np.testing.assert_array_equal(lines["deviation"], 1e3 * record.tube_deviation[:, column])
+        np.testing.assert_array_equal(lines["bound along the run"],
+                                      1e3 * record.tube_bound[:, column])
+        assert levels(axis, tube_label(False)) == pytest.approx([bound])
 
 
 def test_a_bound_along_the_run_that_does_not_exist_is_not_drawn(record, tmp_path):

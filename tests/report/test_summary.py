@@ -399,7 +399,7 @@ def test_what_is_a_length_is_in_millimetres_and_what_has_a_unit_says_it():
     text = format_summary(summarise(replace(record, chi=chi)))
     assert "task error    500 mm and 100 mrad at the start, 5 mm and 1 mrad at the end" in text
     assert "bound 0.1 [m/s², rad/s²], exceeded 0 times" in text
-    assert "(bound 0.006 [m, rad])" in text
+    assert "mm, mrad (bound 6)," in text
 
 
 def test_a_force_that_nobody_desires_is_not_judged():

@@ -23,7 +23,7 @@ from uvms_drake.visual.limit_use import ACTIVE, LimitUse
 from uvms_drake.visual.props import PLAN, Mark
 from uvms_drake.visual.readout import Readout
 from uvms_drake.visual.scene import Scene
-from uvms_drake.visual.stage import VANISHED, Stage, frame_at
+from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, frame_at
 from uvms_drake.visual.tube import round_magnification
 
 FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -69,6 +69,18 @@ def test_a_stage_gives_a_value_once_and_again_before_it_changes():
         stage.move("it", RigidTransform([x, 0.0, 0.0]))
     assert [(time, position[0]) for _, time, position in given.transforms] == [
         (0.0, 1.0), (2.0, 1.0), (3.0, 2.0), (4.0, 3.0)]
+
+
+def test_a_change_that_nobody_sees_is_not_given_until_many_of_them_can_be_seen():
+    given = Given()
+    stage = Stage(given)
+    given.transforms.clear()
+    places = 0.3 * UNSEEN * np.arange(8)
+    for time, x in enumerate(places):
+        stage.begin(float(time))
+        stage.move("it", RigidTransform([x, 0.0, 0.0]))
+    assert [(time, position[0]) for _, time, position in given.transforms] == [
+        (0.0, 0.0), (3.0, 0.0), (4.0, places[4])]
 
 
 def test_what_is_not_shown_is_scaled_away():

@@ -61,7 +61,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     try:
         progress("constants", 0.0)
         basis = basis_of(scenario, model)
-        progress("tube", 0.5)
+        progress("tube", motion.stages[0])
         found = motion.tubes[type(law)](law, basis)
         draft = replace(
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
@@ -195,7 +195,8 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
 
 def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                        model: ContactModel, progress: Progress) -> Certificate:
-    progress("terminal set", 0.6)
+    _, terminal_set, plan = motion_of(scenario).stages
+    progress("terminal set", terminal_set)
     settings = scenario.certificate
     try:
         ocp = make_ocp(draft.applied_to(scenario), model)
@@ -214,7 +215,7 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])
     if not draft.certified:
         return draft
-    progress("first plan", 0.9)
+    progress("first plan", plan)
     ocp = make_ocp(draft.applied_to(scenario), model)  # With the terminal set.
     return draft.adding(first_plan(ocp, start)[1])
 

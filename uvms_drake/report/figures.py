@@ -327,15 +327,15 @@ def draw_deviation(record: Record) -> Figure:
     figure, axes = panels(2, 2.8)
     tube = record.scenario.tube
     error = "y" if record.scenario.ancillary.protects_joints else r"\chi"
-    labels = (rf"$\|{error}-\bar{{{error}}}\|_2$ [m, rad]",
-              r"$\|\zeta-\bar{\zeta}\|_2$ [m/s, rad/s]")
+    labels = (rf"$\|{error}-\bar{{{error}}}\|_2$ [mm, mrad]",
+              r"$\|\zeta-\bar{\zeta}\|_2$ [mm/s, mrad/s]")
     name = tube_label(bool(record.certified))
     for axis, part, bound, label in zip(
-            axes, ("task", "z"), (tube.e, tube.z), labels, strict=True):
-        axis.plot(record.time, record.deviation_of(part), label="deviation")
+            axes, ("task", "z"), (1e3 * tube.e, 1e3 * tube.z), labels, strict=True):
+        axis.plot(record.time, 1e3 * record.deviation_of(part), label="deviation")
         axis.axhline(bound, **{**LIMIT, "label": name})
         if np.all(np.isfinite(record.bound_of(part))):
-            axis.plot(record.time, record.bound_of(part), color=VERMILION, linewidth=0.8,
+            axis.plot(record.time, 1e3 * record.bound_of(part), color=VERMILION, linewidth=0.8,
                       label="bound along the run")
         axis.fill_between(record.time, 0.0, bound, color=BLUE, alpha=0.1, linewidth=0)
         axis.set_ylabel(label)

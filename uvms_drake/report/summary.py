@@ -220,8 +220,8 @@ def _format_run(summary: dict) -> list[str]:
         f"{summary['duration_s']:g} s in {summary['wall_time_s']:.1f} s "
         f"({_number(summary['real_time_factor'], '.2f')} times real time)",
         f"{'MPC':<14}{mpc['solves']} solves, {mpc['failures']} failures, {mpc['late']} late, "
-        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped, {mpc['kept']} kept; "
-        f"step {_number(step['p50'], '.1f')} ms median, "
+        f"{mpc['fallbacks']} fallbacks, {mpc['dropped']} dropped, {mpc['kept']} kept",
+        f"{'':<14}step {_number(step['p50'], '.1f')} ms median, "
         f"{_number(step['p99'], '.1f')} ms p99, {_number(step['max'], '.1f')} ms max",
         f"{'':<14}plans exceed a limit by {_number(mpc['worst_violation'], '.2g')} and the "
         f"terminal set by {_number(mpc['worst_terminal_slack'], '.2g')} at most",
@@ -277,9 +277,10 @@ def _format_robustness(summary: dict) -> list[str]:
         f"{'':<14}bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
         f"{disturbance['exceeded']} times",
         f"{'tube':<14}law {tube['law']}; "
-        f"|{error} - {error}_nominal| {tube['worst_e']:.3g} "
-        f"(bound {tube['bound_e']:.3g} [m, rad]), "
-        f"|zeta - zeta_nominal| {tube['worst_z']:.3g} (bound {tube['bound_z']:.3g} [m/s, rad/s])",
+        f"|{error} - {error}_nominal| {1e3 * tube['worst_e']:.3g} mm, mrad "
+        f"(bound {1e3 * tube['bound_e']:.3g}),",
+        f"{'':<14}|zeta - zeta_nominal| {1e3 * tube['worst_z']:.3g} mm/s, mrad/s "
+        f"(bound {1e3 * tube['bound_z']:.3g})",
         f"{'':<14}worst deviation over its bound: "
         f"{_number(tube['worst_ratio']['set'], '.3f')} set-wise, "
         f"{_number(tube['worst_ratio']['trajectory'], '.3f')} along the run",

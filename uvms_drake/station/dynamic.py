@@ -48,6 +48,7 @@ class Dynamic(Motion[DynamicOcp]):
     tubes = DYNAMIC_TUBES
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
+    stages = (0.65, 0.72, 0.98)
     figures = ("force.png", "inputs.png")
     adversaries = KINDS
 

@@ -35,6 +35,7 @@ class Kinematic(Motion[KinematicOcp]):
     tubes = KINEMATIC_TUBES
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
+    stages = (0.46, 0.98, 0.99)
     figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
     adversaries = ("along_task_error", "constant", "sinusoid")
 

@@ -54,6 +54,9 @@ class Motion(ABC, Generic[AnyOcp]):
     """Unit of the disturbance."""
     disturbance_blocks: ClassVar[tuple[str, ...]]
     """Names of the disturbance's components, three at a time; the last block has the joints."""
+    stages: ClassVar[tuple[float, float, float]]
+    """Parts of the time of a certificate, about, that are over where tube, terminal set and first
+    plan begin, as measured with the shipped scenarios."""
     figures: ClassVar[tuple[str, ...]]
     """Figures that no other motion has."""
     adversaries: ClassVar[tuple[str, ...]]

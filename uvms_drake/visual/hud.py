@@ -35,7 +35,7 @@ class Hud:
         X = RigidTransform(self.facing, self._origin).GetAsMatrix4()
         stage.meshcat.SetTransform("hud", X @ np.diag([*[self._scale] * 3, 1.0]))
         self._bars = Bars(stage, "hud/limits", limits)
-        stage.meshcat.SetTransform("hud/limits", frame_at([0.0, 0.0, 0.92]))
+        stage.meshcat.SetTransform("hud/limits", frame_at([0.0, 0.0, 0.9]))
         self._time = Readout(stage, "hud/time", "t = ", " s", LONGEST, 0.085)
         stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, 0.52]))
         stage.make("hud/legend", label(legend, 0.05), None, frame_at([0.0, 0.0, -0.87]))

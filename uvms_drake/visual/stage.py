@@ -14,6 +14,8 @@ NED = "ned"
 """Path below which z points down, for everything that is drawn in Σ_I."""
 VANISHED = 1e-5
 """Scale of an object that is hidden; zero has no inverse, which shading needs."""
+UNSEEN = 5e-4
+"""Change of a place [m], a direction or a scale that is no change: a quarter of a pixel."""
 
 
 def turn_down(meshcat: Meshcat) -> None:
@@ -29,7 +31,8 @@ class Stage:
     """Moves and stretches objects by path, at the time of `begin`.
 
     A recording interpolates between the values given. Here a value that stays is given once, and
-    once more before it changes: that keeps a replay small and lets nothing drift in between.
+    once more before it changes: that keeps a replay small and lets nothing drift in between. A
+    change that nobody sees is none.
     Transform and scale of the same path overwrite each other: use one of them for each path.
     """
 
@@ -84,7 +87,7 @@ class Stage:
             self._given[path] = self._now, value
             return [(self._now, value)]
         time, old = given
-        if np.array_equal(old, value):
+        if np.max(np.abs(value - old)) < UNSEEN:
             return []
         self._given[path] = self._now, value
         held = [(self._before, old)] if time < self._before else []
