@@ -17,7 +17,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.station.scenario import dump_scenario, load_scenario, shipped_scenarios
 from uvms_drake.station.simulation import require_finite
 
-CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "500"))
+CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "200"))
 FIRST = int(os.environ.get("UVMS_DRAKE_FUZZ_FIRST", "0"))
 """Number of the first case: others than the usual ones are looked at by another one."""
 CHUNKS = 10

@@ -51,15 +51,20 @@ def test_it_stays_within_the_bound_along_the_run(printed):
     assert 0.2 < tube["worst_ratio"]["trajectory"] < 1.0
 
 
-@pytest.mark.parametrize(("disturbance", "reached"), [
-    ("!ConstantDisturbance {bound: 0.4898979485566356}", 0.99),
-    ("!ConstantDisturbance {bound: 0.4898979485566356, direction: [1, -2, 1, 0.5, 1, -1]}", 0.99),
-    ("!SinusoidalDisturbance {bound: 0.4898979485566356, frequency: 1.0}", 0.9),
-    ("!AdversarialDisturbance {bound: 0.4898979485566356, kind: along_task_error}", 0.99),
+@pytest.mark.parametrize(("disturbance", "duration", "reached"), [
+    ("!ConstantDisturbance {bound: 0.4898979485566356}", 6, 0.99),
+    ("!ConstantDisturbance {bound: 0.4898979485566356, direction: [1, -2, 1, 0.5, 1, -1]}",
+     2.5, 0.99),
+    ("!SinusoidalDisturbance {bound: 0.4898979485566356, frequency: 1.0}", 2.5, 0.9),
+    ("!AdversarialDisturbance {bound: 0.4898979485566356, kind: along_task_error}", 2.5, 0.99),
 ])
-def test_the_certified_variant_stays_in_its_tube(disturbance, reached):
-    """Whatever w does at the true bound; what reaches the bound shows that it is tight."""
-    scenario = load_scenario("paper_kinematic_certified", [f"disturbance={disturbance}"])
+def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached):
+    """Whatever w does at the true bound; what reaches the bound shows that it is tight.
+
+    The nominal motion is the same whatever w does, so that it has to arrive in one of the runs.
+    """
+    scenario = load_scenario("paper_kinematic_certified", [
+        f"disturbance={disturbance}", f"duration={duration}"])
     assert scenario.disturbance.bound == pytest.approx(W_BOUND)
     certificate = certified_once(scenario)
     assert certificate.certified
@@ -69,8 +74,8 @@ def test_the_certified_variant_stays_in_its_tube(disturbance, reached):
     assert reached < summary["tube"]["worst_e"] / summary["tube"]["bound_e"] <= 1.001
     assert min(row["margin"] for row in summary["constraints"].values()) > 0.0
     assert summary["mpc"]["worst_terminal_slack"] < 1e-6
-    nominal = pose_difference(record.chi_nominal[-1], CHI_DES)
-    assert np.linalg.norm(nominal) < 0.03
+    if duration == 6:
+        assert np.linalg.norm(pose_difference(record.chi_nominal[-1], CHI_DES)) < 0.03
 
 
 @pytest.mark.parametrize("limit", [1.2, 1.45])
@@ -110,7 +115,7 @@ def test_the_papers_claim_holds_in_dynamics_with_this_projects_law():
 
 def test_the_papers_own_law_corrected_is_certified_and_keeps_its_tube():
     """At the gain that its conditions ask for; the implicit integrator carries it."""
-    scenario = load_scenario("paper_dynamic", ["duration=3"])
+    scenario = load_scenario("paper_dynamic", ["duration=1.5"])
     certificate = certified_once(scenario)
     assert certificate.certified, certificate.failed
     assert (certificate.law, certificate.k) == ("transpose", 10000.0)

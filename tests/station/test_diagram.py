@@ -18,6 +18,8 @@ from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 SHORT = ["mpc.horizon=8"]
+CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
+"""The tip starts 4 cm off the wall and touches it within a second."""
 LOGGED = ("state", "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "force",
           "penetration", "accepted_force", "disturbance", "acceleration", "tube_deviation",
           "tube_bound")
@@ -159,7 +161,7 @@ def test_a_current_that_the_controller_does_not_know_is_felt():
 
 
 def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
-    overrides = ["duration=1.2", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
+    overrides = ["duration=1.2", CLOSE]
     known, closer = (simulate(load_scenario("girona500_contact", [*overrides, *more]))
                      for more in ([], ["surface_error.shift=[-0.005, 0, 0]"]))
     np.testing.assert_array_equal(closer.chi_des, known.chi_des)
@@ -173,8 +175,7 @@ def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
 
 def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     """Bit for bit, with a law that is told the limits and with one that is not."""
-    scenario = load_scenario(
-        "girona500_contact", ["start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"])
+    scenario = load_scenario("girona500_contact", [CLOSE])
     told = []
 
     def without_limits(ocp, ancillary, targets, limits):
@@ -212,7 +213,7 @@ def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limit
 
 
 def with_random_disturbance(seed: int = 0) -> Scenario:
-    scenario = load_scenario("girona500_contact", [*SHORT, f"seed={seed}"])
+    scenario = load_scenario("girona500_contact", [*SHORT, CLOSE, f"seed={seed}"])
     scenario.disturbance = RandomDisturbance(bound=0.1, bandwidth=2.0)
     return scenario
 
@@ -225,11 +226,11 @@ def test_the_same_seed_gives_identical_logs_and_another_seed_does_not():
     assert np.max(np.linalg.norm(first["disturbance"], axis=1)) <= 0.1
 
 
-@pytest.mark.parametrize("pause", [5.0, 1.0, 0.93])
+@pytest.mark.parametrize("pause", [2.0, 1.0, 0.93])
 def test_a_clone_of_the_context_goes_on_as_the_original(pause):
     """Bit for bit, in a Simulator of its own, with the logs so far.
 
-    1.0 s and 5.0 s are sampling instants of the MPC, where a pause does not cut a step of the
+    1.0 s and 2.0 s are sampling instants of the MPC, where a pause does not cut a step of the
     integrator: then it also equals the run that was not interrupted.
     """
     end = pause + 1.0
@@ -255,7 +256,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
         assert np.sum(late[0]) >= 50
         np.testing.assert_array_equal(
             continued[name][late[0]], expected[name][late[1]], err_msg=name)
-    if pause in (1.0, 5.0):
+    if pause in (1.0, 2.0):
         assert_identical(expected, logs_of(scenario, end))
 
 

@@ -227,7 +227,7 @@ def test_the_error_of_a_bound_is_of_second_order(model, block):
 def test_proven_is_above_every_sample_and_within_the_gap(model, proven):
     rng = np.random.default_rng(11)
     largest = dict.fromkeys(PROVABLE, 0.0)
-    for _ in range(20):
+    for _ in range(8):
         config, zeta = BOUNDS.sample(model, 5000, rng)
         for name, values in sampled_values(model, config, zeta, tuple(PROVABLE)).items():
             largest[name] = max(largest[name], float(np.max(values)))
