@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from support.campaigns import CLOSE, RUNS, SHORT
+from support.quick import FEW, search_less
 
 from uvms_drake.campaign.campaign import Campaign, make_campaign
 from uvms_drake.certificate.certify import certified_once
@@ -28,7 +29,9 @@ def reference(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def certified() -> Campaign:
     """Starts close to the wall, so that contact is made in 2 s."""
-    scenario = load_scenario("girona500_contact", ["duration=2.0", CLOSE[1]])
-    certificate = certified_once(scenario)
-    assert certificate.certified
-    return make_campaign(scenario, 0, certificate, model_error=0.2)
+    scenario = load_scenario("girona500_contact", ["duration=2.0", CLOSE[1], *FEW])
+    with pytest.MonkeyPatch.context() as patch:
+        search_less(patch)
+        certificate = certified_once(scenario)
+        assert certificate.certified
+        return make_campaign(scenario, 0, certificate, model_error=0.2)

@@ -1,7 +1,8 @@
-"""Campaigns as a whole: their files, a replay, and sixty runs within every bound."""
+"""Campaigns as a whole: their files, a replay, and many runs within every bound."""
 
 import json
 import multiprocessing
+import os
 from copy import deepcopy
 
 import numpy as np
@@ -22,6 +23,9 @@ from uvms_drake.common.output import MANIFEST_FILE
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import MONITOR_SLACK
 from uvms_drake.station.simulation import simulate
+
+MANY = int(os.environ.get("UVMS_DRAKE_RUNS", "24"))
+"""Number of runs of the campaign with certificates."""
 
 
 def test_all_files_are_there(reference):
@@ -54,15 +58,15 @@ def test_a_run_can_be_replayed_alone(reference, capsys, monkeypatch):
     assert capsys.readouterr().err.count("\n") == 3
 
 
-def test_sixty_runs_stay_within_every_bound(certified):
+def test_many_runs_stay_within_every_bound(certified):
     """The whole campaign has 20 s a run."""
     workers = min(2, multiprocessing.cpu_count())
-    results = [run["result"] for _, run in run_all(certified, range(60), local_pool(workers))]
+    results = [run["result"] for _, run in run_all(certified, range(MANY), local_pool(workers))]
     summary = summarise_campaign(certified, results)
-    assert len(results) == 60
+    assert len(results) == MANY
     assert all_well(summary), summary["counts"]
     assert summary["counts"]["mpc_failures"] == 0
-    assert summary["counts"]["not_covered"] <= 3
+    assert summary["counts"]["not_covered"] <= MANY // 20
     assert len(summary["by_fault"]) == 4
     assert all(value > 0.0 for value in summary["largest_unknown"].values())
     worst = summary["distributions"]["ratio_trajectory"]

@@ -48,11 +48,11 @@ def test_what_an_error_of_the_model_induces_is_what_the_plant_does():
 def test_what_is_unknown_is_as_large_as_the_bound_covers(campaign):
     """Predicted before a run, measured in it, and large enough to matter."""
     off = replace(campaign, model_error=0.2)
-    results = [run_one(off, index)["result"] for index in range(12)]
+    results = [run_one(off, index)["result"] for index in range(8)]
     summary = summarise_campaign(off, results)
     assert all_well(summary), summary["counts"]
     shared = [result for result in results if any(result["unknown"].values())]
-    assert 3 <= len(shared) <= 9
+    assert 2 <= len(shared) <= 6
     assert all(result["worst_disturbance"] <= 1.0 for result in shared)
     assert all(result["induced"] <= SHARE for result in shared)
     assert max(result["induced"] for result in shared) > 0.2

@@ -6,7 +6,7 @@ from pathlib import Path
 from uvms_drake.campaign.store import RUNS_FILE
 from uvms_drake.command.main import main
 
-RUNS = 6
+RUNS = 4
 CLOSE = ["--set", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
 """The tip starts a few centimetres off the wall, so that even a short run makes contact."""
 SHORT = ["campaign", "--uncertified", "--set", "duration=0.6", *CLOSE, "--seed", "3"]
