@@ -207,6 +207,17 @@ def test_the_tare_takes_the_bias_and_the_tool_off_and_says_nothing_meanwhile(mod
     np.testing.assert_allclose(bench.port("reading"), wrench, rtol=1e-12)
 
 
+@pytest.mark.parametrize(("until", "said"), [
+    (1.0, ["t = 0.19 s: in touch at the end of the tare, which takes that force off"]), (0.1, [])])
+def test_a_tare_in_touch_is_said_and_takes_the_force_off(model, caplog, until, said):
+    settings, wrench = replace(PERFECT, tare=0.2), np.arange(6.0)
+    bench = Bench(model, settings, wrench=lambda t: wrench * (t < until))
+    bench.simulator.AdvanceTo(0.205)
+    assert caplog.messages == said
+    expected = 0.0 if said else -0.5 * wrench  # Ten or eleven of its twenty samples.
+    np.testing.assert_allclose(bench.port("reading"), expected, atol=0.3)
+
+
 def test_a_reading_ends_at_its_range(model):
     settings = replace(PERFECT, range=np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0]))
     bench = Bench(model, settings, wrench=lambda t: np.array([30.0, -30.0, 5.0, 2.0, -2.0, 0.5]))

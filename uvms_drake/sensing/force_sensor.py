@@ -38,6 +38,7 @@ from pydrake.systems.framework import (
     State,
 )
 
+from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.part import MEASURED_FORCE, Part, Signals
@@ -199,7 +200,8 @@ class WristSensor(LeafSystem):
     - `reading`: F̂ (6) in the sensor's axes, about its origin [N, N m]; zero during the tare.
 
     The continuous state is x (6), if there is a lag; the discrete state is that of `Samples` (13).
-    A sample at which the measured state is not finite is not taken, and the last one goes on.
+    A sample at which the measured state is not finite is not taken, and the last one goes on. It
+    warns on the logger `uvms_drake` if the surface is touched at the end of the tare.
 
     Args:
         model: Supplies the attitude of the end-effector, and gravity.
@@ -257,13 +259,16 @@ class WristSensor(LeafSystem):
         if not np.isfinite(measured).all():
             return
         samples = Samples.of(context.get_discrete_state_vector().value())
+        tare = self._settings.tare_samples
+        if samples.taken == tare - 1 and np.any(self._force_port.Eval(context)):
+            warn(context.get_time(), "in touch at the end of the tare, which takes that force off")
         x = (context.get_continuous_state_vector().CopyToVector() if self._settings.lag > 0.0
              else self._wrench(context))
         off, believed = self._off, 1.0 + self._settings.tool.error
         raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
                       -self._range, self._range)
         samples = samples.with_next(raw - believed * self._hold(self._tip_matrix(measured)),
-                                    self._settings.tare_samples)
+                                    tare)
         state.set_value(np.hstack(samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
