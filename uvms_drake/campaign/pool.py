@@ -21,9 +21,9 @@ NAMED = 8
 RESTARTS = 3
 """Number of times in a row that the workers may die without a single run coming back."""
 CONNECT_SECONDS = 10
-RUNS_PER_WORKER = 40
+RUNS_PER_WORKER = 32
 """Runs after which a worker is replaced. Drake's Python bindings never free a LeafSystem that is
-written in Python, so that a process keeps about 6 MB of each run."""
+written in Python, so that a process keeps about 8 MB of each run."""
 
 
 class Pool(NamedTuple):
