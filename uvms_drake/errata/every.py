@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.errata import lemma, simulation
+from uvms_drake.errata import cost, lemma, simulation
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import robot_constants
 
@@ -20,8 +20,8 @@ def all_errata(progress: Progress = silent) -> list[Erratum]:
         partial(lemma.lost_terms, constants, J, sigma),
         partial(lemma.velocity_tube, J, sigma),
         lemma.self_motion,
-        simulation.hold_input,
-        simulation.terminal_penalty,
+        cost.hold_input,
+        cost.terminal_penalty,
         simulation.simulation_numbers,
         simulation.initial_state,
         simulation.initial_configuration,

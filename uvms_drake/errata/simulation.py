@@ -1,13 +1,10 @@
-"""Errata of the MPC and of (sec:simulation_results): E6 to E11."""
+"""Errata of (sec:simulation_results): E8 to E11."""
 
 import math
-from copy import copy
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.attitude import VehicleAngle
@@ -35,125 +32,22 @@ from uvms_drake.errata.paper import (
     TUBE,
     W_BOUND,
     WEIGHT,
-    best_posture,
     configuration,
     estimated_J_min,
     is_allowed,
     number,
     numbers,
     robot,
-    uvms,
 )
-from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import pose_difference, wrap_angle
-from uvms_drake.model.surface.law import Surface, check_surface
-from uvms_drake.station.problem import make_dynamic_ocp
-from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import kinematic_tubes
 
-SETTLING, HOLDING = 100, 40
-"""Samples for the MPC to come to rest, and to hold the task against a constant w."""
+HOLDING = 40
+"""Samples for the MPC to hold the task against a constant w."""
 SMALL = 0.01
 """ε below which a terminal set counts as small; ‖e(0)‖_P = 1.6."""
 TINY = 1e-4
 """Weight of all but the end of the horizon, to look for the smallest ε."""
-
-
-# The cost ----------------------------------------------------------------------------------------
-
-
-class RestPoint(NamedTuple):
-    """Where the nominal MPC comes to rest."""
-
-    tip: float
-    """Distance ‖𝔭 − 𝔭_des‖ [m]."""
-    force: float
-    """Norm of the force part of 𝔉 − 𝔉_des [N]."""
-    speed: float
-    """Norm ‖ζ̄‖ that is left [m/s, rad/s]."""
-
-
-def spring_ocp() -> tuple[DynamicOcp, Surface]:
-    """Returns the nominal problem of the scenario with the paper's surface law, and its surface."""
-    scenario = load_scenario("girona500_bilateral")
-    model = ContactModel(uvms(), check_surface(scenario.surface))
-    return make_dynamic_ocp(scenario, model), model.surface
-
-
-def rest_point(ocp: DynamicOcp, surface: Surface, u_ref: np.ndarray) -> RestPoint:
-    """Returns where the nominal MPC comes to rest that starts at the task and weighs ū − u_ref."""
-    ocp = copy(ocp)
-    ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref)
-    model, solver = ocp.model, SequentialConvexSolver(ocp)
-    start = np.concatenate([model.configuration(ocp.y_des), np.zeros(model.size)])
-    plan = ocp.resting_plan(0.0, start)
-    plan = solver.solve(plan, FIRST_SOLVE_ITERATIONS).plan or plan
-    for _ in range(SETTLING):
-        guess = ocp.continued(plan)
-        plan = solver.solve(guess, 1).plan or guess
-    chi = np.array([model.task_pose(plan.config[0])[:6], ocp.y_des[:6]])
-    force = surface.force(chi, np.zeros_like(chi))[:, :3]
-    return RestPoint(
-        float(np.linalg.norm(chi[0, :3] - chi[1, :3])),
-        float(np.linalg.norm(force[0] - force[1])), float(np.linalg.norm(plan.zeta[0])))
-
-
-def hold_input(fraction: float = 0.0) -> Erratum:
-    """E6: where a stage cost with ‖ū − u_ref‖²_R brings the loop to rest.
-
-    Args:
-        fraction: u_ref as a fraction of ū_eq; the printed one is zero.
-    """
-    ocp, surface = spring_ocp()
-    needed = float(np.linalg.norm(ocp.u_eq))
-    printed, held = (rest_point(ocp, surface, c * ocp.u_eq) for c in (fraction, 1.0))
-    return Erratum(
-        "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
-        "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
-        f"‖f(𝔮_des, 0)‖ = {needed:.3g} m/s², rad/s² in girona500_bilateral; with ‖ū‖²_R the "
-        f"nominal loop comes to rest {1e3 * printed.tip:.1f} mm and {printed.force:.1f} N off its "
-        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * held.tip:.1f} mm and {held.force:.1f} N",
-        "Even without a disturbance 𝔉 does not go to 𝔉_des; the stage cost here has "
-        "ū_eq = −f(𝔮_des, 0).",
-        wrong=printed.tip > 1e-5 > held.tip)
-
-
-def decrease_gains(J_min: float) -> tuple[float, float] | None:
-    """Returns the interval of c with c ≥ ½ + ½c²/J̲, None if it is empty.
-
-    With ζ = −cJ⁺e, J⁺ the pseudoinverse, V = ½‖e‖² falls at c‖e‖² and the stage cost is
-    ½‖e‖² + ½c²eᵀ(J Jᵀ)⁻¹e. The ends are the roots of c² − 2J̲c + J̲.
-    """
-    discriminant = J_min**2 - J_min
-    if discriminant < 0.0:
-        return None
-    return J_min - math.sqrt(discriminant), J_min + math.sqrt(discriminant)
-
-
-def least_increase(J: np.ndarray) -> float:
-    """Returns max over ‖e‖ = 1 of min over ζ of V̇ + ½‖e‖² + ½‖ζ‖², V = ½‖e‖².
-
-    The best ζ is −Jᵀe, which leaves ½eᵀ(I − J Jᵀ)e: no controller does better.
-    """
-    return 0.5 * (1.0 - float(np.linalg.eigvalsh(J @ J.T)[0]))
-
-
-def terminal_penalty(J_min: float = J_MIN) -> Erratum:
-    """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and what there is at χ_des."""
-    low, high = 1e-6, 2.0
-    while high - low > 1e-12:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if decrease_gains(middle) else (middle, high)
-    best, q = best_posture()
-    left = least_increase(robot().kinematics(configuration(CHI_DES, q)).J_chi)
-    return Erratum(
-        "E7", "P = ½I₆ is no terminal penalty", "sec:simulation_results, eq:terminal_set_F",
-        f"P = Q = ½I₆ and R = ½I₁₀, with J̲ = {J_min:.4g}",
-        f"ζ_loc = −cJ⁺e needs c ≥ ½ + ½c²/J̲, so J̲ ≥ {high:.3f}; the best posture at χ_des has "
-        f"λ_min(J Jᵀ) = {best:.3f} (estimated), where there are e for which no ζ whatsoever makes "
-        f"V̇ + ℓ less than {left:.3f}‖e‖²",
-        "The optimal cost need not fall from sample to sample; P has to be computed, and checked.",
-        wrong=decrease_gains(J_min) is None and left > 0.0)
 
 
 # The numbers -------------------------------------------------------------------------------------

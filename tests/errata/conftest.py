@@ -1,0 +1,10 @@
+"""All errata, which take some seconds."""
+
+import pytest
+
+from uvms_drake.errata import all_errata
+
+
+@pytest.fixture(scope="session")
+def errata():
+    return all_errata()
