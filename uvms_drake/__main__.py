@@ -10,6 +10,7 @@ from uvms_drake.command.interrupt import run_interruptible
 def main() -> int:
     """Runs the command line and returns the exit status."""
     def load() -> Callable[[], int]:
+        """Imports the command line, while a signal can already end it."""
         from uvms_drake.command.main import main as command
 
         return command

@@ -148,6 +148,7 @@ def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Targe
         return [own]
 
     def compute() -> list[list[float]]:
+        """Returns factor and ε of each other force that can be held."""
         found, model = [], load_model(scenario)
         for i, factor in enumerate(FORCES):
             progress("terminal sets of other forces", i / len(FORCES))

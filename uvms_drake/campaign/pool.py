@@ -84,6 +84,7 @@ def local_pool(workers: int) -> Pool:
     """
     @contextmanager
     def workers_here() -> Iterator[Executor]:
+        """Starts the workers and ends them."""
         with _environment(dict.fromkeys(ONE_THREAD, "1")):
             executor = ProcessPoolExecutor(
                 workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
@@ -108,6 +109,7 @@ def cluster_pool(address: str) -> Pool:
                                "'distributed' (pip install 'uvms_drake[cluster]')") from None
 
     def connected() -> Any:
+        """Returns a client of the scheduler."""
         try:
             return Client(address, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError) as error:

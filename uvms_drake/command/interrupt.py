@@ -30,6 +30,7 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
     loaded = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        """Ends the process at once, or asks the command to end."""
         received.append(number)
         if not loaded:
             os.write(2, f"{INTERRUPTED}, nothing written\n".encode())

@@ -14,6 +14,7 @@ def differentiable(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray
         function: Returns values (m,) and their Jacobian (m, d) at a point (d,).
     """
     def evaluate(x: np.ndarray) -> np.ndarray:
+        """Returns the values, with their gradient if `x` has one."""
         if x.dtype != object:
             return function(x)[0]
         values, jacobian = function(ExtractValue(x).ravel())

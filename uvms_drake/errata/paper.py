@@ -82,7 +82,8 @@ def estimated_J_min() -> float:
     """Returns J̲ over the printed joint ranges and |θ| ≤ π/2 − 0.1: an estimate, from above."""
     model = robot()
 
-    def value(x: np.ndarray) -> np.ndarray:  # x = (φ, θ, q); position and yaw do not matter.
+    def value(x: np.ndarray) -> np.ndarray:
+        """Returns λ_min(J Jᵀ) at x = (φ, θ, q); position and yaw do not matter."""
         config = np.zeros((len(x), model.size))
         config[:, 3:5], config[:, 6:] = x[:, :2], x[:, 2:]
         return smallest_eigenvalue(config)

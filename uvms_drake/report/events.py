@@ -122,6 +122,7 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 
     def text(when: slice) -> str:
+        """Says which part deviated most, over its bound."""
         worst = np.max(ratios[when], axis=0)
         part = int(np.argmax(worst))
         return f"{said}: {FIELDS[part]} at most {worst[part]:.3g} of its bound"

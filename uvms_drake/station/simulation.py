@@ -102,6 +102,7 @@ def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | No
     due = 0.0
 
     def watch(context: Context) -> EventStatus:
+        """Reports and asks every `PROGRESS_PERIOD`."""
         nonlocal due
         now = context.get_time()
         if now >= due:

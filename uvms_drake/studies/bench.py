@@ -213,6 +213,7 @@ def conic_programs() -> Iterator[Callable[[], int]]:
     solve, counts = scp.solve_staged, [0]
 
     def counting(program: StagedProgram) -> StagedSolution | None:
+        """Solves a program and counts what that took."""
         solution = solve(program)
         counts[0] += 0 if solution is None else solution.cone_programs
         return solution
@@ -303,6 +304,7 @@ def watched_station(scenario: Scenario, model: ContactModel, watch: Stopwatch) -
     entry counts with the system whose function asks for it.
     """
     def watched(declare: Callable) -> Callable:
+        """Returns a function that declares a port and has its callbacks timed."""
         def declare_watched(system: LeafSystem, *args: Any, **kwargs: Any) -> Any:
             def timed(value: Any) -> Any:
                 return watch.timed(system, value) if callable(value) else value

@@ -41,6 +41,7 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     basis = basis_of(scenario, model)
 
     def force_error(law: Resolved) -> float:
+        """Returns the bound of the force error with other gains [N]."""
         position, orientation = (
             basis.value(name) * basis.d_bound / (law.k * law.sigma)
             for name in ("J_position_max", "J_attitude_max"))

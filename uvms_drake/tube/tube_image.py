@@ -177,6 +177,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     balls = (gains[0] * radius, gains[1] * radius, radius, d_bound / k)
 
     def draw(count: int) -> _Nominal:
+        """Returns random nominal motions within the limits."""
         config, zeta = constraint_set.sample(model, count, rng)
         u = u_limits * np.clip(1.5 * rng.uniform(-1.0, 1.0, zeta.shape), -1.0, 1.0)
         return _Nominal(config, zeta, u)
