@@ -8,8 +8,7 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 from support.limits import with_limits
 
 from uvms_drake.control.nlp import NonlinearSolver
-from uvms_drake.control.nominal_mpc import FEASIBLE
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.ocp import FEASIBLE, Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.staged_program import solve_staged

@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.control.staged_program`, against the program written out in full."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
@@ -8,6 +10,7 @@ from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.staged_program import (
     LinearLimits,
     NormLimit,
+    Room,
     StagedProgram,
     TerminalLimit,
     riccati,
@@ -54,6 +57,11 @@ def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | 
         A[0, nx], A[1:, :nx] = 1.0, terminal.T
         prog.AddLorentzConeConstraint(
             A, np.concatenate([[terminal.radius], terminal.value]), np.concatenate([x[N], s]))
+    if terminal.room is not None:
+        A = np.zeros((1 + len(terminal.T), nx + 1))
+        A[0, nx], A[0, :nx], A[1:, :nx] = 1.0, terminal.room.row, terminal.T
+        prog.AddLorentzConeConstraint(
+            A, np.concatenate([[terminal.room.size], terminal.value]), np.concatenate([x[N], s]))
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None
@@ -118,6 +126,21 @@ def test_random_programs_have_the_solution_of_the_program_in_full():
              for room in (0.03, 0.3, 1.0, 100.0) for seed in range(12)]
     assert {kind: kinds.count(kind) > 5 for kind in ("free", "limited", "infeasible")} == {
         "free": True, "limited": True, "infeasible": True}
+
+
+@pytest.mark.parametrize("size", [-0.1, 0.0, 0.2])
+def test_the_end_has_to_be_where_there_is_room_for_it(size):
+    """A second bound of the same norm, which changes with the end."""
+    mattered = 0
+    for seed in range(12):
+        program = random_program(seed, 1.0)
+        row = np.random.default_rng(seed).normal(size=4)
+        inside = replace(program, terminal=program.terminal._replace(room=Room(size, row)))
+        compare(inside)
+        one, other = solve_staged(program), solve_staged(inside)
+        mattered += one is not None and other is not None and not np.allclose(
+            one.w, other.w, atol=1e-4)
+    assert mattered > 2
 
 
 def test_both_relaxations_and_more_than_one_conic_program_occur():

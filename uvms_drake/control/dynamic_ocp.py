@@ -129,8 +129,8 @@ class DynamicOcp(Ocp[DynamicPlan]):
         A[:, :size] = np.concatenate([model.dy_dy, model.dy_dzeta], axis=2)
         A[:, size:, size:] = eye
         B[:, :size], B[:, size:] = model.dy_da, h * eye
-        return self._program(A, B, self.errors(plan, model.knots.y), model.knots,
-                             self.linearised_inputs(plan, model, A, B))
+        return self._program(
+            plan, A, B, model.knots, self.linearised_inputs(plan, model, A, B))
 
     def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
                           B: np.ndarray) -> list[Inputs]:

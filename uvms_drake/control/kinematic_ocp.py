@@ -87,5 +87,4 @@ class KinematicOcp(Ocp[KinematicPlan]):
         y_z, zeta_z = self._state_z(2 * self.model.size)
         inputs = Inputs(model.knots.subset(slice(-1), plan.zeta), y_z, zeta_z,
                         np.tile(zeta_z, (self.horizon, 1, 1)))
-        return self._program(
-            model.dy_dy, model.dy_dzeta, self.errors(plan, model.knots.y), model.knots, [inputs])
+        return self._program(plan, model.dy_dy, model.dy_dzeta, model.knots, [inputs])

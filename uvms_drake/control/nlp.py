@@ -14,7 +14,7 @@ from uvms_drake.common.differentiable import differentiable
 from uvms_drake.control.ocp import TERMINAL_PENALTY, Ocp
 from uvms_drake.control.plan import P
 from uvms_drake.control.scp import Solution
-from uvms_drake.control.staged_program import StagedProgram
+from uvms_drake.control.staged_program import StagedProgram, TerminalLimit
 
 
 class NonlinearSolver(Generic[P]):
@@ -64,29 +64,50 @@ class NonlinearSolver(Generic[P]):
         program = self.ocp.staged_program(guess)
         linear = program.linear
         norms = np.concatenate([limit.bound**2 for limit in program.norms])
-        return (np.concatenate([linear.lower.ravel(), np.full(len(norms), -np.inf), [-np.inf]]),
-                np.concatenate([linear.upper.ravel(), norms, [0.0]]))
+        ends = np.zeros(1 if program.terminal.room is None else 3)
+        return (np.concatenate([linear.lower.ravel(), np.full(len(norms) + len(ends), -np.inf)]),
+                np.concatenate([linear.upper.ravel(), norms, ends]))
 
     def _constraints(self, v: np.ndarray, guess: P) -> tuple[np.ndarray, np.ndarray]:
         """Returns linear limits, squared norms and terminal set, and their Jacobian."""
         program = self.ocp.staged_program(self._plan(v, guess))
-        Z, linear, terminal = _responses(program), program.linear, program.terminal
-        end = terminal.T @ Z[-1, : terminal.T.shape[1]]
-        radius = terminal.radius + v[-1] if np.isfinite(terminal.radius) else 0.0
+        Z, linear = _responses(program), program.linear
+        ends, by_end = _terminal(program.terminal, v[-1], Z[-1, : len(program.g_end)])
         values = np.concatenate([
             linear.value.ravel(),
-            *(np.sum(limit.value**2, axis=1) for limit in program.norms),
-            [terminal.value @ terminal.value - radius**2]])
+            *(np.sum(limit.value**2, axis=1) for limit in program.norms), ends])
         jacobian = np.zeros((len(values), len(v)))
-        jacobian[:, :-1] = np.concatenate([
+        jacobian[: -len(ends), :-1] = np.concatenate([
             (linear.C @ Z).reshape(linear.value.size, -1),
             *(2.0 * np.einsum("kr,krv->kv", limit.value, limit.C @ Z)
-              for limit in program.norms),
-            2.0 * (terminal.value @ end)[None]])
-        jacobian[-1, -1] = -2.0 * radius
-        if not np.isfinite(terminal.radius):
-            values[-1], jacobian[-1] = 0.0, 0.0
+              for limit in program.norms)])
+        jacobian[-len(ends):] = by_end
         return values, jacobian
+
+
+def _terminal(terminal: TerminalLimit, s: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns ‖value‖² − (radius + s)², and with a room r likewise and −(r + s), all to be ≤ 0.
+
+    Args:
+        terminal: The terminal set.
+        s: Its slack.
+        x: ∂x_N/∂w (nx, N nw).
+
+    Returns:
+        Values (1,) or (3,), and their derivatives by w and s.
+    """
+    square, end = terminal.value @ terminal.value, 2.0 * terminal.value @ (terminal.T @ x)
+    if terminal.room is not None:
+        room, row = terminal.room.size + s, terminal.room.row @ x
+        more = [square - room**2, -room]
+        by_more = [np.append(end - 2.0 * room * row, -2.0 * room), np.append(-row, -1.0)]
+    else:
+        more, by_more = [], []
+    if np.isinf(terminal.radius):
+        return np.array([0.0, *more]), np.array([np.zeros(len(end) + 1), *by_more])
+    radius = terminal.radius + s
+    return (np.array([square - radius**2, *more]),
+            np.array([np.append(end, -2.0 * radius), *by_more]))
 
 
 def _responses(program: StagedProgram) -> np.ndarray:

@@ -21,7 +21,7 @@ A problem values a plan (`evaluate`) and makes the convex program about a plan (
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import ClassVar, Generic, NamedTuple
+from typing import ClassVar, Generic, NamedTuple, Self
 
 import numpy as np
 
@@ -142,6 +142,9 @@ VIOLATION_PENALTY = 1e3
 EXCESS_PENALTY = 1e5
 """In a convex program, cost of relaxing all softened limits by one unit; above the sum of their
 multipliers."""
+FEASIBLE = 1e-4
+"""Largest violation that a plan may have if there is another, in the unit of the limit that it
+violates; of the terminal set, in ‖ξ‖_P."""
 
 
 class Ocp(ABC, Generic[P]):
@@ -158,6 +161,12 @@ class Ocp(ABC, Generic[P]):
     """Knot at which a plan has no ζ̄ to decide."""
     has_accelerations: ClassVar[bool]
     """Whether a plan has ζ̄̇, too."""
+    strict: ClassVar[bool] = False
+    """Whether every plan has to be sound, from the first on, so that each later problem has one."""
+    tolerance: ClassVar[float] = FEASIBLE
+    """Largest violation of a sound plan."""
+    inputs_given: ClassVar[dict[str, int]] = {}
+    """Sizes of what changes the problem while it runs, by the names of ports."""
     task_cost: TaskCost
     terminal: Terminal
 
@@ -260,6 +269,18 @@ class Ocp(ABC, Generic[P]):
     def _velocities(self, plan: P) -> np.ndarray:
         """Returns ζ̄ at the knots (N+1, 6+n); of no meaning at the `given_speed` of the last."""
 
+    def is_sound(self, value: Evaluation | None, slack: float | None = None) -> bool:
+        """Returns whether a plan keeps its limits and ends within `slack` of the terminal set.
+
+        Where `slack` is left out, it is the `tolerance`.
+        """
+        return (value is not None and value.violation <= self.tolerance
+                and value.terminal_slack <= (self.tolerance if slack is None else slack))
+
+    def given(self, values: dict[str, np.ndarray]) -> Self:
+        """Returns the problem for other values of `inputs_given`, by name; some may be missing."""
+        return self
+
     def unwrapped(self, y: np.ndarray) -> np.ndarray:
         """Returns y (..., 6+n) with the Euler angles within π of the desired ones."""
         y = y.copy()
@@ -272,6 +293,14 @@ class Ocp(ABC, Generic[P]):
         error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
         return error
 
+    def terminal_radius(self, plan: P) -> float:
+        """Returns the radius of the terminal set that a plan has to end in."""
+        return self.terminal.radius
+
+    def _stage_cost(self, plan: P) -> TaskCost:
+        """Returns the task's cost of a plan."""
+        return self.task_cost
+
     def continued(self, plan: P) -> P:
         """Returns the plan one interval later, its end continued by the terminal controller."""
         y = self.unwrapped(self.model.task_pose(plan.config))
@@ -281,9 +310,9 @@ class Ocp(ABC, Generic[P]):
         """Returns the objective and the violations of a plan, nothing linearised."""
         knots, ends = self._points(plan)
         xi = self.errors(plan, knots.y)
-        stages = sum(term.value(ends[0]) for term in (self.task_cost, *self.own_terms))
+        stages = sum(term.value(ends[0]) for term in (self._stage_cost(plan), *self.own_terms))
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
-        slack = max(0.0, np.sqrt(terminal) - self.terminal.radius)
+        slack = max(0.0, np.sqrt(terminal) - self.terminal_radius(plan))
         excess = np.maximum(np.concatenate([
             each.ravel() for _, _, each in self._excesses(knots, ends)]), 0.0)
         return Evaluation(
@@ -335,19 +364,20 @@ class Ocp(ABC, Generic[P]):
                        config_y=config_y)
         return Transitions(knots, by_config @ config_y[:-1], by_zeta, by_zeta_dot)
 
-    def _program(self, A: np.ndarray, B: np.ndarray, xi: np.ndarray, knots: Points,
-                 ends: list[Inputs]) -> StagedProgram:
-        """Returns the program of a model ξ⁺ = Aξ + Bw.
+    def _program(self, plan: P, A: np.ndarray, B: np.ndarray, knots: Points, ends: list[Inputs]
+                 ) -> StagedProgram:
+        """Returns the program about a plan, of a model ξ⁺ = Aξ + Bw.
 
         Args:
+            plan: The plan.
             A: (N, nx, nx).
             B: (N, nx, nw).
-            xi: ξ at the knots (N+1, nx).
             knots: The N+1 knots.
             ends: Beginning of the intervals, and the end where the input is another one there.
         """
         points, *by_z = ends[0]
-        H, g = self.task_cost.quadratic(points, Slopes(*by_z), self.time_step)
+        xi = self.errors(plan, knots.y)
+        H, g = self._stage_cost(plan).quadratic(points, Slopes(*by_z), self.time_step)
         for term in self.own_terms:
             more_H, more_g = term.quadratic(points, Slopes(*by_z), self.time_step)
             H, g = H + more_H, g + more_g
@@ -356,7 +386,7 @@ class Ocp(ABC, Generic[P]):
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
             linear=self._linear_limits(knots, ends, width),
             norms=self._norm_limits(knots, width),
-            terminal=TerminalLimit(root, root @ xi[-1], self.terminal.radius),
+            terminal=TerminalLimit(root, root @ xi[-1], self.terminal_radius(plan)),
             slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
 
     def _linear_limits(self, knots: Points, ends: list[Inputs], width: int) -> LinearLimits:

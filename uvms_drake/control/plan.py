@@ -7,7 +7,7 @@ error is below 1e-7 rad at the speeds of an underwater vehicle and h = 0.2 s (it
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self, TypeVar
 
 import numpy as np
@@ -207,14 +207,14 @@ class DynamicPlan(Plan):
         return (advance(self.config[index], zeta, zeta_dot, duration),
                 zeta + duration * zeta_dot, zeta_dot)
 
-    def shifted(self, last_decision: np.ndarray) -> "DynamicPlan":
+    def shifted(self, last_decision: np.ndarray) -> Self:
         """Returns the plan one interval later, with this ζ̄̇ (6+n,) at its end."""
         last = advance(self.config[-1], self.zeta[-1], last_decision, self.time_step)
-        return DynamicPlan(
-            self.start_time + self.time_step, self.time_step,
-            np.concatenate([self.config[1:], last[None]]),
-            np.concatenate([self.zeta[1:], self.zeta[-1:] + self.time_step * last_decision]),
-            np.concatenate([self.zeta_dot[1:], last_decision[None]]))
+        return replace(
+            self, start_time=self.start_time + self.time_step,
+            config=np.concatenate([self.config[1:], last[None]]),
+            zeta=np.concatenate([self.zeta[1:], self.zeta[-1:] + self.time_step * last_decision]),
+            zeta_dot=np.concatenate([self.zeta_dot[1:], last_decision[None]]))
 
 
 @dataclass(frozen=True)

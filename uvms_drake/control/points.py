@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
+from uvms_drake.model.uvms_model import COMPLEX_STEP, Kinematics, UvmsModel
 
 About = Literal["pose", "speed", "input"]
 """Arguments of a function of `Points`: (𝔮, y); these and ζ; or these and u and τ too."""
@@ -51,7 +51,7 @@ class Points:
         if self.whole is not None:
             points, index = self.whole
             return points.mass_matrix[index]
-        return self.model.mass_matrix(self.model.kinematics(self.config))
+        return self.model.mass_matrix(self.kinematics)
 
     @cached_property
     def mass_matrix_rates(self) -> np.ndarray:
@@ -59,9 +59,36 @@ class Points:
         if self.whole is not None:
             points, index = self.whole
             return points.mass_matrix_rates[index]
-        moved = self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size)
-        M = self.model.mass_matrix(self.model.kinematics(moved))
+        M = self.model.mass_matrix(self.moved_kinematics)
         return np.moveaxis(M.imag / COMPLEX_STEP, -3, -1)
+
+    @cached_property
+    def tip_jacobian(self) -> np.ndarray:
+        """(..., 3, 6+n) the rows of J(𝔮) for the velocity of the end-effector, 𝔭̇ = J_𝔭 ζ."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.tip_jacobian[index]
+        return self.kinematics.J_chi[..., :3, :]
+
+    @cached_property
+    def tip_jacobian_rates(self) -> np.ndarray:
+        """(..., 3, 6+n, 6+n) ∂J_𝔭/∂𝔮, the last axis that of 𝔮; by a complex step."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.tip_jacobian_rates[index]
+        J = self.moved_kinematics.J_chi[..., :3, :]
+        return np.moveaxis(J.imag / COMPLEX_STEP, -3, -1)
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Geometry at the points."""
+        return self.model.kinematics(self.config)
+
+    @cached_property
+    def moved_kinematics(self) -> Kinematics:
+        """(..., 6+n) geometry after a complex step along each coordinate of 𝔮."""
+        return self.model.kinematics(
+            self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size))
 
     @cached_property
     def tau(self) -> np.ndarray:

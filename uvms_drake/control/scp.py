@@ -1,7 +1,8 @@
 """The fast solver of the FHOCP: sequential convex programming with exact cones.
 
 An iteration makes the convex program about the plan, solves it, and takes the longest of the steps
-1, ½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls. The limits
+1, ½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls; in a strict
+problem, only to a sound plan from one that is sound. The limits
 on what is linearised are softened by an exact penalty, so that the program has a solution whenever
 the linear limits can be kept. One iteration a sample is enough for what the closed loop needs: the
 plan is never worse than the last one continued by the terminal controller (Scokaert, Mayne and
@@ -63,11 +64,12 @@ class SequentialConvexSolver(Generic[P]):
 
     def _line_search(self, plan: P, evaluation: Evaluation, change: np.ndarray
                      ) -> tuple[P, Evaluation] | None:
-        step = 1.0
+        sound, step = self.ocp.strict and self.ocp.is_sound(evaluation), 1.0
         while step >= SHORTEST_STEP:
             candidate = plan.redone(plan.start, plan.decision + step * change)
             value = self.ocp.evaluate(candidate)
-            if value.merit < evaluation.merit:
+            if value.merit < evaluation.merit and (
+                    not sound or self.ocp.is_sound(value)):
                 return candidate, value
             step *= 0.5
         return None

@@ -6,7 +6,7 @@ A plan is changed by x_k (state) and w_k (decision), z_k = (x_k, w_k):
     s.t. x_0 = 0,  x_{k+1} = A_k x_k + B_k w_k
          lower ≤ value + C_k z_k ≤ upper       (widened by v ≥ 0 where a row is soft)
          ‖value + C z_k‖₂ ≤ bound
-         ‖value + T x_N‖₂ ≤ radius + s,  s ≥ 0
+         ‖value + T x_N‖₂ ≤ radius + s,  s ≥ 0,  and ≤ room + rowᵀx_N + s, if there is a room
 
 Without limits this is a linear-quadratic problem, and one pass of Riccati's recursion solves it. It
 also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ ‖r_k‖²,
@@ -65,12 +65,33 @@ class NormLimit(NamedTuple):
     """Largest norms (N+1,); infinite where there is no limit."""
 
 
+class Room(NamedTuple):
+    """size + rowᵀx_N."""
+
+    size: float
+    """At the plan."""
+    row: np.ndarray
+    """How it changes with x_N (nx,)."""
+
+
 class TerminalLimit(NamedTuple):
-    """‖value + T x_N‖₂ ≤ radius + s."""
+    """‖value + T x_N‖₂ ≤ radius + s, and at most what there is room for + s."""
 
     T: np.ndarray
     value: np.ndarray
     radius: float
+    room: Room | None = None
+    """None if there is room everywhere."""
+
+    def excess(self, x: np.ndarray) -> float:
+        """Returns how far the end is outside for x_N (nx,); negative inside."""
+        room = np.inf if self.room is None else self.room.size + self.room.row @ x
+        return float(np.linalg.norm(self.value + self.T @ x) - min(self.radius, room))
+
+    def near(self) -> bool:
+        """Returns whether the plan has nearly reached the boundary."""
+        room = np.inf if self.room is None else self.room.size
+        return bool(np.linalg.norm(self.value) > (1.0 - NEAR) * min(self.radius, room))
 
 
 @dataclass(frozen=True)
@@ -229,13 +250,12 @@ class _Limits:
         linear, terminal = program.linear, program.terminal
         value = linear.value + times(linear.C, z)
         room = KEPT + excess * linear.soft
-        end = terminal.value + terminal.T @ z[-1, : terminal.T.shape[1]]
         return _Limits(
             upper=value > linear.upper + room,
             lower=value < linear.lower - room,
             norms=np.array([np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
                             > limit.bound + KEPT for limit in program.norms]),
-            terminal=bool(np.linalg.norm(end) > terminal.radius + KEPT))
+            terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)
 
     @staticmethod
     def near(program: StagedProgram) -> "_Limits":
@@ -248,7 +268,7 @@ class _Limits:
             lower=linear.value - linear.lower < margin,
             norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - NEAR) * limit.bound
                             for limit in program.norms]),
-            terminal=bool(np.linalg.norm(terminal.value) > (1.0 - NEAR) * terminal.radius))
+            terminal=terminal.near())
 
 
 def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, active: _Limits
@@ -281,6 +301,8 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
     nx = terminal.T.shape[1]
     if active.terminal:
         rows.append(terminal.T @ response[-1, :nx])
+        if terminal.room is not None:
+            rows.append(terminal.room.row[None] @ response[-1, :nx])
     basis, triangle = np.linalg.qr(np.concatenate(rows).T)
     G = np.ascontiguousarray(triangle.T)
 
@@ -304,13 +326,19 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
             np.vstack([np.zeros((1, len(p))), G[first:last]]),
             np.concatenate([[bound], value]), p)
         first = last
-    # terminal set: ‖value + G p‖ ≤ radius + s
+    # terminal set: ‖value + G p‖ ≤ radius + s, and ≤ room + g p + s
     if active.terminal:
+        last = first + len(terminal.T)
         A = np.zeros((1 + len(terminal.T), len(p) + 1))
-        A[0, -1], A[1:, :-1] = 1.0, G[first:]
+        A[0, -1], A[1:, :-1] = 1.0, G[first:last]
         value = terminal.value + terminal.T @ z[-1, :nx]
         prog.AddLorentzConeConstraint(
             A, np.concatenate([[terminal.radius], value]), np.concatenate([p, s]))
+        if terminal.room is not None:
+            A[0, :-1] = G[last]
+            size = terminal.room.size + terminal.room.row @ z[-1, :nx]
+            prog.AddLorentzConeConstraint(
+                A, np.concatenate([[size], value]), np.concatenate([p, s]))
 
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():

@@ -1,5 +1,6 @@
 """Limits on the acceleration command 𝔲 and on the forces τ = M(𝔮)𝔲, channel by channel."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,6 +27,14 @@ class InputLimit(Limit):
 
     bound: np.ndarray
     """Largest size of each entry (6+n,)."""
+
+    @abstractmethod
+    def by_force(self, at: Points) -> np.ndarray:
+        """Returns ∂value/∂𝔣 (..., 6+n, 3), 𝔣 being a force of the tip on a surface, in Σ_I [N]."""
+
+    @abstractmethod
+    def by_force_rates(self, at: Points) -> np.ndarray:
+        """Returns the derivatives of `by_force` by 𝔮 (..., 6+n, 3, 6+n)."""
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∓bound."""
@@ -57,6 +66,18 @@ class Accelerations(InputLimit):
         """Returns the identity."""
         return Slopes(u=np.eye(at.model.size))
 
+    def by_force(self, at: Points) -> np.ndarray:
+        """Returns M⁻¹J_𝔭ᵀ."""
+        return np.linalg.solve(at.mass_matrix, np.swapaxes(at.tip_jacobian, -1, -2))
+
+    def by_force_rates(self, at: Points) -> np.ndarray:
+        """Returns ∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ)."""
+        change = np.swapaxes(at.tip_jacobian_rates, -2, -3) - np.einsum(
+            "...rcj,...ci->...rij", at.mass_matrix_rates, self.by_force(at))
+        shape = change.shape
+        return np.linalg.solve(
+            at.mass_matrix, change.reshape(*shape[:-2], -1)).reshape(shape)
+
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
         """Returns the radii of 𝔲."""
         return np.asarray(tube.u, dtype=float)
@@ -86,6 +107,14 @@ class Forces(InputLimit):
         """Returns M by 𝔲, and by y the derivative of M(𝔮)𝔲."""
         by_config = np.einsum("...rcj,...c->...rj", at.mass_matrix_rates, at.u)
         return Slopes(y=by_config @ at.config_y, u=at.mass_matrix)
+
+    def by_force(self, at: Points) -> np.ndarray:
+        """Returns J_𝔭ᵀ."""
+        return np.swapaxes(at.tip_jacobian, -1, -2)
+
+    def by_force_rates(self, at: Points) -> np.ndarray:
+        """Returns ∂J_𝔭ᵀ."""
+        return np.swapaxes(at.tip_jacobian_rates, -2, -3)
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
         """Returns the radii of τ, if there are any."""

@@ -1,0 +1,44 @@
+"""The cost of an artificial reference that is not where it is wanted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+
+
+@dataclass(frozen=True)
+class OffsetCost:
+    """V_o(e) = slope (√(‖e‖² + width²) − width): a norm that is smooth at zero.
+
+    Its gradient is never longer than `slope`, however far the target: the penalties of the
+    terminal set and of the limits stay above every multiplier. Let V(a) be the least of all else
+    that a plan costs, given a. Where ∇V_o = −∇V and ‖∇V‖ < slope,
+
+        ‖e‖ = width ‖∇V‖ / √(slope² − ‖∇V‖²),
+
+    so the reference is at its target, to within about `width`, as soon as what it costs to be there
+    rises by less than `slope` per metre: as exact a penalty as a norm, to within `width`.
+    """
+
+    slope: float = 100.0
+    """Cost of a metre, far from the target [1/m]."""
+    width: float = 1e-3
+    """Distance below which the cost is quadratic [m]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first parameter that has no meaning."""
+        for key in ("slope", "width"):
+            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
+
+    def value(self, e: np.ndarray) -> float:
+        """Returns V_o(e), e (3,) [m]."""
+        return float(self.slope * (np.sqrt(e @ e + self.width**2) - self.width))
+
+    def quadratic(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns H (3, 3) and g (3,): V_o(e + b) ≤ V_o(e) + gᵀb + ½ bᵀHb, equal at b = 0.
+
+        A square root lies below its tangent: √(r + t) ≤ √r + t/(2√r).
+        """
+        weight = self.slope / np.sqrt(e @ e + self.width**2)
+        return weight * np.eye(3), weight * e

@@ -1,0 +1,205 @@
+"""One FHOCP for every target: its reference moves, and is decided with the plan.
+
+Deep water is the same everywhere: without contact, drift and limits do not change under a
+translation, so P, terminal controller and set of *one* posture serve at every place. With E the
+position rows of y = (𝔭, 𝔬, q), a plan has an artificial translation a ∈ R³ of its reference, and
+
+    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R) + ‖ξ_N‖²_P + V_o(E ᵀy_des + a − target) + ρ s,
+         ξ = (y − y_des − E a, ζ)                                             (Limon et al. 2018)
+    s.t. what `DynamicOcp` asks for, inputs for all contact forces if the limits are `UnderContact`,
+         n·𝔭 ≤ x_safe and n·𝔭̇ ≤ v at all times                               (see `limits.front`)
+         ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, v/r_v, (x_safe − n·(E ᵀy_des + a))/r_x).
+
+x_safe, v and the target, the `Aim`, may be others at every sample. r_x and r_v are such that in
+F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at most r_x‖ξ‖_P beyond the reference, and
+not faster than r_v‖ξ‖_P (`tube.terminal_set` looks for a ξ where that is not so).
+
+*Every problem is feasible.* Let the last plan keep all limits and end within ρ(a), and continue it
+by the terminal controller with the same a. F is what `tube.terminal_set` makes it: there the inputs
+are within limits on the whole next interval, for all forces; so is the state; and ‖ξ‖_P does not
+grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖ξ_{N+1}‖_P ≤ ‖ξ_N‖_P ≤ ρ(a), and
+n·𝔭_{N+1} ≤ n·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_safe, likewise half an interval ahead, and
+n·𝔭̇_{N+1} ≤ r_v‖ξ_{N+1}‖_P ≤ v. So it is feasible for this `Aim`. The target is in no limit, and ρ
+does not fall where neither x_safe nor v does: it is feasible for every later `Aim` with such. A
+fixed set, kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
+could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
+
+*It goes where it is asked to.* Let `Aim` be constant and a° the best admissible place, the least of
+V_o over n·(E ᵀy_des + a) ≤ x_safe. As the continued plan costs less by h‖ξ_0‖²_Q at least, that
+sum over all samples is finite, and ξ_0 → 0 (Q > 0): the motion comes to rest at y_des + E a. From
+there a may move to a′ = a + λ(a° − a), for λ small, and the terminal controller about it is a plan
+of cost (‖ξ_0‖_P + λ‖E(a° − a)‖_P)² + V_o at most, V_o ≤ (1 − λ)V_o(a) + λV_o(a°) as it is convex. A
+plan that is no worse has
+
+    λ (V_o(a) − V_o(a°)) ≤ (‖ξ_0‖_P + λ‖E(a° − a)‖_P)² → λ² ‖E(a° − a)‖²_P,
+
+for every small λ: V_o(a) → V_o(a°). This asks of the solver a plan that is no worse than that one,
+which a converged one from there is; for a single convex program per sample the sum is finite and
+rest the only place to stay, and that it then finds a° is seen in tests, not proven.
+"""
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from uvms_drake.common.errors import require, vector
+from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.dynamic_ocp import DynamicOcp
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.limits.front import Approach, Front
+from uvms_drake.control.ocp import Evaluation, MpcConfig
+from uvms_drake.control.placed_program import with_place
+from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.points import Points
+from uvms_drake.control.staged_program import Room, StagedProgram
+from uvms_drake.control.tracking_plan import TrackingPlan
+from uvms_drake.model.uvms_model import UvmsModel
+
+HEADROOM = 1.05
+"""r_x and r_v over those of the linearisation at the reference."""
+FAR = 1000.0
+"""Distance over which model and limits are looked at for being the same everywhere [m]."""
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What a plan is asked for at one instant."""
+
+    target: np.ndarray
+    """Where the end-effector is to be, 𝔭 (3,) in Σ_I [m]."""
+    safe_depth: float = np.inf
+    """x_safe, largest n·𝔭 [m], less what the tube takes; it must never fall."""
+    speed: float = np.inf
+    """v > 0, largest n·𝔭̇ [m/s], less what the tube takes; it must never fall."""
+
+
+class TrackingOcp(DynamicOcp):
+    """The FHOCP for every target, at first that of y_des with no front.
+
+    Args:
+        model: Kinematics and dynamics, without contact.
+        mpc: Horizon and weights.
+        y_des: Posture of the reference, anywhere (6+n,).
+        limits: Those that are left to the nominal trajectory, by name, the same everywhere; on the
+            input, `UnderContact` if there may be any.
+        normal: Unit vector n (3,) in Σ_I, into the surface.
+        offset: V_o.
+    """
+
+    strict: ClassVar[bool] = True
+    tolerance: ClassVar[float] = 1e-6
+    inputs_given: ClassVar[dict[str, int]] = {"target": 3, "safe_depth": 1, "approach_speed": 1}
+
+    def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
+                 limits: dict[str, Limit], normal: np.ndarray, offset: OffsetCost | None = None):
+        super().__init__(model, mpc, y_des, limits)
+        for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
+                            ("terms", not mpc.terms)):
+            require(wanted, key, getattr(mpc, key), "left out, where the reference moves")
+        require(mpc.terminal_set, "terminal_set", mpc.terminal_set, "true, where the target moves")
+        self.normal = vector("normal", normal, 3)
+        require(bool(abs(np.linalg.norm(self.normal) - 1.0) < 1e-9), "normal", normal,
+                "a unit vector")
+        self.offset = offset or OffsetCost()
+        self.offset.check()
+        self._require_the_same_everywhere()
+        self.everywhere = limits
+        self.depth_reach, self.speed_reach = self._reaches()
+        self.aim = Aim(y_des[:3])
+
+    def _require_the_same_everywhere(self) -> None:
+        """Raises `InvalidParameter` unless model and limits do not change under a translation."""
+        model, y = self.model, self.y_des
+        config = model.configuration(y)
+        zeta, u = 0.1 * np.sin(np.arange(2 * model.size)).reshape(2, -1)
+        here = Points(model, config, y, zeta, u)
+        for shift in FAR * np.concatenate([np.eye(3), -np.eye(3)]):
+            by = np.pad(shift, (0, model.size - 3))
+            there = Points(model, config + by, y + by, zeta, u)
+            require(np.allclose(model.drift(there.config, zeta), model.drift(config, zeta)),
+                    "model", type(model).__name__, "without contact, for the reference moves")
+            for limit in self.limits.values():
+                require(np.allclose(limit.values(there), limit.values(here)),
+                        f"limits.{limit.name}", type(limit).__name__,
+                        "left out, or the same everywhere, for the reference moves")
+
+    def _reaches(self) -> tuple[float, float]:
+        """Returns r_x [m] and r_v [m/s]."""
+        size = self.model.size
+        n = np.pad(self.normal, (0, 2 * size - 3))
+        v = np.zeros(2 * size)
+        J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
+        v[size:] = self.normal @ J_x[:3]
+        inverse = np.linalg.inv(self.terminal.P)
+        here, ahead, speed = (HEADROOM * float(np.sqrt(row @ inverse @ row))
+                              for row in (n, n + 0.5 * self.time_step * v, v))
+        return max(here, ahead), speed
+
+    def aimed(self, aim: Aim) -> Self:
+        """Returns the problem of another aim; it shares all that does not depend on it."""
+        require(aim.speed > 0.0, "speed", aim.speed, "positive")
+        out, n = copy(self), self.normal
+        out.aim = aim
+        out.limits = {
+            **self.everywhere, "front": Front(n, aim.safe_depth),
+            "approach": Approach(n, aim.safe_depth, aim.speed, self.time_step)}
+        return out
+
+    def given(self, values: dict[str, np.ndarray]) -> Self:
+        """Returns the problem of what is asked for: target, safe depth and approach speed."""
+        return self.aimed(Aim(values.get("target", self.aim.target), **{
+            key: float(values[name][0]) for key, name in (
+                ("safe_depth", "safe_depth"), ("speed", "approach_speed")) if name in values}))
+
+    def resting_plan(self, time: float, state: np.ndarray) -> TrackingPlan:
+        """Returns a first guess: come to rest from (𝔮, ζ) (2(6+n),), with the reference there."""
+        plan = super().resting_plan(time, state)
+        return TrackingPlan(
+            **vars(plan), a=self.model.task_pose(plan.config[-1])[:3] - self.y_des[:3])
+
+    def reference(self, plan: DynamicPlan) -> np.ndarray:
+        """Returns y_des + E a (6+n,)."""
+        assert isinstance(plan, TrackingPlan)
+        return self.y_des + np.pad(plan.a, (0, len(self.y_des) - 3))
+
+    def errors(self, plan: DynamicPlan, y: np.ndarray) -> np.ndarray:
+        """Returns ξ = (y − y_des − E a, ζ) at the knots (N+1, 2(6+n))."""
+        return np.concatenate([y - self.reference(plan), plan.zeta], axis=1)
+
+    def terminal_radius(self, plan: DynamicPlan) -> float:
+        """Returns ρ(a)."""
+        return float(min(self._largest_radius, self._room(plan)))
+
+    @property
+    def _largest_radius(self) -> float:
+        """min(ε, v/r_v)."""
+        return min(self.terminal.radius, self.aim.speed / self.speed_reach)
+
+    def _room(self, plan: DynamicPlan) -> float:
+        """Returns (x_safe − n·(E ᵀy_des + a))/r_x."""
+        place = self.normal @ self.reference(plan)[:3]
+        return (self.aim.safe_depth - place) / self.depth_reach
+
+    def _stage_cost(self, plan: DynamicPlan) -> TaskCost:
+        return replace(self.task_cost, y_des=self.reference(plan))
+
+    def _missing(self, plan: DynamicPlan) -> np.ndarray:
+        """Returns E ᵀy_des + a − target (3,) [m]."""
+        return self.reference(plan)[:3] - self.aim.target
+
+    def evaluate(self, plan: DynamicPlan) -> Evaluation:
+        """Returns the objective, V_o in it, and the violations of a plan."""
+        value = super().evaluate(plan)
+        return replace(value, cost=value.cost + self.offset.value(self._missing(plan)))
+
+    def staged_program(self, plan: DynamicPlan) -> StagedProgram:
+        """Returns the convex program about a plan; its w are the changes of a and of ζ̄̇."""
+        program, room = super().staged_program(plan), None
+        program = replace(program, terminal=program.terminal._replace(radius=self._largest_radius))
+        if np.isfinite(self.aim.safe_depth):
+            row = np.pad(-self.normal / self.depth_reach, (2 * self.model.size, 0))
+            room = Room(self._room(plan), row)
+        return with_place(program, *self.offset.quadratic(self._missing(plan)), room)
