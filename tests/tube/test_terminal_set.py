@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.limits import bounded
 from support.terminal_checks import check_penalty, check_terminal
+from support.tracking import NORMAL, tracking_ocp
 
 from uvms_drake.control import dynamic_ocp
 from uvms_drake.control.costs.task_cost import TaskCost
@@ -18,6 +19,8 @@ from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.ocp import TERMINAL_PENALTY
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.terminal import INFLATION, terminal_ingredients
+from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
@@ -335,3 +338,77 @@ def test_the_penalty_is_inflated_and_the_controller_is_not():
     np.testing.assert_allclose(half.P, 1.5 * riccati.P, rtol=1e-12)
     np.testing.assert_allclose(default.P, (1.0 + INFLATION) * riccati.P, rtol=1e-12)
     np.testing.assert_array_equal(half.gain, riccati.gain)
+
+
+@pytest.fixture(scope="module")
+def tracking() -> TrackingOcp:
+    return tracking_ocp()
+
+
+@pytest.fixture(scope="module")
+def found_anywhere(tracking) -> tuple[float, TerminalCheck]:
+    return largest_radius(tracking)
+
+
+def test_there_is_a_terminal_set_for_all_places_and_forces(tracking, found_anywhere):
+    """The decrease does not depend on the force, nor on the place; the inputs' limits do."""
+    radius, check = found_anywhere
+    assert check.holds and radius > 0.4
+    assert {"front", "front_ahead", "approach", "u[7] pressed, most end"} <= set(check.margins)
+    free = TerminalLoop(tracking_ocp(force=0.0))
+    loop = TerminalLoop(tracking)
+    states = 0.5 * boundary_samples(tracking.terminal.P, 20, np.random.default_rng(1))
+    decrease = loop.names.index("decrease")
+    np.testing.assert_array_equal(
+        loop.margins(states)[:, decrease], free.margins(states)[:, decrease])
+    there = copy.copy(tracking)
+    there.y_des = tracking.y_des + np.pad([-50.0, 20.0, 7.0], (0, 7))
+    np.testing.assert_allclose(TerminalLoop(there).margins(states), loop.margins(states),
+                               rtol=1e-6, atol=1e-6)
+    aimed = tracking.aimed(Aim(np.zeros(3), 1.0, 0.1))
+    np.testing.assert_array_equal(TerminalLoop(aimed).margins(states), loop.margins(states))
+
+
+def test_in_that_set_the_continued_plan_keeps_front_speed_and_inputs(tracking, found_anywhere):
+    """At fresh states of sets of all sizes, the front and the speed as close as they may be.
+
+    The problem itself evaluates a plan of one interval.
+    """
+    radius, check = found_anywhere
+    rng = np.random.default_rng(83)
+    states = boundary_samples(tracking.terminal.P, 150, rng)
+    states = radius * rng.uniform(0.01, 1.0, size=(len(states), 1)) * states
+    states = np.concatenate([states, *(state[None] for state in check.worst.values())])
+    for xi in states:
+        size = np.sqrt(xi @ tracking.terminal.P @ xi)
+        a = rng.uniform(-5.0, 5.0, 3)
+        y = tracking.y_des + np.pad(a, (0, 7))
+        aim = Aim(rng.uniform(-5.0, 5.0, 3), NORMAL @ y[:3] + size * tracking.depth_reach,
+                  size * tracking.speed_reach)
+        one = tracking.aimed(aim)
+        one.horizon, one.terminal = 1, dataclasses.replace(one.terminal, radius=radius)
+        start = np.concatenate([one.model.configuration(y + xi[:10]), xi[10:]])
+        plan = TrackingPlan(**vars(DynamicPlan.from_accelerations(
+            0.0, one.time_step, *np.split(start, 2), (one.terminal.gain @ xi)[None])), a=a)
+        value = one.evaluate(plan)
+        assert max(value.violation, value.terminal_slack) <= 1e-9
+        knots, _ = one._points(plan)
+        for limit in one.limits.values():
+            assert limit.about == "input" or np.all(limit.excess(knots) <= 1e-9)
+
+
+def test_a_force_that_the_arm_cannot_hold_leaves_no_terminal_set():
+    radius, check = largest_radius(tracking_ocp(force=40.0), samples=200)
+    assert radius == 0.0
+    assert check.failures[0].startswith("u[7] pressed, least")
+
+
+def test_where_the_tip_is_beyond_its_reach_the_set_is_refused(tracking):
+    """The reach of the linearisation less a tenth: it is left however small the set is."""
+    loop = TerminalLoop(tracking)
+    assert np.all(loop.margins(0.1 * tracking.terminal.radius * boundary_samples(
+        tracking.terminal.P, 100, np.random.default_rng(3), loop.rows))[:, -3:] > 0.0)
+    short = copy.copy(tracking)
+    short.depth_reach, short.speed_reach = 0.9 * short.depth_reach, 0.9 * short.speed_reach
+    check = check_terminal(short, 0.01)
+    assert {"front", "approach"} <= set(check.failures)

@@ -167,6 +167,8 @@ class Ocp(ABC, Generic[P]):
     """Largest violation of a sound plan."""
     inputs_given: ClassVar[dict[str, int]] = {}
     """Sizes of what changes the problem while it runs, by the names of ports."""
+    reach_names: ClassVar[tuple[str, ...]] = ()
+    """Names of the values that `reached` returns."""
     task_cost: TaskCost
     terminal: Terminal
 
@@ -292,6 +294,18 @@ class Ocp(ABC, Generic[P]):
         error = self.model.task_pose(config) - self.y_des
         error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
         return error
+
+    @property
+    def lasting_limits(self) -> dict[str, Limit]:
+        """Limits that are never others, which a terminal set has to keep."""
+        return self.limits
+
+    def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns m values (..., m), and what multiples (m,) of ‖ξ‖_P they may be at most there.
+
+        They are zero at ξ = 0, and other than limits they are so for every radius of the set.
+        """
+        return np.empty((*at.config.shape[:-1], 0)), np.empty(0)
 
     def terminal_radius(self, plan: P) -> float:
         """Returns the radius of the terminal set that a plan has to end in."""

@@ -92,6 +92,7 @@ class TrackingOcp(DynamicOcp):
     strict: ClassVar[bool] = True
     tolerance: ClassVar[float] = 1e-6
     inputs_given: ClassVar[dict[str, int]] = {"target": 3, "safe_depth": 1, "approach_speed": 1}
+    reach_names: ClassVar[tuple[str, ...]] = ("front", "front_ahead", "approach")
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit], normal: np.ndarray, offset: OffsetCost | None = None):
@@ -106,7 +107,7 @@ class TrackingOcp(DynamicOcp):
         self.offset = offset or OffsetCost()
         self.offset.check()
         self._require_the_same_everywhere()
-        self.everywhere = limits
+        self._lasting = limits
         self.depth_reach, self.speed_reach = self._reaches()
         self.aim = Aim(y_des[:3])
 
@@ -144,7 +145,7 @@ class TrackingOcp(DynamicOcp):
         out, n = copy(self), self.normal
         out.aim = aim
         out.limits = {
-            **self.everywhere, "front": Front(n, aim.safe_depth),
+            **self._lasting, "front": Front(n, aim.safe_depth),
             "approach": Approach(n, aim.safe_depth, aim.speed, self.time_step)}
         return out
 
@@ -153,6 +154,19 @@ class TrackingOcp(DynamicOcp):
         return self.aimed(Aim(values.get("target", self.aim.target), **{
             key: float(values[name][0]) for key, name in (
                 ("safe_depth", "safe_depth"), ("speed", "approach_speed")) if name in values}))
+
+    @property
+    def lasting_limits(self) -> dict[str, Limit]:
+        """All but those of the front."""
+        return self._lasting
+
+    def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns how deep the tip is, here and half an interval ahead, and how fast; r_x, r_v."""
+        here = self.normal @ self.y_des[:3]
+        depth = Front(self.normal, np.inf).values(at) - here
+        ahead = Approach(self.normal, np.inf, np.inf, self.time_step).values(at) - [here, 0.0]
+        return (np.concatenate([depth, ahead], axis=-1),
+                np.array([self.depth_reach, self.depth_reach, self.speed_reach]))
 
     def resting_plan(self, time: float, state: np.ndarray) -> TrackingPlan:
         """Returns a first guess: come to rest from (𝔮, ζ) (2(6+n),), with the reference there."""

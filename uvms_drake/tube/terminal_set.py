@@ -7,12 +7,14 @@ controller, ζ̄̇ = gain · ξ of a dynamic and ζ̄ = gain · ξ of a kinemati
     V(ξ⁺) − V(ξ) ≤ −ℓ(ξ)        so that the optimal cost falls from sample to sample, and
     all nominal limits          so that a plan that ends in F can be continued in F.
 
-The first makes F invariant, so limits on the state are asked for in F, those on the input for the
-whole interval that starts at ξ. Conditions that are linear or conic in ξ have a closed form
-(`linear_radius`). The others are checked on the nonlinear map: at samples on the boundary and
-inside, among them the support points of every limit, and at local minima of the margins that a
-nonlinear program finds from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It
-is a search for a counterexample that finds none, not a proof.
+The first makes F invariant, and all smaller sets ‖ξ‖_P ≤ ρ; a problem that ends in one of those
+asks of some values that they be at most a multiple of ‖ξ‖_P, too (`Ocp.reached`). So limits on the
+state are asked for in F, those on the input for the whole interval that starts at ξ. Conditions
+that are linear or conic in ξ have a closed form (`linear_radius`). The others are checked on the
+nonlinear map: at samples on the boundary and inside, among them the support points of every limit,
+and at local minima of the margins that a nonlinear program finds from the worst samples; as ξ → 0,
+by an eigenvalue of the linearisation. It is a search for a counterexample that finds none, not a
+proof.
 """
 
 from dataclasses import dataclass
@@ -88,7 +90,7 @@ class TerminalLoop:
         least = float(np.linalg.eigvalsh(self.P)[0])
         require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
         self.inverse = np.linalg.inv(self.P)
-        limits = ocp.limits.values()
+        limits = ocp.lasting_limits.values()
         self.closed_forms = {limit.name: form for limit in limits
                              if (form := limit.closed_form(ocp.model.size)) is not None}
         self.inputs = [limit for limit in limits if limit.about == "input"]
@@ -96,11 +98,11 @@ class TerminalLoop:
                         if limit.about != "input" and limit.name not in self.closed_forms]
         self.names = (DECREASE, *(f"{part} {end}" for limit in self.inputs
                                   for end in ("begin", "end") for part in limit.parts),
-                      *(part for limit in self.sampled for part in limit.parts))
+                      *(part for limit in self.sampled for part in limit.parts), *ocp.reach_names)
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
         after, w, begin, end = ocp.move(step[:, :size], step[:, size:])
-        moved = (item.imag.T / COMPLEX_STEP for item in (
-            after, w, self._limited("values", begin, end)))
+        moved = (item.imag.T / COMPLEX_STEP for item in (after, w, np.concatenate(
+            [self._limited("values", begin, end), ocp.reached(begin)[0]], axis=-1)))
         (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
         self.closed, self.input_rows, self.rows = (
             by_xi + by_decision @ self.gain for by_xi, by_decision in ((A, B), (C, D), (E, F)))
@@ -119,7 +121,9 @@ class TerminalLoop:
         stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
         decrease = (_square(xi, self.P) - _square(after, self.P)) / stage - 1.0
         left = 1.0 - self._limited("used", begin, end)
-        return np.concatenate([decrease[..., None], left], axis=-1)
+        reached, per = ocp.reached(begin)
+        near = 1.0 - reached / (per * np.sqrt(_square(xi, self.P))[..., None])
+        return np.concatenate([decrease[..., None], left, near], axis=-1)
 
     def margin_at_rest(self) -> float:
         """Returns the smallest (V − V⁺)/ℓ − 1 as ξ → 0, a generalised eigenvalue."""
