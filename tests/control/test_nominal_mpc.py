@@ -14,7 +14,6 @@ from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.nominal_mpc import (
     DROPPED,
     FAILED,
-    FEASIBLE,
     KEPT,
     LATE,
     MPC_REPORT,
@@ -23,6 +22,7 @@ from uvms_drake.control.nominal_mpc import (
     NominalMpc,
     Targets,
 )
+from uvms_drake.control.ocp import FEASIBLE
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.model.uvms_model import configuration_rate
 

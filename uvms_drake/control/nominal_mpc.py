@@ -21,17 +21,13 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.ocp import Evaluation, Ocp
+from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.why_no_plan import why_no_plan
 
 FIRST_SOLVE_ITERATIONS = 50
 """Largest number of iterations of the first solve, which starts from a plan that goes nowhere."""
-FEASIBLE = 1e-4
-"""Largest violation that a plan may have if there is another, in the unit of the limit that it
-violates; of the terminal set, in ‖ξ‖_P."""
-
 REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
@@ -64,11 +60,6 @@ class Targets(NamedTuple):
     """𝔉_des at the start (6,) [N, N m]."""
     ocp: Callable[[np.ndarray], Ocp]
     """Function from another 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
-
-
-def _is_sound(value: Evaluation | None, slack: float) -> bool:
-    """Returns whether a plan keeps its limits and ends within `slack` of the terminal set."""
-    return value is not None and value.violation <= FEASIBLE and value.terminal_slack <= slack
 
 
 @dataclass(frozen=True)
@@ -117,6 +108,11 @@ class NominalMpc(LeafSystem):
     feasible before makes it so after: a checked terminal set that the last plan reached (slack
     zero), and plans that start at the nominal state.
 
+    What a problem says by `inputs_given` that may change, as a target may with a `TrackingOcp`, has
+    a port of its own, is read at every sample, and costs nothing. It is left as it was where a port
+    is not connected. A contact between two samples is planned for at the next one: the knots of the
+    plan, at which limits hold and by which it is continued, are the sampling instants.
+
     .. pydrake_system::
 
         name: NominalMpc
@@ -124,6 +120,9 @@ class NominalMpc(LeafSystem):
         - state
         - fault (optional)
         - desired_force (optional, with targets)
+        - target (optional, with a TrackingOcp)
+        - safe_depth (optional, with a TrackingOcp)
+        - approach_speed (optional, with a TrackingOcp)
         output_ports:
         - nominal_state
         - nominal_acceleration (with a DynamicOcp)
@@ -143,6 +142,8 @@ class NominalMpc(LeafSystem):
     - `plan`: the current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
     - `solve_seconds`: wall time of the last step [s]; not reproducible, unlike all else.
+    - `target` (3), `safe_depth` (1), `approach_speed` (1): the `Aim` [m, m, m/s]. Every problem is
+      feasible as long as the latter two never fall.
     - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
 
     The state is one abstract `MpcMemory`. The computation takes no simulated time.
@@ -170,6 +171,8 @@ class NominalMpc(LeafSystem):
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
             self.DeclareVectorOutputPort(
                 "accepted_force", 6, self._calc_force, {self.abstract_state_ticket(self._memory)})
+        self._given_ports = {name: self.DeclareVectorInputPort(name, size)
+                             for name, size in self._ocp.inputs_given.items()}
         # Events, and the nominal trajectory as a cache entry.
         self.DeclareInitializationUnrestrictedUpdateEvent(self._plan_first)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._ocp.time_step, 0.0, self._plan_again)
@@ -211,13 +214,15 @@ class NominalMpc(LeafSystem):
         measured = self._state_port.Eval(context)
         if not np.all(np.isfinite(measured)):
             raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
-        guess = self._ocp.resting_plan(now, measured)
-        solution = self._solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        if solution.plan is None or not _is_sound(solution.evaluation, np.inf):
-            why = why_no_plan(self._ocp, guess, solution.plan, FEASIBLE)
+        solver = self._current(context, self._initial)
+        guess = solver.ocp.resting_plan(now, measured)
+        solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
+        slack = REACHED if solver.ocp.strict else np.inf
+        if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
+            why = why_no_plan(solver.ocp, guess, solution.plan, solver.ocp.tolerance)
             raise RunFailed(f"the nominal MPC has no solution at the start: {why}")
         return self._remember(
-            state, self._initial, now, SOLVED, solution, solution.plan, started)
+            context, state, self._initial, SOLVED, solution, solution.plan, started)
 
     def _goes_on(self, memory: MpcMemory, now: float) -> bool:
         """Returns whether an initialized Context goes on with its plan, as a clone of a run does.
@@ -239,30 +244,30 @@ class NominalMpc(LeafSystem):
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
         fault = self._fault(context)
         if fault == DROPPED:
-            return self._pass_over(state, self._recall(context), now, started)
+            return self._pass_over(context, state, self._recall(context), started)
         memory = self._asked(context)
         guess = self._guess(context, memory)
         force, solution, status = memory.force, NOTHING, fault
         if fault == SOLVED:
-            force, solution, status = self._solve(memory, guess)
+            force, solution, status = self._solve(context, memory, guess)
         deadline = self._ocp.deadline
         if status == SOLVED and deadline is not None and time.perf_counter() - started > deadline:
             status = LATE
         if status != SOLVED:
             force, solution = memory.force, replace(solution, plan=None, evaluation=None)
-        return self._remember(state, replace(memory, force=force), now, status, solution,
+        return self._remember(context, state, replace(memory, force=force), status, solution,
                               solution.plan or guess, started)
 
     def _fault(self, context: Context) -> int:
         return int(self._fault_port.Eval(context)[0]) if self._fault_port.HasValue(context) \
             else SOLVED
 
-    def _pass_over(self, state: State, memory: MpcMemory, now: float, started: float
+    def _pass_over(self, context: Context, state: State, memory: MpcMemory, started: float
                    ) -> EventStatus:
         """Leaves the plan as it is, but for an end that comes before the next sample."""
-        plan = memory.plan
+        plan, now = memory.plan, context.get_time()
         assert plan is not None
-        ocp = self._current(memory).ocp
+        ocp = self._current(context, memory).ocp
         while plan.start_time + ocp.horizon * plan.time_step < now + 0.5 * plan.time_step:
             plan = ocp.continued(plan)
         report = memory.report.copy()
@@ -281,7 +286,7 @@ class NominalMpc(LeafSystem):
 
     def _guess(self, context: Context, memory: MpcMemory) -> Plan:
         """Returns the last plan continued to now, from where a new one is to start."""
-        plan, ocp = memory.plan, self._current(memory).ocp
+        plan, ocp = memory.plan, self._current(context, memory).ocp
         assert plan is not None
         guess = ocp.continued(plan)
         while guess.start_time < context.get_time() - 0.5 * plan.time_step:
@@ -292,18 +297,20 @@ class NominalMpc(LeafSystem):
                 guess = guess.redone(measured, guess.decision)
         return guess
 
-    def _solve(self, memory: MpcMemory, guess: Plan) -> tuple[np.ndarray, Solution, int]:
+    def _solve(self, context: Context, memory: MpcMemory, guess: Plan
+               ) -> tuple[np.ndarray, Solution, int]:
         """Returns 𝔉_des (6,) of a new plan, the solution for it, and the outcome of the sample."""
         solution = self._retargeted(memory, guess)
         if solution is not None:
             return memory.asked, solution, SOLVED
-        solver = self._current(memory)
-        solution = solver.solve(guess, solver.ocp.iterations)
+        solver = self._current(context, memory)
+        ocp = solver.ocp
+        solution = solver.solve(guess, ocp.iterations)
         if solution.plan is None:
             return memory.force, solution, FAILED
-        slack = FEASIBLE if solver.ocp.ends_at_task else np.inf
-        better = _is_sound(solution.evaluation, slack) or not _is_sound(
-            solver.ocp.evaluate(guess), slack)
+        slack = ocp.tolerance if ocp.ends_at_task else np.inf
+        better = ocp.is_sound(solution.evaluation, slack) or not ocp.is_sound(
+            ocp.evaluate(guess), slack)
         return memory.force, solution, SOLVED if better else KEPT
 
     def _retargeted(self, memory: MpcMemory, guess: Plan) -> Solution | None:
@@ -315,13 +322,15 @@ class NominalMpc(LeafSystem):
         if solver is None:
             return None
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        return solution if _is_sound(solution.evaluation, REACHED) else None
+        return solution if solver.ocp.is_sound(solution.evaluation, REACHED) else None
 
-    def _current(self, memory: MpcMemory) -> SequentialConvexSolver:
-        """Returns the solver of the problem whose plan it is."""
+    def _current(self, context: Context, memory: MpcMemory) -> SequentialConvexSolver:
+        """Returns the solver of the problem whose plan it is, for what is given now."""
         solver = self._solver_of(memory.force)
         assert solver is not None  # It made the plan.
-        return solver
+        given = {name: port.Eval(context) for name, port in self._given_ports.items()
+                 if port.HasValue(context)}
+        return SequentialConvexSolver(solver.ocp.given(given)) if given else solver
 
     def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver | None:
         """Returns the solver of the problem of a desired force (6,), or None if there is none.
@@ -339,9 +348,10 @@ class NominalMpc(LeafSystem):
         except (InvalidParameter, np.linalg.LinAlgError):
             return None
 
-    def _remember(self, state: State, old: MpcMemory, now: float, status: int,
+    def _remember(self, context: Context, state: State, old: MpcMemory, status: int,
                   solution: Solution, plan: Plan, started: float) -> EventStatus:
-        value = solution.evaluation or self._current(old).ocp.evaluate(plan)
+        now = context.get_time()
+        value = solution.evaluation or self._current(context, old).ocp.evaluate(plan)
         report = np.array([now, float(status), value.cost, value.terminal_slack,
                            value.violation, solution.iterations,
                            float(not np.array_equal(old.asked, old.force))])
