@@ -16,6 +16,7 @@ limits: {{static_force: null}}
 simulator: {{max_step_size: 0.01}}
 task: {{force: {force}}}
 surface: !ShapedSurface
+  creep: 0.04
   {surface}
 """
 SURFACES = {
@@ -26,14 +27,15 @@ SURFACES = {
 
 
 def scenario_of(path, name):
-    """Writes a file in which the tip starts at rest, 5 mm off the surface, and loads it."""
+    """Writes a file in which the tip starts at rest, 5 mm off the task and aside, and loads it."""
     path.write_text(FILE.format(force=[20.0, 0, 0, 0, 0, 0], surface=SURFACES[name]))
     surface = load_scenario(str(path)).surface
     _, into = surface.geometry.depth_and_gradient(np.zeros(3))
     force = 20.0 * into / np.linalg.norm(into)
     path.write_text(FILE.format(force=[*force.tolist(), 0, 0, 0], surface=SURFACES[name]))
     ocp = make_ocp(load_scenario(str(path)))
-    off = ocp.y_des[:3] - (surface.geometry.depth(ocp.y_des[:3]) + 0.005) * force / 20.0
+    lengths = surface.geometry.local_lengths(surface.geometry.local(ocp.y_des[:3]))
+    off = surface.geometry.point_at(lengths + [0.02, 0.02], -0.005)
     config = ocp.model.configuration(np.concatenate([off, ocp.y_des[3:]]))
     with path.open("a") as file:
         file.write(f"start: {{eta: {config[:6].tolist()}, q: {config[6:].tolist()}}}\n")

@@ -1,16 +1,23 @@
 """Tests of `uvms_drake.station.step`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.primitives import LinearSystem
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.surface.geometry import Plane
+from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.model.surface.shaped import ShapedSurface
+from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import load_scenario, shipped_scenarios
 from uvms_drake.station.step import (
     ACCURACY,
     check_step,
     floored,
+    friction_rate,
     largest_step,
     loop_rates,
     step_error,
@@ -61,6 +68,44 @@ def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they
         "a rate of 200 1/s, and longer steps make errors of their own")
     shorter = load_scenario("girona500_contact", [*gains, "simulator.max_step_size=0.0055"])
     check_step(shorter, model)
+
+
+def sliding(friction, speed):
+    """Returns a scenario of a rough plane, the robot at its task in contact, and eigenvalues.
+
+    They are those of the accelerations by the velocities [1/s], while the tip slides the way in
+    which it is moved most easily.
+    """
+    scenario = load_scenario("girona500_contact", ["limits.static_force=null"])
+    scenario.surface = ShapedSurface(Plane(), Linear(), 0.0, friction, 0.01)
+    model = load_model(scenario)
+    config = model.configuration(make_ocp(scenario, model).y_des)
+    J, M = model.task_jacobian(config)[:3], model.mass_matrix(model.kinematics(config))
+    mobility, ways = np.linalg.eigh((J @ np.linalg.solve(M, J.T))[1:, 1:])
+    push = np.linalg.solve(M, J.T) @ np.append(0.0, ways[:, -1])
+    zeta, h = speed / mobility[-1] * push, 1e-7
+    columns = [(model.drift(config, zeta + h * e) - model.drift(config, zeta - h * e)) / (2.0 * h)
+               for e in np.eye(model.size)]
+    return scenario, model, config, np.linalg.eigvals(np.array(columns).T)
+
+
+def test_the_rate_of_friction_is_that_of_a_tip_that_slides_at_half_its_creep():
+    """In the dynamics without a controller; the tip is heavier across the wall than along it."""
+    scenario, model, config, rates = sliding(0.3, 0.005)
+    rate = friction_rate(scenario, model, config)
+    assert 0.75 * rate < np.max(np.abs(rates)) <= 1.02 * rate
+    *_, at_rest = sliding(0.3, 0.0)
+    assert np.max(np.abs(at_rest)) < 0.1 * rate
+
+
+def test_friction_that_the_step_is_too_long_for_is_refused():
+    slow = "surface=!ShapedSurface {friction: 0.3, creep: 0.005}"
+    scenario = load_scenario("girona500_contact", [slow, "limits.static_force=null"])
+    model = load_model(scenario)
+    with pytest.raises(InvalidParameter, match=r"^simulator\.max_step_size = 0\.02: must be at "
+                       r"most 0\.00\d+ s with runge_kutta3: the loop has a rate of \d+ 1/s, and"):
+        check_step(scenario, model)
+    check_step(replace(scenario, surface=ShapedSurface(friction=0.3, creep=0.2)), model)
 
 
 def test_a_step_is_rounded_down():

@@ -68,7 +68,7 @@ class Task:
     force: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
     pose: np.ndarray | None = None
-    """Pose χ on the surface for the coordinates that 𝔉_des leaves free (unilateral plane only)."""
+    """Pose χ on the surface for the coordinates that 𝔉_des leaves free; of a spring, none."""
     posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Joint angles q_des [rad], which resolve the redundancy of vehicle and arm."""
     force_tolerance: float = 2.0

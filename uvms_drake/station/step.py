@@ -3,7 +3,7 @@
 A fixed step h multiplies what decays like exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's
 stability function. A gain k for which kh is too large is then no property of the law, but of h.
 The rates λ are the eigenvalues of the loop itself, with plant, law and surface, linearised at
-the task, in contact, where nothing deviates.
+the task, in contact, where nothing deviates, and that of friction.
 """
 
 import math
@@ -17,7 +17,8 @@ from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.motions import make_ocp, motion_of
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario import Scenario, Start
 
 ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_shampine3": 3,
@@ -68,6 +69,21 @@ def loop_rates(station: Diagram, context: Context) -> np.ndarray:
     return np.linalg.eigvals(np.array(columns).T)
 
 
+def friction_rate(scenario: Scenario, model: ContactModel, config: np.ndarray) -> float:
+    """Returns the largest rate of the friction on the tip at 𝔮 (6+n,) and the task's force [1/s].
+
+    It is the largest slope of friction by speed times the tip's mobility, the largest eigenvalue of
+    J_p M⁻¹ J_pᵀ. At rest that slope is zero, so the loop's eigenvalues there do not show it. A law
+    that is told of the friction cancels it; it is counted all the same.
+    """
+    if not motion_of(scenario).has_forces:
+        return 0.0
+    J, M = model.task_jacobian(config)[:3], model.mass_matrix(model.kinematics(config))
+    mobility = float(np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))[-1])
+    force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
+    return mobility * true_surface(scenario).slip_damping(force)
+
+
 def check_step(scenario: Scenario, model: ContactModel) -> None:
     """Raises `InvalidParameter` if a fixed step is too long for the loop of a scenario.
 
@@ -90,7 +106,8 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
         simulator.Initialize()
     except RunFailed:
         return
-    rates = loop_rates(station, simulator.get_mutable_context())
+    rates = np.append(loop_rates(station, simulator.get_mutable_context()),
+                      -friction_rate(scenario, model, config))
     largest = largest_step(settings.integration_scheme, rates)
     step = min(settings.max_step_size, scenario.log_period, scenario.mpc.time_step)
     fastest = float(np.max(np.abs(rates)))

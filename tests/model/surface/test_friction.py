@@ -8,7 +8,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.model.surface.friction import coulomb, slip_factor
+from uvms_drake.model.surface.friction import STEEPEST, coulomb, slip_factor
 
 MU, CREEP = 0.35, 0.004
 
@@ -82,3 +82,9 @@ def test_a_complex_step_gives_the_derivative(speed):
         finite = (coulomb(velocity + h * direction, MU, CREEP)
                   - coulomb(velocity - h * direction, MU, CREEP)) / (2.0 * h)
         np.testing.assert_allclose(exact, finite, atol=1e-4 * MU / CREEP)
+
+
+def test_the_steepest_slope_is_what_it_is_said_to_be():
+    speeds = np.linspace(0.0, 1.5 * CREEP, 3001)
+    slopes = np.diff([force(speed) for speed in speeds]) / np.diff(speeds)
+    assert np.max(slopes) == pytest.approx(STEEPEST * MU / CREEP, rel=1e-5)

@@ -7,6 +7,9 @@ creep: what would stick moves at up to v_s, for ρ grows from zero at rest.
 
 import numpy as np
 
+STEEPEST = 1.875
+"""Largest ρ′, at x = 1/2."""
+
 
 def slip_factor(slip: np.ndarray) -> np.ndarray:
     """Returns ρ(x)/x (...) at the slip x = v/v_s ≥ 0 (...); zero at rest."""

@@ -119,6 +119,13 @@ class Surface(ABC):
         """
         return None
 
+    def slip_damping(self, force: float) -> float:
+        """Returns the largest slope of friction by the tip's speed [N s/m], at a static force [N].
+
+        By default there is no friction.
+        """
+        return 0.0
+
     def penetration_for(self, force: float) -> float | None:
         """Returns the penetration at a static force [N], or None if it takes more to tell."""
         return None

@@ -6,7 +6,7 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.model.euler import COMPLEX_STEP
-from uvms_drake.model.surface.friction import coulomb
+from uvms_drake.model.surface.friction import STEEPEST, coulomb
 from uvms_drake.model.surface.geometry import AnyGeometry, Plane
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.normal_law import AnyNormalLaw, Linear
@@ -100,9 +100,9 @@ class ShapedSurface(Surface):
             if np.linalg.norm(force[:3] - there) <= ACCURACY * size:
                 return np.concatenate([position, pose[3:]])
             position = position + np.linalg.pinv(stiffness, FREE) @ (force[:3] - there)
-        push, _ = self._static(start)
+        _, into = self.geometry.depth_and_gradient(start)
         raise InvalidParameter("force", force, "along a normal of the surface near the pose, which "
-                               f"is {np.round(push / np.linalg.norm(push), 4).tolist()} there")
+                               f"is {np.round(into / np.linalg.norm(into), 4).tolist()} there")
 
     def _static(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the force at rest (3,) [N], and its derivative by the position (3, 3) [N/m]."""
@@ -114,6 +114,10 @@ class ShapedSurface(Surface):
     def penetration_for(self, force: float) -> float | None:
         """Returns the law's depth at a force [N] where ‖∇δ‖ = 1."""
         return self.law.depth_for(force) if self.geometry.is_distance else None
+
+    def slip_damping(self, force: float) -> float:
+        """Returns that at half of v_s."""
+        return STEEPEST * self.friction * force / self.creep
 
     def force_jacobian(self) -> np.ndarray:
         """Raises: it takes a reach to say; see `membership`."""

@@ -112,7 +112,7 @@ def test_along_the_axis_of_a_cylinder_no_normal_turns():
     (Cylinder(axis=np.array([0.6, 0.0, 0.8])), r"^axis = .*: must be perpendicular to the normal$"),
     (Cylinder(radius=0.0), r"^radius = 0\.0: must be positive$"),
     (Bumpy(amplitude=-1.0), r"^amplitude = -1\.0: must be positive$"),
-    (Bumpy(wavelength=np.inf), r"^wavelength = inf: must be positive$"),
+    (Bumpy(wavelength=np.inf), r"^wavelength = inf: must be from 0\.001 to 1000 m$"),
     (Bumpy(seed=-1), r"^seed = -1: must be zero or positive$"),
     (Bumpy(amplitude=0.2, wavelength=0.1),
      r"^amplitude = 0\.2: must be at most 0\.0\d+ m, a slope of 1 with wavelengths from 0\.1 m")])

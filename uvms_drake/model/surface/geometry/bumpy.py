@@ -13,6 +13,8 @@ WAVES = 12
 """Number of cosines of a height."""
 LONGEST = 4.0
 """Longest wavelength over the shortest."""
+SHORTEST = 0.001
+"""Shortest wavelength that is accepted [m]; a tip does not fit in shorter ones."""
 STEEPEST = 1.0
 """Largest slope that is accepted."""
 
@@ -67,9 +69,9 @@ class Bumpy(DirectedGeometry):
 
     def checked(self) -> "Bumpy":
         """Returns the shape with arrays, or raises."""
-        for key in ("amplitude", "wavelength"):
-            value = getattr(self, key)
-            require(bool(0.0 < value < np.inf), key, value, "positive")
+        require(bool(0.0 < self.amplitude < np.inf), "amplitude", self.amplitude, "positive")
+        require(bool(SHORTEST <= self.wavelength <= 1e6 * SHORTEST), "wavelength", self.wavelength,
+                f"from {SHORTEST:g} to {1e6 * SHORTEST:g} m")
         require(self.seed >= 0, "seed", self.seed, "zero or positive")
         require(self.slope <= STEEPEST, "amplitude", self.amplitude,
                 f"at most {STEEPEST * self.amplitude / self.slope:.3g} m, a slope of {STEEPEST:g} "
