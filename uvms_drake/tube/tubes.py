@@ -6,10 +6,15 @@ rows of the extended task) and R = ‖𝔯‖,
     D⁺E ≤ −a E + g R,        D⁺R ≤ G E − b R + d̃,        g, G ≥ 0.                          (1)
 
 *Comparison lemma.* Let (x_E, x_R) solve (1) with equality from (E, R)(0). Then E ≤ x_E, R ≤ x_R at
-all later times. Proof: let x^ε solve it with ε added to both right-hand sides and both initial
-values. If E or R reached x^ε for the first time at t, say E, then E = x_E^ε, R ≤ x_R^ε, and since
-g ≥ 0 (the right-hand side is quasi-monotone), D⁺E ≤ −a x_E^ε + g x_R^ε < d/dt x_E^ε: E was above
-x_E^ε just before t, a contradiction. As ε → 0, x^ε → x. ∎
+all later times. Proof: E and R are norms of solutions, so they are absolutely continuous and (1)
+holds of their derivatives almost everywhere, also for a d that is merely measurable. Consider
+w = (E − x_E)₊ + (R − x_R)₊, (·)₊ = max(·, 0). Where E > x_E, since g ≥ 0 (the right-hand side is
+quasi-monotone),
+
+    d/dt (E − x_E) ≤ −a(E − x_E) + g(R − x_R) ≤ |a|(E − x_E)₊ + g(R − x_R)₊,
+
+and elsewhere d/dt (E − x_E)₊ = 0 almost everywhere; likewise for R with G ≥ 0. So w(0) = 0 and
+ẇ ≤ (|a| + |b| + g + G) w almost everywhere: w = 0 by Grönwall. ∎
 
 *Monotone.* From zero, dx/dt = e^{At}(0, d̃) with A = [−a g; G −b]. Off its diagonal A is not
 negative, so neither is e^{At}: x rises, to −A⁻¹(0, d̃) if A is stable, that is if a + b > 0 and

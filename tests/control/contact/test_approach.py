@@ -12,6 +12,8 @@ from uvms_drake.control.contact.approach import (
     stopping_distance,
     stopping_room,
 )
+from uvms_drake.control.contact.front import apex
+from uvms_drake.control.contact.surface_class import SurfaceClass
 
 GRIDS = [(0.2, 0.2), (0.1, 0.05), (0.5, 1.3)]
 
@@ -75,6 +77,21 @@ def test_limits_at_knots_alone_are_left_between_them():
         assert np.max(x) <= max(x[0], x[-1], between_knots(x0, v0, h)) + 1e-12
 
 
+@pytest.mark.parametrize("jerk", [-3.0, 3.0])
+def test_what_an_acceleration_that_changes_adds(jerk):
+    """Between the knots (2/81) h³j, attained by jt²(h − t)/6; of the way of an interval h³j/12."""
+    h = 0.2
+    t = np.linspace(0.0, h, 3001)
+    bulge = jerk * t**2 * (h - t) / 6.0
+    assert np.max(np.abs(bulge)) == pytest.approx(2.0 / 81.0 * h**3 * abs(jerk))
+    for x0, v0, a0 in np.random.default_rng(5).uniform(-1.0, 1.0, (200, 3)):
+        x = x0 + v0 * t + 0.5 * a0 * t**2 + jerk / 6.0 * t**3
+        most = max(x[0], x[-1], between_knots(x0, v0, h)) + 2.0 / 81.0 * h**3 * abs(jerk)
+        assert np.max(x) <= most + 1e-12
+        v = v0 + a0 * h + 0.5 * jerk * h**2
+        assert abs(x[-1] - x0 - 0.5 * h * (v0 + v)) == pytest.approx(h**3 * abs(jerk) / 12.0)
+
+
 @pytest.mark.parametrize(("step", "deceleration"), GRIDS)
 @pytest.mark.parametrize("reaction", [0.0, 0.03, 0.3])
 def test_no_speed_is_larger_that_can_be_stopped_in_time(step, deceleration, reaction):
@@ -125,6 +142,17 @@ def test_a_bias_takes_twice_from_the_room():
 
     assert end(stopping_room(force_max, nu, kappa, margin)) == pytest.approx(front)
     assert end((force_max - nu) / kappa - 2.0 * margin) > front + 4e-4
+
+
+def test_a_tip_that_swings_back_hides_more_from_the_room():
+    """The front after a reading of 0 N + ν of a tip that retreats with 0.1 m/s at c₊ = 2 s/m."""
+    surface = SurfaceClass(np.array([1.0, 0.0, 0.0]), 2000.0, dissipation=2.0)
+    point, velocity = np.zeros((1, 3)), np.array([[-0.1, 0.0, 0.0]])
+    front = apex(surface, point, velocity, np.array([1.0, 0.0, 0.0]), 45.0, 1.0)[0]
+    room = stopping_room(45.0, 1.0, 2000.0, 2.4e-3, retreat=0.2)
+    assert room == pytest.approx(front - 2.0 * 2.4e-3)
+    assert room < stopping_room(45.0, 1.0, 2000.0, 2.4e-3)
+    assert approach_speed(stopping_room(45.0, 1.0, 2000.0, 0.0, retreat=1.0), 0.2, 0.2, 0.0) == 0.0
 
 
 @pytest.mark.parametrize("approach", [0.0, 0.005, 0.03, 0.2])

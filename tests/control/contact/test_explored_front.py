@@ -41,11 +41,11 @@ def force(time, load=wall):
     return np.array([0.0, load(time), 0.0, 0.0, 0.0, 0.0])
 
 
-def pressing(measured=force, true=state, **options):
+def pressing(measured=force, true=state, sensing=SENSING, **options):
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(state=true, force=measured, desired=lambda time: [20.0]))
     front = ExploredFront.AddToBuilder(
-        builder, drill(), SURFACE, SENSING, margin=MARGIN, state=script.GetOutputPort("state"),
+        builder, drill(), SURFACE, sensing, margin=MARGIN, state=script.GetOutputPort("state"),
         measured_force=script.GetOutputPort("force"), **options)
     target = PressTarget.AddToBuilder(builder, front,
                                       desired_force=script.GetOutputPort("desired"))
@@ -132,6 +132,31 @@ def test_a_wall_that_went_away_is_searched_for_again():
 
 
 LATE = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.3)
+
+
+def out_and_in(time):
+    """25 mm deep, but for 10 mm from 1 s to 1.35 s."""
+    return 0.01 if 1.0 < time < 1.35 else 0.025
+
+
+@pytest.mark.parametrize("lost", ["state", "force"])
+def test_what_was_not_measured_is_not_taken_for_a_place_without_force(lost):
+    """A reading that is 0.3 s late tells of a place at which the tip was in a gap."""
+    def late(time):
+        gap = lost == "force" and 1.05 < time < 1.35
+        return force(time, lambda t: np.nan if gap else 2000.0 * (out_and_in(t - 0.3) - 0.01))
+
+    def seen(time):
+        gap = lost == "state" and 1.05 < time < 1.35
+        return np.full(14, np.nan) if gap else np.array([0.0, out_and_in(time), *np.zeros(12)])
+
+    simulator, front, _ = pressing(late, seen, LATE)
+    for time in np.arange(1, 20) * 0.1 + 0.05:
+        simulator.AdvanceTo(time)
+        apex, = values(simulator, front, "apex")
+        assert 2000.0 * (apex[1] - 0.01) <= 45.0 + 1e-9
+    # Of the latest readings only ν is given away.
+    assert 2000.0 * (apex[1] - 0.01) == pytest.approx(44.0)
 
 
 @pytest.mark.parametrize(("kernel", "reached"), [

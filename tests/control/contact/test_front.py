@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.walls import random_direction, random_walls, rotated_from_x
 
-from uvms_drake.control.contact.front import apex, replaces, room, safe_depth
+from uvms_drake.control.contact.front import apex, between_readings, replaces, room, safe_depth
 from uvms_drake.control.contact.surface_class import SurfaceClass
 
 FORCE_MAX, NOISE = 45.0, 1.0
@@ -77,9 +77,37 @@ def test_the_age_of_a_reading_is_paid_for(weights):
     assert surface.stiffness * careless[0] > FORCE_MAX
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.02, 0.05, 0.08, 0.1])
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+def test_a_tip_that_turns_round_between_two_readings_was_elsewhere(turn, angle):
+    """Out and in again within a period of 0.1 s, on the stiffest wall; the reading is the least."""
+    surface, period, a = straight(angle=angle), 0.1, 2.0
+    t = np.linspace(0.0, period, 1001)
+    x = 0.02 + 0.5 * a * (t - turn) ** 2
+    ends = [0, -1]
+    points, velocities = (each[ends, None] * np.eye(3)[0] for each in (x, a * (t - turn)))
+    reading = surface.stiffness * np.min(x) * np.eye(3)[0]
+    tip = apex(surface, points, velocities, reading, FORCE_MAX, 0.0, period)
+    assert surface.stiffness * tip[0] <= FORCE_MAX + 1e-9
+    careless = apex(surface, points, velocities, reading, FORCE_MAX, 0.0)
+    turns = 0.0 < turn < period
+    assert (surface.stiffness * careless[0] > FORCE_MAX + 1e-9) == turns
+    assert (tip[0] < careless[0]) == turns
+
+
+def test_between_two_readings_no_tip_of_constant_acceleration_is_further_back():
+    rng, period = np.random.default_rng(3), 0.1
+    surface, t = straight(angle=0.5), np.linspace(0.0, period, 201)
+    for first, last in rng.normal(0.0, 0.05, (300, 2, 3)):
+        p = np.outer(t, first) + np.outer(0.5 * t**2 / period, last - first)
+        way = surface.advance(p[-1] - p)
+        most = max(way[0], way[-1]) + between_readings(surface, np.array([first, last]), period)
+        assert np.max(way) <= most + 1e-12
+
+
 def lateral(surface, tip, place):
     """How deep the cone of an apex is at a lateral place."""
-    return surface.depth(tip) - surface.slope * surface.aside(place - tip)
+    return surface.depth(tip) - surface.tilt * surface.aside(place - tip)
 
 
 @pytest.mark.parametrize("reach", [0.0, 0.02, 0.2])

@@ -38,6 +38,15 @@ def test_the_error_shrinks_by_one_minus_the_ratio_of_the_slopes(ratio, step):
     assert abs(20.0 - kappa * x) < 0.1
 
 
+def test_a_reading_that_is_too_large_leaves_an_error():
+    """One that is off by n, and a tip that is off by ε: one step on a straight wall."""
+    estimate, kappa, n, off, x = 2000.0, 1500.0, 0.7, 2e-4, 3e-3
+    error = 20.0 - kappa * x
+    reached = aimed(kappa * x + n, estimate, x=x) + off
+    assert 20.0 - kappa * reached == pytest.approx(
+        (1.0 - kappa / estimate) * error + kappa / estimate * n - kappa * off)
+
+
 def test_from_twice_the_estimate_on_it_does_not_shrink():
     x = 0.001
     for _ in range(10):

@@ -1,4 +1,15 @@
-"""How fast to approach a wall that may be anywhere: as fast as the plan's own grid can stop."""
+"""How fast to approach a wall that may be anywhere: as fast as the plan's own grid can stop.
+
+*Assumption.* The tip's acceleration along n is constant in each interval h. A plan has constant ζ̄̇
+instead; the tip's turns with the robot. With j = sup|x⃛| over the interval, x is at most (2/81) h³j
+off the parabola by x_k, v_k and x_{k+1}: the remainder x⃛ t²(h − t)/6 of Hermite's interpolation, at
+t = 2h/3. And x_{k+1} is at most h³j/12 off x_k + h(v_k + v_{k+1})/2, the trapezoidal rule's. Who
+does not know them to be small adds them to the margin E, the latter once for each interval.
+
+*Across n.* Depth x and speed v are along n. If the wall is tilted, α > 0, a motion m uses up
+⟨m⟩ = n·m + α‖P_t m‖ of the room: what is said here holds if the tip does not move across n on its
+approach, or if v is a bound of ⟨v̄⟩ of the planned velocity and the way is counted by it.
+"""
 
 import math
 
@@ -29,24 +40,27 @@ def stopping_distance(speed: float, step: float, deceleration: float) -> float:
 def between_knots(depth: float, speed: float, step: float) -> float:
     """Returns x_k + v_k h/2, a depth that bounds the interval after knot k together with its ends.
 
-    With constant acceleration x is a parabola over the interval, inside of the hull of its control
-    points x_k, x_k + v_k h/2 and x_{k+1} (Bézier). If all three are at most x_safe, all of it is: a
-    row of the plan, linear. With the knots alone a plan that turns round between two of them gets
-    up to ah²/8 beyond: 1 mm at 0.2 m/s² and 0.2 s. It costs the approach nothing, for `D` ends with
-    x_k + v_k h/2 in its last interval: a plan that goes back later stops no shorter by this row.
+    With constant acceleration (see the module) x is a parabola over the interval, inside of the
+    hull of its control points x_k, x_k + v_k h/2 and x_{k+1} (Bézier). If all three are at most
+    x_safe, all of it is: a row of the plan, linear. With the knots alone a plan that turns round
+    between two of them gets up to ah²/8 beyond: 1 mm at 0.2 m/s² and 0.2 s. It costs the approach
+    nothing, for `D` ends with x_k + v_k h/2 in its last interval: a plan that goes back later stops
+    no shorter by this row.
     """
     return depth + 0.5 * step * speed
 
 
 def stopping_room(force_max: float, noise: float, stiffness: float, margin: float,
-                  touch: float | None = None) -> float:
+                  touch: float | None = None, retreat: float = 0.0) -> float:
     """Returns L [m], how far the planned tip may still go from where nothing has been felt yet.
 
     A reading is up to ν off. Below the threshold F_t ≥ ν of a touch it bounds the force by F_t + ν,
-    not by ν, so the front of the last reading before the touch is (F_max − F_t − ν)/κ₊ ahead of the
-    real tip. The planned one may be E ahead of the real one, and is kept E behind the front:
+    not by ν. A real tip that swings back in the tube, however steadily the planned one goes ahead,
+    hides c₊⟨−v⟩ of the static force: φ⁺ ≤ (F_t + ν)/(1 − c₊⟨−v⟩). So the front of the last reading
+    before the touch is (F_max − φ⁺)/κ₊ ahead of the real tip. The planned one may be E ahead of the
+    real one, and is kept E behind the front:
 
-        L = (F_max − F_t − ν)/κ₊ − 2E,    F_t = ν at least.
+        L = (F_max − (F_t + ν)/(1 − c₊⟨−v⟩))/κ₊ − 2E,    F_t = ν at least.
 
     Below zero there is no approach at all: the tube is thicker than what the wall forgives.
 
@@ -56,9 +70,13 @@ def stopping_room(force_max: float, noise: float, stiffness: float, margin: floa
         stiffness: κ₊ [N/m].
         margin: E, of the planned tip [m].
         touch: F_t [N]; ν if None.
+        retreat: c₊ times a bound of ⟨−v⟩ of the real tip [1]: what the tube leaves it of speed
+            beside the planned one. From 1 on a reading says nothing, and L = −∞.
     """
+    if retreat >= 1.0:
+        return -math.inf
     felt = noise if touch is None else touch
-    return (force_max - felt - noise) / stiffness - 2.0 * margin
+    return (force_max - (felt + noise) / (1.0 - retreat)) / stiffness - 2.0 * margin
 
 
 def approach_speed(room: float, step: float, deceleration: float, reaction: float) -> float:

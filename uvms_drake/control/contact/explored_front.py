@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing
+from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing, unseen
 from uvms_drake.control.contact.front import safe_depth
 from uvms_drake.control.contact.slope import Line, slope, surface_depth
 from uvms_drake.control.contact.surface_class import SurfaceClass
@@ -48,8 +48,9 @@ class ExploredFront(LeafSystem):
     - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
 
     The discrete state is `Felt`. Until the first update, outputs are those of the inputs as they
-    are, so that a plan can be made at initialization. A reading or a state that is not finite
-    teaches nothing.
+    are, so that a plan can be made at initialization. A reading that is not finite teaches
+    nothing, but the tip is seen to move on; a state that is not finite leaves a gap, and there is
+    no new front until the time W is without one.
 
     Args:
         model: The controller's model, for the tip's motion.
@@ -99,12 +100,13 @@ class ExploredFront(LeafSystem):
     def _after(self, context: Context) -> Felt:
         """Returns what is known after a reading of the input ports."""
         before, state = self._remembered(context), self._state_port.Eval(context)
+        if np.all(np.isfinite(state)):
+            config, zeta = np.split(state, 2)
+            kinematics = self._model.kinematics(config)
+            tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
+        else:
+            tip = unseen(before)
         force = self._force_port.Eval(context)[:3]
-        if not (np.all(np.isfinite(state)) and np.all(np.isfinite(force))):
-            return before
-        config, zeta = np.split(state, 2)
-        kinematics = self._model.kinematics(config)
-        tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
         return felt(self._surface, self._sensing, self._reach, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:

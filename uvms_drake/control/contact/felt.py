@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.contact.front import apex, replaces
+from uvms_drake.control.contact.front import apex, between_readings, replaces
 from uvms_drake.control.contact.slope import Line, with_reading, without_contact
 from uvms_drake.control.contact.surface_class import SurfaceClass
 
@@ -49,7 +49,8 @@ class Felt(NamedTuple):
     line: np.ndarray
     """The `Line` (6,)."""
     past: np.ndarray
-    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,)."""
+    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `unseen`.
+    NaN before the first one that was seen: there it is taken to have been where that was."""
 
 
 def nothing(sensing: ForceSensing) -> Felt:
@@ -58,26 +59,34 @@ def nothing(sensing: ForceSensing) -> Felt:
                 np.full(6 * sensing.readings, np.nan))
 
 
+def unseen(before: Felt) -> np.ndarray:
+    """Returns position and velocity (6,) of a tip that is not seen: where it was last, and NaN."""
+    return np.append(before.past[-6:-3], np.full(3, np.nan))
+
+
 def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Felt,
          tip: np.ndarray, force: np.ndarray) -> Felt:
     """Returns what is known after one more reading.
 
     A touch is a reading above ν in norm: there is no noise that large. The line gets the damping
-    that may be in the reading, c₊|δ̇|φ⁺, and what the tip has moved within W, as an error.
+    that may be in the reading, c₊|δ̇|φ⁺, and what the tip has moved within W, as an error. If it was
+    not seen all that time, nobody knows which wall the reading tells of: apex and line stay.
 
     Args:
         surface: The class of walls.
         sensing: The sensor.
         reach: ℓ, see `replaces` [m].
-        before: What was known; its `past` may be NaN, for a tip that was where it is.
-        tip: Position and velocity now (6,) [m, m/s].
-        force: The reading, on the wall, in Σ_I (3,) [N].
+        before: What was known.
+        tip: Position and velocity now (6,) [m, m/s]; or `unseen`.
+        force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.
     """
-    past = np.append(before.past[6:], tip)
-    past = np.where(np.isnan(past), np.tile(tip, past.size // 6), past)
-    points, velocities = np.hsplit(past.reshape(-1, 6), 2)
+    motion = np.vstack([before.past[6:].reshape(-1, 6), tip])
+    motion[np.isnan(motion[:, 0])] = tip
+    past, (points, velocities) = motion.ravel(), np.hsplit(motion, 2)
+    if not (np.all(np.isfinite(tip)) and np.all(np.isfinite(force))):
+        return before._replace(past=past)
     nu, most = sensing.noise, surface.stiffness
-    new = apex(surface, points, velocities, force, sensing.force_max, nu)
+    new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
     if not replaces(surface, new, before.apex, reach):
         new = before.apex
     touch = np.linalg.norm(force) > nu
@@ -85,8 +94,9 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Fel
     rate, way = (np.max(np.maximum(surface.advance(each), surface.advance(-each)))
                  for each in (velocities, tip[:3] - points))
     bound = np.max(surface.static_force_bound(force, velocities, nu))
-    if not np.isfinite(bound):  # It may feel nothing of any wall.
+    if not np.isfinite(bound):  # It may feel nothing of any wall, or was not seen.
         return Felt(new, np.array([depth, pressed, touch]), before.line, past)
+    way += between_readings(surface, velocities, sensing.period)
     error = nu + surface.dissipation * rate * bound + most * way
     line = Line(*before.line)
     line = (with_reading(line, depth, pressed, most, nu, sensing.memory, error) if touch else

@@ -15,11 +15,15 @@ with φ = 46 N, F_max = 45 N and κ = κ₊/10, x_𝔮 − 1 N/κ₊ still has 4
 of the force over the last W seconds is at least the least force of that time, so some 𝔭_s in it has
 φ(𝔭_s) ≤ φ⁺, with the fastest retreat of that time in φ⁺; and every 𝔮 with ⟨𝔮 − 𝔭_s⟩ ≤ 0 for all s
 has φ(𝔮) ≤ φ(𝔭_s). The deepest such 𝔮 beside the tip 𝔭 is 𝔭 − n max_s⟨𝔭 − 𝔭_s⟩. No filter has to be
-known for that, only W. (A lag T without an end gives the older past the weight e^(−W/T), so the
-force is at most the reading over 1 − e^(−W/T): take W = 3T and ν for the 5 %.) Within W the wall
-is taken for flat, so that forces that turn do not cancel in the average.
+known for that, only W. Of the s between two readings, see `between_readings`. (A lag T without an
+end gives the older past the weight e^(−W/T), so the force is at most the reading over 1 − e^(−W/T):
+take W = 3T and ν for the 5 %.) Within W the wall is taken for flat, so that forces that turn do not
+cancel in the average.
 
-*It never shrinks* in reach of the plan, see `replaces`, so a plan that was allowed still is.
+*The cone never shrinks* in reach of the plan, see `replaces`, so a plan that was allowed still is:
+ℓ bounds how far across n the rest of a plan goes, from every tip position along it. The one number
+`safe_depth` has to be true of all places in reach at once, and shrinks when the tip is further than
+ℓ from the apex's place.
 
 *The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
 along n and E_t across, then ⟨𝔭̄ − 𝔞⟩ ≤ −(E_n + αE_t) puts the real one in C(𝔞). Between the knots of
@@ -32,8 +36,10 @@ from uvms_drake.control.contact.surface_class import SurfaceClass
 
 
 def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, force: np.ndarray,
-         force_max: float, noise: float) -> np.ndarray:
+         force_max: float, noise: float, period: float = 0.0) -> np.ndarray:
     """Returns the apex 𝔞 (..., 3) of what a reading makes safe; NaN if it says nothing.
+
+    It says nothing either if one of the velocities is NaN, for a time at which nobody saw the tip.
 
     Args:
         surface: The class of walls.
@@ -42,12 +48,39 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
         force: The reading (..., 3) [N].
         force_max: F_max, largest static normal force [N].
         noise: ν, see `SurfaceClass.normal_force_bound` [N].
+        period: Time between two of the positions [s]; 0 if the tip was nowhere else.
     """
     bound = np.max(surface.static_force_bound(force[..., None, :], velocities, noise), axis=-1)
     now = points[..., -1:, :]
     back = np.max(surface.advance(now - points), axis=-1)
+    back += between_readings(surface, velocities, period)
     ahead = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
     return now[..., 0, :] + ahead[..., None] * surface.direction
+
+
+def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: float) -> np.ndarray:
+    """Returns by how much ⟨𝔭 − 𝔭_s⟩ may exceed its values at the readings about s (...) [m].
+
+    Let the velocity between two readings, T apart, be a mean of those at them, as it is with a
+    constant acceleration; what is not so is in ν. ⟨·⟩ is convex, so there ⟨±v⟩ ≤ A_±, the larger of
+    the two values and zero, and a retreat is not faster than at a reading. By subadditivity
+
+        ⟨𝔭 − 𝔭_s⟩ ≤ ⟨𝔭 − 𝔭_i⟩ + ⟨−∫v⟩ ≤ ⟨𝔭 − 𝔭_i⟩ + (s − t_i) A_−,
+        ⟨𝔭 − 𝔭_s⟩ ≤ ⟨𝔭 − 𝔭_{i+1}⟩ + ⟨∫v⟩ ≤ ⟨𝔭 − 𝔭_{i+1}⟩ + (t_{i+1} − s) A_+.
+
+    The lesser of a rising and a falling line is at most T A_+A_−/(A_+ + A_−): nothing, for a tip
+    that does not turn round, and at most T/2 times the larger of the two.
+
+    Args:
+        surface: The class of walls.
+        velocities: Tip velocities at the readings (..., m, 3) [m/s].
+        period: T [s].
+    """
+    rates = np.stack([np.maximum(surface.advance(sign * velocities), 0.0) for sign in (1.0, -1.0)])
+    rates = np.maximum(rates[..., 1:], rates[..., :-1])
+    total = np.sum(rates, axis=0)
+    turned = np.prod(rates, axis=0) / np.where(total == 0.0, 1.0, total)
+    return period * np.max(turned, axis=-1, initial=0.0)
 
 
 def room(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -78,7 +111,7 @@ def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: flo
         reach: ℓ, how far from the tip across n plans go [m].
     """
     d = surface.aside(new - old)
-    better = surface.depth(new - old) >= surface.slope * np.minimum(d, 2.0 * reach - d)
+    better = surface.depth(new - old) >= surface.tilt * np.minimum(d, 2.0 * reach - d)
     return ~np.isnan(new[..., 0]) & (np.isnan(old[..., 0]) | better)
 
 
@@ -87,7 +120,7 @@ def safe_depth(surface: SurfaceClass, at: np.ndarray, place: np.ndarray, reach: 
     """Returns x_safe (...) [m]: x̄ ≤ x_safe implies φ ≤ F_max, wherever a plan in reach goes across.
 
     Up to d + ℓ from the apex's place, d that of the tip's: x_safe = n·𝔞 − α max(d + ℓ, 2ℓ) − E. The
-    maximum keeps it from shrinking while the tip is within ℓ of the apex's place.
+    maximum keeps it from shrinking while the tip is within ℓ of the apex's place; beyond, it does.
 
     Args:
         surface: The class of walls.
@@ -97,5 +130,5 @@ def safe_depth(surface: SurfaceClass, at: np.ndarray, place: np.ndarray, reach: 
         margin: E = E_n + αE_t of the planned tip, and errors of the measured position [m].
     """
     aside = np.maximum(surface.aside(place - at) + reach, 2.0 * reach)
-    depth = surface.depth(at) - surface.slope * aside - margin
+    depth = surface.depth(at) - surface.tilt * aside - margin
     return np.where(np.isnan(depth), -np.inf, depth)

@@ -50,7 +50,7 @@ class SurfaceClass:
             require(0.0 <= value < np.inf, key, value, "zero or positive")
 
     @property
-    def slope(self) -> float:
+    def tilt(self) -> float:
         """α = tan θ."""
         return float(np.tan(self.angle))
 
@@ -67,7 +67,7 @@ class SurfaceClass:
 
         ⟨m + λn⟩ = ⟨m⟩ + λ, and ⟨m + m'⟩ ≤ ⟨m⟩ + ⟨m'⟩ by the triangle inequality.
         """
-        return self.depth(motion) + self.slope * self.aside(motion)
+        return self.depth(motion) + self.tilt * self.aside(motion)
 
     def normal_force_bound(self, force: np.ndarray, noise: float) -> np.ndarray:
         """Returns the largest F_N (...) [N] behind a reading of the tip's force 𝐅 (..., 3) [N].

@@ -8,8 +8,8 @@ a contraction iff 0 < κ < 2κ̂, without overshoot iff κ ≤ κ̂, at once for
 on a straight wall. A step that is cut short keeps that: for κ ≤ κ̂ the error shrinks by less and
 keeps its sign.
 
-*What remains.* With a reading off by n, |n| ≤ ν, and a tip off its target by ε, |ε| ≤ E_n,
-e' = (1 − κ/κ̂) e − (κ/κ̂) n − κε, so in the end
+*What remains.* With a reading F + n, |n| ≤ ν, and a tip off its target by ε, |ε| ≤ E_n, the tip
+moves by (e − n)/κ̂ + ε and e' = (1 − κ/κ̂) e + (κ/κ̂) n − κε, so in the end
 
     |F − F_des| ≤ (κν/κ̂ + κE_n) / (1 − |1 − κ/κ̂|),
 
