@@ -47,6 +47,16 @@ def test_what_is_predicted_from_the_first_plan_is_what_the_run_then_has(first, o
     assert predicted_disturbance(scenario, plan, ocp) == pytest.approx(measured, rel=0.2)
 
 
+def test_what_is_induced_is_measured_by_the_bounds_of_the_components(first):
+    """Where the hull's bounds are a tenth, a current, which pushes the hull, is up to ten times."""
+    ocp, plan = first
+    sizes = [predicted_disturbance(load_scenario("girona500_contact", [
+        *CALM, "current=[0, 0.02, 0]", f"disturbance.weights={weights}"]), plan, ocp)
+        for weights in ([1] * 10, [0.1] * 6 + [1] * 4, [1] * 6 + [0.9] * 4)]
+    assert 3.0 * sizes[0] < sizes[1] <= 10.0 * sizes[0]
+    assert sizes[0] < sizes[2] < sizes[0] / 0.9
+
+
 ALL_OF_IT = {
     "4 % of the mass": "model_error.mass=1.04",
     "37 % of the added mass": "model_error.added_mass=1.37",

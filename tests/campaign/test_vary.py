@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_drake.campaign.campaign import Target
+from uvms_drake.campaign.campaign import Target, make_campaign
 from uvms_drake.campaign.vary import POSE_REACH, SHIFT_REACH, vary
 from uvms_drake.campaign.walls import moved
 from uvms_drake.common.errors import InvalidParameter
@@ -42,6 +42,16 @@ def test_what_is_drawn_is_inside_the_bounds_and_comes_in_all_kinds(campaign):
     assert len(kinds) > 6
     assert faults <= {SolverFailure, SolverTimeout, DroppedPeriod}
     assert len(faults) > 1
+
+
+def test_what_is_drawn_has_the_weights_of_the_base():
+    weights = [0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0, 1.0]
+    campaign = make_campaign(load_scenario("girona500_contact", [
+        "duration=0.6", f"disturbance.weights={weights}"]), 3, None)
+    for index in range(8):
+        disturbance = vary(campaign, index).scenario.disturbance
+        np.testing.assert_array_equal(disturbance.weights, weights)
+        assert disturbance.bound == campaign.base.disturbance.bound
 
 
 def test_a_scenario_with_an_adversary_goes_through_a_file(campaign, tmp_path):

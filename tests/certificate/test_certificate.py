@@ -48,6 +48,16 @@ def test_a_certificate_survives_its_file(certificate, tmp_path):
     np.testing.assert_array_equal(again.tube.tau, np.inf)
 
 
+def test_weights_are_in_the_file_where_there_are_some(certificate):
+    assert "weights" not in certificate.to_data()
+    weights = np.linspace(0.1, 1.0, 10)
+    data = replace(certificate, weights=weights).to_data()
+    assert data["weights"] == weights.tolist()
+    again = Certificate.from_data(data)
+    np.testing.assert_array_equal(again.weights, weights)
+    assert again.to_data() == data
+
+
 def test_one_changed_number_is_found(certificate, tmp_path):
     write_certificate(certificate, tmp_path)
     path = tmp_path / CERTIFICATE_FILE
@@ -71,7 +81,9 @@ def test_what_is_no_certificate_is_refused(text, tmp_path):
     ("mpc.terminal_radius=0.1", False), ("description=another", False),
     ("task.force_tolerance=1", False), ("current.0=0.1", True),
     ("disturbance.frequency=3", False),
-    ("disturbance.bound=0.11", True), ("limits.nu1=0.26", True), ("ancillary.k=19", True),
+    ("disturbance.bound=0.11", True),
+    ("disturbance.weights=[1, 1, 1, 1, 1, 1, 2, 2, 2, 2]", True),
+    ("limits.nu1=0.26", True), ("ancillary.k=19", True),
     ("surface.stiffness=1001", True), ("mpc.horizon=16", True), ("start.eta.0=-1.36", True),
     ("certificate.seed=1", True),
 ])

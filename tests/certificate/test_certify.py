@@ -15,10 +15,13 @@ from uvms_drake.certificate.certify import (
 )
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 
@@ -196,6 +199,60 @@ def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):
         shift[:, block] *= (radius / np.linalg.norm(shift[:, block], axis=1))[:, None]
     reached = np.max(np.linalg.norm((shift @ K)[:, :3], axis=1))
     assert 0.8 * bound < reached <= bound
+
+
+@pytest.fixture(scope="module")
+def weighted() -> tuple[Scenario, Certificate]:
+    """Joints that may be disturbed three times as much as the hull."""
+    scenario = load_scenario("girona500_contact", [
+        "duration=3", "disturbance=!AdversarialDisturbance {kind: leading, rows: position, "
+        "bound: 0.05, weights: [1, 1, 1, 1, 1, 1, 3, 3, 3, 3]}"])
+    return scenario, certified_once(scenario)
+
+
+def test_an_ellipsoid_of_disturbances_has_radii_of_its_own(weighted, certificate):
+    _, found = weighted
+    assert found.certified, verdict(found)
+    assert found.d_bound == pytest.approx(0.15)
+    np.testing.assert_allclose(found.weights, np.repeat([1.0 / 3.0, 1.0], [6, 4]))
+    constants = {constant.name: constant for constant in found.constants}
+    unit = found.d_bound / (found.k * found.sigma)
+    for radius, name in (("e", "Jx_W_max"), ("position", "J_position_W_max"),
+                         ("orientation", "J_attitude_W_max")):
+        assert constants[name].how == "proven"
+        assert getattr(found.tube, radius) == pytest.approx(constants[name].value * unit)
+    assert found.tube.joints == pytest.approx(unit)
+    # Others are those of the ball: they have no W in them.
+    assert {item.name: item.value for item in certificate.constants}.items() <= {
+        name: item.value for name, item in constants.items()}.items()
+    assert "W = 0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.15, 0.15, 0.15, 0.15 m/s²" in (
+        format_certificate(found))
+
+
+def test_equal_weights_have_the_certificate_of_the_ball(certificate):
+    equal = certify(load_scenario("girona500_contact", [
+        "disturbance.bound=0.05", "disturbance.weights=[2, 2, 2, 2, 2, 2, 2, 2, 2, 2]"]))
+    differ = {key for key, value in equal.to_data().items() if certificate.to_data()[key] != value}
+    assert differ == {"inputs", "sha256"}
+
+
+def test_the_worst_of_the_ellipsoid_stays_in_the_certified_tube(weighted):
+    scenario, found = weighted
+    record = simulate(found.applied_to(scenario), certified=True)
+    summary = summarise(record)
+    assert summary["disturbance"]["applied"] == pytest.approx(0.15)
+    assert summary["disturbance"]["exceeded"] == 0
+    assert summary["tube"]["exits"] == summary["tube"]["exits_along_the_run"] == 0
+    assert all(row["margin"] >= 0.0 for row in summary["constraints"].values())
+    report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
+    assert report["worst_trajectory_position"] > 0.95
+    assert 0.5 < report["worst_set_position"] <= 1.0
+
+
+def test_weights_are_no_part_of_kinematic_motion():
+    with pytest.raises(InvalidParameter, match=r"disturbance\.weights = .*: must be left out"):
+        certify(load_scenario("paper_kinematic_certified", [
+            "disturbance.weights=[1, 1, 1, 1, 1, 1]"]))
 
 
 @dataclass

@@ -13,6 +13,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import QUANTITIES, Constant
+from uvms_drake.tube.dynamic import WEIGHTED
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})
@@ -59,8 +60,17 @@ def test_every_advice_is_given(beginning):
     assert line.endswith(HELP[beginning])
 
 
+def test_the_bounds_of_the_components_stand_in_the_place_of_one():
+    first = format_certificate(EMPTY).splitlines()[0]
+    assert first.endswith("law resolved, k = 1 1/s, σ = 1 1/s, d̃ = 0.1 m/s², rad/s²")
+    weighted = replace(EMPTY, weights=np.array([0.2, 0.5, 1.0]))
+    assert format_certificate(weighted).splitlines()[0].endswith(
+        "σ = 1 1/s, ‖W⁻¹d‖ ≤ 1, W = 0.02, 0.05, 0.1 m/s², rad/s²")
+
+
 def test_every_constant_and_radius_has_a_unit():
-    constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25) for name in QUANTITIES)
+    constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
+                      for name in (*QUANTITIES, *WEIGHTED.values()))
     tube = TubeRadii(*[2.5] * 10, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
     text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
     for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):

@@ -27,6 +27,7 @@ from uvms_drake.tube.tubes import resolved_tube
 
 LAW = Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1
+WEIGHTS = np.array([0.1, 0.05, 0.2, 0.3, 0.1, 0.15, 0.9, 0.8, 0.6, 1.0])
 
 
 @pytest.fixture
@@ -53,12 +54,12 @@ def test_the_errors_are_those_of_the_laws(model, pair):
         J @ now.r, J @ zeta - J_n @ zeta_n + LAW.sigma * e_y, atol=1e-12)
     blocks = [e_y, e_y[:3], e_y[3:6], e_y[6:], z, now.r]
     np.testing.assert_allclose(now.norms, [np.linalg.norm(x) for x in blocks], atol=1e-12)
-    gains, _ = gains_and_growth(pair_of(model, *pair))
+    gains, _ = gains_and_growth(pair_of(model, *pair), np.ones(10))
     np.testing.assert_allclose(
         gains, [np.linalg.norm(rows, 2) for rows in (J, J[:3], J[3:6])] + [1.0, 1.0])
     w = np.linalg.norm(np.linalg.solve(J, e_y))
     x = np.array([now.norms[5], 0.0, 0.0, 0.0, 0.0, w])
-    bound = LAW.run_bound(D_BOUND).bounds(x, pair_of(model, *pair))
+    bound = LAW.run_bound(D_BOUND, np.ones(10)).bounds(x, pair_of(model, *pair))
     assert now.norms[4] <= bound[4] + 1e-12
 
     transpose = Transpose(k=20.0, sigma=1.5)
@@ -69,7 +70,7 @@ def test_the_errors_are_those_of_the_laws(model, pair):
 
 def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
     real, nominal = pair
-    _, mu = gains_and_growth(pair_of(model, real, nominal))
+    _, mu = gains_and_growth(pair_of(model, real, nominal), np.ones(10))
     rate = configuration_rate(real[:10], real[10:])
     J, ahead, behind = (model.task_jacobian(real[:10] + s * rate) for s in (0.0, 1e-5, -1e-5))
     turning = np.linalg.solve(J, ahead - behind) / 2e-5
@@ -108,12 +109,13 @@ def scripted(model, law=LAW, radii=None, state=None, nominal=None, disturbance=N
     return simulator, monitor, monitor.GetMyContextFromRoot(simulator.get_context())
 
 
-def test_the_bounds_are_those_of_the_certificate_where_j_stands_still(model, pair):
+@pytest.mark.parametrize("weights", [np.ones(10), WEIGHTS], ids=["ball", "weighted"])
+def test_the_bounds_are_those_of_the_certificate_where_j_stands_still(model, pair, weights):
     """The configurations are held, but not the velocities, so that J̇ is not zero."""
     simulator, monitor, context = scripted(
-        model, state=lambda t: pair[0], nominal=lambda t: pair[1])
+        model, state=lambda t: pair[0], nominal=lambda t: pair[1], weights=weights)
     J, J_n = (model.task_jacobian(state[:10]) for state in pair)
-    _, mu = gains_and_growth(pair_of(model, *pair))
+    _, mu = gains_and_growth(pair_of(model, *pair), np.ones(10))
     assert abs(mu) > 0.05
     offset = np.linalg.norm(np.linalg.solve(J, (J_n - J) @ pair[1][10:]))
     assert offset > 1e-4
@@ -122,7 +124,8 @@ def test_the_bounds_are_those_of_the_certificate_where_j_stands_still(model, pai
         bound = dict(zip(FIELDS, monitor.GetOutputPort("bound").Eval(context), strict=True))
         for name, rows in (("task", J), ("position", J[:3]), ("orientation", J[3:6]),
                            ("joints", J[6:])):
-            tube = resolved_tube(LAW.k, LAW.sigma, D_BOUND, np.linalg.norm(rows, 2))
+            gain = np.linalg.norm(rows @ np.diag(weights), 2)
+            tube = resolved_tube(LAW.k, LAW.sigma, D_BOUND, gain)
             assert bound[name] == pytest.approx(rise(tube, t)[0], abs=1e-8)
         W, R = rise(resolved_preimage_tube(LAW.k, LAW.sigma, D_BOUND, mu), t)
         assert bound["r"] == pytest.approx(R, abs=1e-7)
@@ -190,6 +193,19 @@ def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, pe
         said = [message for message in caplog.messages if message.endswith(f" s: {text}")]
         assert len(said) == report[f"{name}_exits"]
         assert said[0] == f"t = {report[f'{name}_first_exit']:g} s: {text}"
+
+
+def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states):
+    """0.03 m/s² is 3 times what a hull of 0.01 m/s² is bounded by, and nothing to a joint."""
+    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    for channel, ratio in ((0, 3.0), (9, 0.3)):
+        simulator, monitor, context = scripted(
+            model, state=lambda t: rest, nominal=lambda t: rest, weights=WEIGHTS,
+            disturbance=lambda t, channel=channel: 0.03 * np.eye(10)[channel])
+        simulator.AdvanceTo(0.1)
+        report = report_of(monitor, context)
+        assert report["worst_disturbance"] == pytest.approx(ratio)
+        assert report["disturbance_exits"] == (ratio > 1.0)
 
 
 def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):

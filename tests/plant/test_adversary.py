@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     ConstantVectorSource,
+    Demultiplexer,
     Integrator,
     LinearSystem,
     LogVectorOutput,
@@ -13,6 +14,7 @@ from pydrake.systems.primitives import (
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.plant.adversary import (
+    AHEAD,
     AIM_FROM,
     KINDS,
     ROWS,
@@ -24,6 +26,7 @@ from uvms_drake.plant.adversary import (
 BOUND = 0.3
 DIRECTION = np.arange(1.0, 11.0)
 FIXED = DIRECTION / np.linalg.norm(DIRECTION)
+WEIGHTS = np.array([0.1, 0.05, 0.2, 0.3, 0.1, 0.15, 1.0, 0.8, 0.6, 0.9])
 SQUARE = ("bang_bang", "per_channel")
 
 
@@ -43,23 +46,82 @@ def leading_direction(model, state, rows):
     return values[-1], vectors[:, -1]
 
 
+@pytest.mark.parametrize("weights", [np.ones(10), WEIGHTS], ids=["ball", "weighted"])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rows", ["all", "position"])
-def test_the_bound_holds_exactly_and_all_but_the_sinusoid_take_it(model, states, kind, rows):
-    adversary = Adversary(model, AdversarialDisturbance(BOUND, kind, rows, phase=1.0))
+def test_the_bound_holds_exactly_and_all_but_the_sinusoid_take_it(
+        model, states, kind, rows, weights):
+    adversary = Adversary(model, AdversarialDisturbance(
+        BOUND, kind, rows, phase=1.0, weights=weights))
     rng, context = np.random.default_rng(0), adversary.CreateDefaultContext()
     norms = []
     for state in np.vstack(list(states.values())):
         for size in (0.0, 1e-12, 1e-6, 1e-3, 1.0):
             context.SetTime(rng.uniform(0.0, 9.0))
             fixed_inputs(adversary, context, state, *(size * rng.normal(size=(2, 10))))
-            norms.append(np.linalg.norm(value(adversary, context)))
+            norms.append(np.linalg.norm(value(adversary, context) / weights))
     assert np.max(norms) <= BOUND
     if kind == "sinusoid":
         assert np.min(norms) < 0.5 * BOUND
         assert np.max(norms) > 0.95 * BOUND
     else:
         np.testing.assert_allclose(norms, BOUND, rtol=1e-12)
+
+
+@pytest.mark.parametrize("rows", ROWS)
+def test_no_point_of_the_ellipsoid_is_worse_than_the_aimed_ones(model, states, rows):
+    """Against many points d with ‖Ŵ⁻¹d‖ = d̃: each kind has the largest of what it is aimed at."""
+    rng = np.random.default_rng(6)
+    points = rng.normal(size=(20_000, 10))
+    points *= BOUND * WEIGHTS / np.linalg.norm(points, axis=1)[:, None]
+    for state in states["deep"][:3]:
+        e_y, r = 0.01 * rng.normal(size=(2, 10))
+        J = model.task_jacobian(state[:10])[ROWS[rows]]
+        drift = e_y[ROWS[rows]] + AHEAD * J @ r
+        aims = {"along_r": lambda d, r=r: d @ (r / WEIGHTS**2),
+                "along_task_error": lambda d, J=J, e_y=e_y: d @ (J.T @ e_y[ROWS[rows]]),
+                "leading": lambda d, J=J: np.linalg.norm(d @ J.T, axis=-1),
+                "ahead": lambda d, J=J, drift=drift: np.linalg.norm(
+                    drift + 0.5 * AHEAD**2 * d @ J.T, axis=-1)}
+        for kind, aim in aims.items():
+            adversary = Adversary(model, AdversarialDisturbance(
+                BOUND, kind, rows, weights=WEIGHTS))
+            context = adversary.CreateDefaultContext()
+            fixed_inputs(adversary, context, state, e_y, r)
+            assert aim(value(adversary, context)) >= np.max(aim(points))
+
+
+@pytest.mark.parametrize("rows", ROWS)
+def test_in_the_cascade_it_reaches_the_radius_of_the_weighted_tube(model, states, rows):
+    """𝔯̇ = −k𝔯 + d, 𝔢̇ = −σ𝔢 + J𝔯 with a constant J: all kinds stay below ‖J_bŴ‖ d̃/(kσ)."""
+    k, sigma, state = 20.0, 5.0, states["free"][0]
+    J = model.task_jacobian(state[:10])
+    radius = np.linalg.norm(J[ROWS[rows]] @ np.diag(WEIGHTS), 2) * BOUND / (k * sigma)
+    zero, eye = np.zeros((10, 10)), np.eye(10)
+    reached = {}
+    for kind in ("leading", "along_task_error", "along_r", "ahead", "constant"):
+        builder = DiagramBuilder()
+        cascade = builder.AddSystem(LinearSystem(
+            np.block([[-k * eye, zero], [J, -sigma * eye]]), np.vstack([eye, zero]), np.eye(20),
+            []))
+        split = builder.AddSystem(Demultiplexer([10, 10]))
+        builder.Connect(cascade.get_output_port(), split.get_input_port())
+        source = builder.AddSystem(ConstantVectorSource(state))
+        adversary = Adversary.AddToBuilder(
+            builder, model, AdversarialDisturbance(BOUND, kind, rows, DIRECTION, weights=WEIGHTS),
+            state=source.get_output_port(), e_y=split.get_output_port(1),
+            r=split.get_output_port(0))
+        builder.Connect(adversary.get_output_port(), cascade.get_input_port())
+        simulator = Simulator(builder.Build())
+        ResetIntegratorFromFlags(simulator, "runge_kutta3", 0.01)
+        simulator.get_mutable_integrator().set_fixed_step_mode(True)
+        simulator.AdvanceTo(1.5)
+        x = cascade.get_output_port().Eval(cascade.GetMyContextFromRoot(simulator.get_context()))
+        assert np.linalg.norm(x[:10] / WEIGHTS) <= (1.0 + 1e-9) * BOUND / k
+        reached[kind] = np.linalg.norm(x[10:][ROWS[rows]]) / radius
+    assert max(reached.values()) <= 1.0 + 1e-9
+    assert reached["leading"] > 0.99
+    assert reached["along_task_error"] > 0.95
 
 
 def test_along_r_is_along_r_and_along_the_fixed_direction_where_r_is_zero(model):

@@ -1,5 +1,7 @@
 """Disturbances of time alone: the bound, the closed forms, and a state that is in the Context."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
@@ -19,6 +21,8 @@ from uvms_drake.plant.disturbance import (
 SIZE, BOUND = 7, 0.3
 KINDS = [ConstantDisturbance(BOUND), SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4),
          RandomDisturbance(BOUND, bandwidth=3.0)]
+WEIGHTS = np.array([0.1, 0.3, 0.05, 0.7, 1.0, 0.9, 0.2])
+"""Of the ellipsoid with the semi-axes BOUND times these."""
 
 
 def record(config, times, seed=0, size=SIZE):
@@ -41,6 +45,36 @@ def test_the_bound_holds_at_a_hundred_thousand_times(config):
     norms = np.linalg.norm(values, axis=1)
     assert np.max(norms) <= BOUND
     assert np.max(norms) > 0.8 * BOUND
+
+
+@pytest.mark.parametrize("config", KINDS)
+def test_so_does_that_of_an_ellipsoid_and_of_each_component(config):
+    weighted = replace(config, weights=WEIGHTS)
+    values = record(weighted, np.linspace(0.0, 500.0, 100_000))
+    norms = np.linalg.norm(values / WEIGHTS, axis=1)
+    assert 0.8 * BOUND < np.max(norms) <= BOUND
+    np.testing.assert_allclose(weighted.norm(values), norms, rtol=1e-12)
+    assert np.all(np.max(np.abs(values), axis=0) <= BOUND * WEIGHTS)
+    np.testing.assert_allclose(
+        values, WEIGHTS * record(config, np.linspace(0.0, 500.0, 100_000)), rtol=1e-12, atol=1e-15)
+
+
+def test_bound_and_weights_count_by_their_product():
+    one = ConstantDisturbance(0.25 * BOUND, np.arange(1.0, 8.0), weights=4.0 * WEIGHTS)
+    other = ConstantDisturbance(BOUND, np.arange(1.0, 8.0), weights=WEIGHTS)
+    for each in (one, other):
+        assert each.d_bound == pytest.approx(BOUND)
+        np.testing.assert_allclose(each.relative_weights(SIZE), WEIGHTS)
+        np.testing.assert_allclose(each.axes(SIZE), BOUND * WEIGHTS)
+    np.testing.assert_allclose(record(one, [0.0]), record(other, [0.0]))
+
+
+@pytest.mark.parametrize("config", KINDS)
+def test_equal_weights_are_the_ball_bit_for_bit(config):
+    times = np.linspace(0.0, 9.0, 50)
+    equal = replace(config, bound=0.5 * BOUND, weights=np.full(SIZE, 2.0))
+    assert equal.d_bound == config.d_bound
+    np.testing.assert_array_equal(record(equal, times), record(config, times))
 
 
 @pytest.mark.parametrize("size", range(1, 40))
@@ -180,7 +214,7 @@ def test_it_works_in_a_users_diagram():
     assert 0.0 < np.max(np.linalg.norm(log, axis=0)) <= BOUND
 
 
-@pytest.mark.parametrize("config", KINDS)
+@pytest.mark.parametrize("config", [*KINDS, ConstantDisturbance(BOUND, weights=WEIGHTS)])
 def test_a_config_survives_a_round_trip_through_yaml(config):
     text = yaml_dump_typed(config)
     again = yaml_load_typed(schema=type(config), data=text)
@@ -198,6 +232,11 @@ def test_a_config_survives_a_round_trip_through_yaml(config):
     (SinusoidalDisturbance(0.1, frequency=float("nan")), r"^frequency = nan: must be finite$"),
     (SinusoidalDisturbance(0.1, phase=float("inf")), r"^phase = inf: must be finite$"),
     (RandomDisturbance(0.1, bandwidth=0.0), r"^bandwidth = 0\.0: must be positive$"),
+    (RandomDisturbance(0.1, weights=np.ones(3)),
+     r"^weights = \[1\., 1\., 1\.\]: must be 7 finite numbers$"),
+    (ConstantDisturbance(0.1, weights=np.zeros(7)), r"^weights = .*: must be 7 positive numbers$"),
+    (SinusoidalDisturbance(0.1, weights=np.array([np.inf, 1, 1, 1, 1, 1, 1])),
+     r"^weights = .*: must be 7 finite numbers$"),
 ])
 def test_bad_parameters_are_named(config, message):
     with pytest.raises(InvalidParameter, match=message):

@@ -312,6 +312,23 @@ def test_the_disturbance_is_measured_by_its_norm():
         "applied": pytest.approx(0.05), "exceeded": 1}
 
 
+def test_with_weights_the_disturbance_is_measured_by_the_bounds_of_its_components():
+    """0.03 m/s² of a hull of a tenth, which is too much, and 0.04 rad/s² of a joint of all of d̃."""
+    record = synthetic_record()
+    scenario = replace(record.scenario, disturbance=replace(
+        record.scenario.disturbance, bound=1.0, weights=np.repeat([0.01, 0.1], [6, 4])))
+    d = np.zeros_like(record.disturbance)
+    d[7, 0], d[9, 9] = 0.03, -0.04
+    summary = summarise(replace(
+        record, scenario=scenario, disturbance=d, effective_disturbance=2.0 * d))
+    assert summary["disturbance"] == {
+        "unit": "m/s², rad/s²", "bound": pytest.approx(0.1), "worst": pytest.approx(0.6),
+        "applied": pytest.approx(0.3), "exceeded": 1}
+    (event,) = [each for each in summary["events"] if each["kind"] == "disturbance_exceeded"]
+    assert event["time_s"] == pytest.approx(record.time[7])
+    assert event["text"] == "all that disturbs above its bound of 0.1, at most 0.6"
+
+
 @pytest.mark.parametrize(("above", "times"), [
     ([], 0), ([0], 1), ([0, 1, 2, 50], 2), ([40, 42, 100], 3), (range(101), 1)])
 def test_separate_times_above_the_bound_are_counted(above, times):

@@ -321,6 +321,7 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_contact", ["tube.joints=0.75", *WIDE], "limits.q2"),
     ("girona500_contact", ["surface.stiffness=-1"], "surface.stiffness"),
     ("girona500_contact", ["disturbance.bound=-0.1"], "disturbance.bound"),
+    ("girona500_contact", ["disturbance.weights=[1, 1, 1, 1, 1, 1]"], "disturbance.weights"),
     ("girona500_contact", ["ancillary.k=0"], "ancillary.k"),
     ("girona500_contact", ["mpc.weight_u.3=0"], "mpc.weight_u"),
     ("girona500_contact", ["mpc.horizon=0"], "mpc.horizon"),
@@ -329,6 +330,7 @@ def test_plant_and_controller_have_models_of_their_own():
     ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
     ("paper_kinematic", ["surface_error.stiffness=1.1"], "surface_error"),
     ("paper_kinematic", ["surface_error.shift=[0, 0, 0.01]"], "surface_error"),
+    ("paper_kinematic", ["disturbance.weights=[1, 1, 1, 2, 2, 2]"], "disturbance.weights"),
 ])
 def test_what_cannot_be_used_is_named(name, overrides, key):
     with pytest.raises(InvalidParameter) as caught:

@@ -299,7 +299,8 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
     law = Transpose(sigma=12.0)
     constants = estimate_constants(model, declared, CONSTANTS, samples=300)
     tube, conditions, _ = transpose_kinematic_tube(
-        law, Basis(model, declared, constants, 0.05, np.zeros(0), scenario.certificate))
+        law, Basis(
+            model, declared, constants, 0.05, np.ones(6), np.zeros(0), scenario.certificate))
     assert all(item.holds for item in conditions), conditions
     value = {name: constant.value for name, constant in constants.items()}
     assert tube.e == pytest.approx(0.05 / (12.0 * value["J_min"] - value["L_c_chi"]))

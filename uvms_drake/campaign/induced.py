@@ -15,11 +15,11 @@ WITHIN = 3
 
 
 def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[DynamicPlan]) -> float:
-    """Returns the largest ‖ζ̇ − f(𝔮̄, ζ̄) − ū‖₂ [m/s², rad/s²] at points of a plan, without d itself.
+    """Returns the largest size of ζ̇ − f(𝔮̄, ζ̄) − ū [m/s², rad/s²] at points of a plan, without d.
 
-    ζ̇ is that of the simulated robot, with the errors of model and surface and the current of the
-    scenario, in the plan's state under its command τ = M(𝔮̄)ū. The last point is the task at rest,
-    where the robot stays.
+    The size is `Disturbance.norm`, which is to be at most d̃. ζ̇ is that of the simulated robot, with
+    the errors of model and surface and the current of the scenario, in the plan's state under its
+    command τ = M(𝔮̄)ū. The last point is the task at rest, where the robot stays.
 
     Args:
         scenario: Of dynamic motion.
@@ -31,7 +31,7 @@ def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[Dynami
     u = zeta_dot - model.drift(config, zeta)
     tau = times(model.mass_matrix(model.kinematics(config)), u)
     induced = _accelerations(scenario, np.hstack([config, zeta]), tau) - zeta_dot
-    return float(np.max(np.linalg.norm(induced, axis=1)))
+    return float(np.max(scenario.disturbance.norm(induced)))
 
 
 def _points(plan: DynamicPlan, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -80,7 +80,7 @@ def drawn(variation: Variation) -> dict[str, Any]:
 def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     """Returns the figures of merit of a run.
 
-    `worst_disturbance` is D/d̃, D the largest norm of all that disturbs, and `inside` is whether
+    `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of all that disturbs, and `inside` is whether
     that was at most 1. `margin` is the smallest of `margins`, and `constraint` its name. `noted` is
     what the log says, each with the time at which it says so first. `limited` is whether a limit
     cut the command. `within_at_end` is whether the robot is in its tube at the end, `proportional`
@@ -103,7 +103,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         limited or variation.outside in MEASURED_WRONG)
     return {
         "induced": None if size is None else float(
-            np.max(np.linalg.norm(induced, axis=1)) / disturbance["bound"]),
+            np.max(record.scenario.disturbance.norm(induced)) / disturbance["bound"]),
         "worst_disturbance": size, "inside": disturbance["exceeded"] == 0,
         "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory": ratio,
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],

@@ -51,7 +51,7 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
         "scenario": base.name, "seed": campaign.seed, "runs": len(results),
         "identity": campaign.identity, "certified": campaign.certified,
         "outside": campaign.outside, "versions": campaign.versions, "duration_s": base.duration,
-        "d_bound": base.disturbance.bound, "model_error": campaign.model_error,
+        "d_bound": base.disturbance.d_bound, "model_error": campaign.model_error,
         "surfaces": [{"stiffness": wall.stiffness, "tilt": wall.tilt} for wall in campaign.walls],
         "force_tolerance": base.task.force_tolerance,
         "desired_forces": sorted({target.factor for target in campaign.targets}),

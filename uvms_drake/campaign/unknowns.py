@@ -87,7 +87,7 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
         largest: Largest relative error.
         rng: Source of the draws.
     """
-    room = PREDICTED * SHARE * scenario.disturbance.bound
+    room = PREDICTED * SHARE * scenario.disturbance.d_bound
     unknowns, scale = draw_unknowns(largest, rng), 1.0
     shared = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
     for _ in range(ATTEMPTS):

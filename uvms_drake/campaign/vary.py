@@ -113,20 +113,22 @@ def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Dis
 
     Where no forces act the only adversary is `along_task_error`.
     """
-    bound = scenario.disturbance.bound
+    bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     period = float(np.exp(rng.uniform(*np.log(PERIODS))))
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     motion = motion_of(scenario)
     kind = str(rng.choice([*motion.adversaries, "random"]))
     direction = rng.normal(size=motion.disturbance_size(size))
     if kind == "random":
-        return RandomDisturbance(bound, bandwidth=1.0 / period)
+        return RandomDisturbance(bound, bandwidth=1.0 / period, weights=weights)
     if kind == "constant":
-        return ConstantDisturbance(bound, direction)
+        return ConstantDisturbance(bound, direction, weights=weights)
     if kind == "sinusoid":
-        return SinusoidalDisturbance(bound, direction, 2.0 * np.pi / period, phase)
+        return SinusoidalDisturbance(
+            bound, direction, 2.0 * np.pi / period, phase, weights=weights)
     return AdversarialDisturbance(
-        bound, kind, str(rng.choice(list(ROWS))), direction, int(rng.integers(size)), period, phase)
+        bound, kind, str(rng.choice(list(ROWS))), direction, int(rng.integers(size)), period, phase,
+        weights=weights)
 
 
 def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:

@@ -30,8 +30,8 @@ CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",
               "visual")
 """Keys of a scenario that a certificate does not depend on: `tube` is for runs without one. Other
-keys count in part, see `fingerprint`: the bound of `disturbance`, all of `task` but the tolerance
-of the force, and those of `faults` that the proofs do not cover."""
+keys count in part, see `fingerprint`: bound and weights of `disturbance`, all of `task` but the
+tolerance of the force, and those of `faults` that the proofs do not cover."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,9 @@ class Certificate:
     inputs: str
     """SHA-256 of the scenario's relevant part."""
     versions: dict[str, str]
+    weights: np.ndarray | None = None
+    """Bounds of each component of the disturbance over d̃, the diagonal of Ŵ: ‖Ŵ⁻¹d‖₂ ≤ d̃. None,
+    and not in the file, for a ball."""
     motion: str = "dynamic"
     """Kind of motion, see `Scenario`."""
     made_by: str = "certify"
@@ -106,6 +109,8 @@ class Certificate:
     def to_data(self) -> dict[str, Any]:
         """Returns the content as what JSON can hold, with its own SHA-256 as `sha256`."""
         data = jsonable(dataclasses.asdict(self), names=True) | {"certified": self.certified}
+        if self.weights is None:
+            del data["weights"]
         return data | {"sha256": _digest(data)}
 
     @staticmethod
@@ -113,10 +118,11 @@ class Certificate:
         """Returns the certificate of which `to_data` made `data`."""
         data = {key: restored(value) for key, value in data.items()
                 if key not in ("certified", "sha256")}
-        tube, terminal = data["tube"], data["terminal"]
+        tube, terminal, weights = data["tube"], data["terminal"], data.get("weights")
         return Certificate(**(data | {
             "constants": tuple(Constant.from_data(item) for item in data["constants"]),
             "conditions": tuple(Condition(**item) for item in data["conditions"]),
+            "weights": None if weights is None else np.array(weights, dtype=float),
             "tube": None if tube is None else TubeRadii(**_with_arrays(tube)),
             "terminal": None if terminal is None else TerminalResult(**_with_arrays(terminal))}))
 
@@ -139,7 +145,8 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     relevant = yaml_load_data(dump_scenario(scenario))
     for key in IRRELEVANT:
         relevant.pop(key, None)
-    relevant["disturbance"] = scenario.disturbance.bound
+    bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
+    relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)

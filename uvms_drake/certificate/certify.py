@@ -13,7 +13,7 @@ import numpy as np
 
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
-from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
 from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS, REACHED
@@ -50,10 +50,11 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         InvalidParameter: A value of the scenario has no meaning.
     """
     model = check_inputs(scenario)
-    law = scenario.ancillary
+    law, weights = scenario.ancillary, weights_of(scenario, model)
     draft = Certificate(
         scenario=scenario.name, motion=scenario.motion, law=scenario.law, k=law.k, sigma=law.sigma,
-        d_bound=scenario.disturbance.bound, **fingerprint(scenario))
+        d_bound=scenario.disturbance.d_bound, weights=None if np.all(weights == 1.0) else weights,
+        **fingerprint(scenario))
     motion = motion_of(scenario)
     if type(law) not in motion.tubes:
         return draft.adding([Condition(
@@ -107,18 +108,24 @@ def check_inputs(scenario: Scenario) -> ContactModel:
     with within("certificate"):
         check_settings(scenario.certificate)
     model = load_model(scenario)
-    vector("current", scenario.current, 3)
+    motion_of(scenario).check(scenario)
     require(scenario.seed >= 0, "seed", scenario.seed, "zero or positive")
     dynamic = motion_of(scenario).has_forces
     check_limits(scenario.limits, model.num_joints, accelerations=dynamic)
     with within("ancillary"):
         scenario.ancillary.check(kinematic=not dynamic)
-    bound = scenario.disturbance.bound
-    require(0.0 <= bound < np.inf, "disturbance.bound", bound, "zero or positive")
+    weights_of(scenario, model)
     none = np.zeros(model.size if dynamic else 0)
     without_tube = replace(scenario, tube=TubeRadii(u=none, tau=none))
     start_state(without_tube, make_ocp(without_tube, model))
     return model
+
+
+def weights_of(scenario: Scenario, model: ContactModel) -> np.ndarray:
+    """Returns the diagonal of Ŵ, one for each component of the disturbance, the largest 1."""
+    with within("disturbance"):
+        return scenario.disturbance.relative_weights(
+            motion_of(scenario).disturbance_size(model.size))
 
 
 def certified_once(scenario: Scenario, progress: Progress = silent) -> Certificate:
@@ -154,14 +161,15 @@ def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSe
 
     A kinematic scenario has those of the law `transpose` alone.
     """
-    settings = scenario.certificate
+    settings, weights = scenario.certificate, weights_of(scenario, model)
     key = {"set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
            "surface": repr(scenario.surface), "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
-           "files": fingerprint(scenario)["files"], "motion": scenario.motion}
+           "files": fingerprint(scenario)["files"], "motion": scenario.motion,
+           "weights": weights.tolist()}
 
     def compute() -> dict:
-        found = motion_of(scenario).constants(model, declared, settings)
+        found = motion_of(scenario).constants(model, declared, weights, settings)
         return {name: constant.to_data() for name, constant in found.items()}
 
     return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}
@@ -172,8 +180,8 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
     declared = declared_set(scenario, model)
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
-        d_bound=scenario.disturbance.bound, u_limit=np.asarray(scenario.limits.u, dtype=float),
-        settings=scenario.certificate)
+        d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
+        u_limit=np.asarray(scenario.limits.u, dtype=float), settings=scenario.certificate)
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:

@@ -47,8 +47,9 @@ HELP = {
 
 UNITS = {
     "J_min": "-", "J_max": "-", "J_position_max": "-", "J_attitude_max": "-", "Jx_max": "-",
-    "Jx_inv_max": "-", "J_dot_max": "1/s", "L_c": "1/s", "L_c_chi": "1/s", "L_1": "1/s²",
-    "L_1_chi": "1/s²", "L_2": "1/s",
+    "J_position_W_max": "-", "J_attitude_W_max": "-", "Jx_W_max": "-", "Jx_inv_max": "-",
+    "J_dot_max": "1/s", "L_c": "1/s", "L_c_chi": "1/s", "L_1": "1/s²", "L_1_chi": "1/s²",
+    "L_2": "1/s",
     "e": "m, rad", "position": "m", "orientation": "rad", "joints": "rad", "z": "m/s, rad/s",
     "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "tip_speed": "m/s",
     "roll": "rad", "pitch": "rad", "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
@@ -80,7 +81,10 @@ def _gains(certificate: Certificate) -> str:
         return f"{known}w̃ = {certificate.d_bound:.4g} m/s, rad/s"
     gains = (("k", certificate.k), ("σ", certificate.sigma))
     known = "".join(f"{name} = {gain:g} 1/s, " for name, gain in gains if math.isfinite(gain))
-    return f"{known}d̃ = {certificate.d_bound:g} m/s², rad/s²"
+    if certificate.weights is None:
+        return f"{known}d̃ = {certificate.d_bound:g} m/s², rad/s²"
+    axes = ", ".join(f"{axis:.3g}" for axis in certificate.d_bound * certificate.weights)
+    return f"{known}‖W⁻¹d‖ ≤ 1, W = {axes} m/s², rad/s²"
 
 
 def verdict(certificate: Certificate) -> str:

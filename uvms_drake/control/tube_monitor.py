@@ -34,7 +34,7 @@ from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
-"""Bounds that can be left: the set-wise one, the one along the run, and ‖d‖₂ ≤ d̃."""
+"""Bounds that can be left: the set-wise one, the one along the run, and ‖Ŵ⁻¹d‖₂ ≤ d̃."""
 
 SAID = ("left the tube (set-wise)", "left the bound along the run", "disturbance above its bound")
 """Warning for each of `ALARMS` when it is left."""
@@ -43,7 +43,7 @@ TUBE_REPORT = (
     *(f"{alarm}_exits" for alarm in ALARMS), *(f"{alarm}_first_exit" for alarm in ALARMS),
     *(f"worst_{bound}_{field}" for bound in ALARMS[:2] for field in FIELDS), "worst_disturbance")
 """Entries about the samples so far: number of exits, time of the first one [s] (inf: none), largest
-ratios of deviation and bound, and largest ‖d‖₂/d̃."""
+ratios of deviation and bound, and largest ‖Ŵ⁻¹d‖₂/d̃."""
 
 TubeReport = namedview("TubeReport", TUBE_REPORT)
 """A report (19,) by the names of `TUBE_REPORT`."""
@@ -65,7 +65,7 @@ class _Samples(NamedTuple):
     first: np.ndarray
     """Time of the first exit of each (3,) [s]."""
     worst: np.ndarray
-    """Largest ratios of deviation and bound, and ‖d‖₂/d̃ (13,)."""
+    """Largest ratios of deviation and bound, and ‖Ŵ⁻¹d‖₂/d̃ (13,)."""
 
     @staticmethod
     def of(state: np.ndarray) -> "_Samples":
@@ -105,8 +105,8 @@ class TubeMonitor(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)), in the paper's order; ζ as it is commanded, where it is the input.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), from `NominalMpc`; continuous also where it plans anew, but
       for ζ̄ where the velocity is the input.
-    - `disturbance`: the simulated d (6+n), or w (6), so that ‖d‖₂ > d̃ is noticed; unconnected means
-      unknown.
+    - `disturbance`: the simulated d (6+n), or w (6), so that ‖Ŵ⁻¹d‖₂ > d̃ is noticed; unconnected
+      means unknown.
     - `pair`: the `Pair` of these two states, if somebody has it already; it is computed otherwise.
     - `deviation` (6): `FIELDS`.
     - `bound` (6): the trajectory-wise bounds of `FIELDS`; inf where there is none.
@@ -124,8 +124,9 @@ class TubeMonitor(LeafSystem):
     Args:
         model: The controller's model.
         law: The law and its gains.
-        d_bound: d̃, bound of ‖d‖₂, or w̃.
+        d_bound: d̃, bound of ‖Ŵ⁻¹d‖₂, or w̃.
         radii: Set-wise bounds by the names of `FIELDS`; others are not checked.
+        weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
         kinematic: Whether the velocity is the input and w, not d, the disturbance.
         period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
             which leaves the steps as they are.
@@ -138,8 +139,9 @@ class TubeMonitor(LeafSystem):
     """
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, d_bound: float,
-                 radii: Mapping[str, float], *, kinematic: bool = False, period: float = 0.01,
-                 slack: float = 1e-6, floor: float = FLOOR):
+                 radii: Mapping[str, float], *, weights: np.ndarray | float = 1.0,
+                 kinematic: bool = False, period: float = 0.01, slack: float = 1e-6,
+                 floor: float = FLOOR):
         super().__init__()
         law.check(kinematic=kinematic)
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
@@ -151,8 +153,10 @@ class TubeMonitor(LeafSystem):
         self._slack, self._floor = slack, floor
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
         require(not np.any(self._radii < 0.0), "radii", self._radii, "zero or positive")
-        self._along = law.kinematic_run_bound(d_bound) if kinematic else law.run_bound(d_bound)
-        self._declare_ports(6 if kinematic else model.size)
+        self._weights = weights * np.ones(6 if kinematic else model.size)
+        self._along = (law.kinematic_run_bound(d_bound) if kinematic
+                       else law.run_bound(d_bound, self._weights))
+        self._declare_ports(len(self._weights))
         never = np.full(len(ALARMS), np.inf)
         none = np.zeros(len(ALARMS))
         self.DeclareDiscreteState(np.concatenate(
@@ -260,7 +264,7 @@ class TubeMonitor(LeafSystem):
         set_wise, along = np.split(beyond(norms, bounds, self._slack, self._floor), 2)
         d = 0.0
         if self._disturbance_port.HasValue(context):
-            d = float(np.linalg.norm(self._disturbance_port.Eval(context)))
+            d = float(np.linalg.norm(self._disturbance_port.Eval(context) / self._weights))
         is_outside = np.array([np.any(set_wise), np.any(along),
                                beyond(d, self._d_bound, self._slack, FLOOR)])
         # Alarms for those that have just been left.

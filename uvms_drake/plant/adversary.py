@@ -1,4 +1,4 @@
-"""Disturbances that try to break the tube, with ‖d(t)‖₂ ≤ d̃ at all times like any other.
+"""Disturbances that try to break the tube, with ‖Ŵ⁻¹d(t)‖₂ ≤ d̃ at all times like any other.
 
 Those that are aimed read the error they drive through ports, and know the robot's geometry; they do
 not know the controller. `make_uvms_plant` with `disturbance=None` has an input port for them.
@@ -23,7 +23,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
 AIM_FROM = 1e-6
-"""‖𝔯‖, ‖J_bᵀ𝔢_b‖ or ‖𝔢‖ at which the disturbance is halfway between fixed direction and aim."""
+"""‖Ŵ⁻¹𝔯‖, ‖ŴJ_bᵀ𝔢_b‖ or ‖𝔢‖ at which the disturbance is halfway between fixed direction and aim."""
 
 AHEAD = 0.2
 """Time that `ahead` looks into the future [s]."""
@@ -42,13 +42,13 @@ Rows = Literal["all", "position", "orientation", "joints"]
 
 @dataclass
 class AdversarialDisturbance(Disturbance):
-    """A disturbance of the full size d̃, or of size d̃|sin| for `sinusoid`.
+    """A disturbance d = d̃Ŵe of the full size, ‖e‖ = 1, or of |sin| of that for `sinusoid`.
 
-    - `along_r`: along 𝔯, which keeps ‖𝔯‖ at the solution of Ṙ = −kR + d̃.
-    - `along_task_error`: along J_b(𝔮)ᵀ𝔢_b, b the block of `rows`.
-    - `leading`: along the right-singular vector of J_b(𝔮) with the largest singular value.
-    - `ahead`: along the d that makes ‖𝔢_b‖ largest `AHEAD` from now, if no feedback acts till then.
-    - `constant`, `sinusoid`, `bang_bang`: a fixed direction times 1, a sine, its sign.
+    - `along_r`: e along Ŵ⁻¹𝔯, which keeps ‖Ŵ⁻¹𝔯‖ at the solution of Ṙ = −kR + d̃.
+    - `along_task_error`: e along ŴJ_b(𝔮)ᵀ𝔢_b, b the block of `rows`: no d drives ‖𝔢_b‖ more.
+    - `leading`: e along the right-singular vector of J_b(𝔮)Ŵ with the largest singular value.
+    - `ahead`: the d that makes ‖𝔢_b‖ largest `AHEAD` from now, if no feedback acts till then.
+    - `constant`, `sinusoid`, `bang_bang`: e a fixed direction times 1, a sine, its sign.
     - `per_channel`: a single component, its sign as of `bang_bang`.
 
     𝔯 and 𝔢_y start at zero; there the first two go along the fixed direction. The sign of `leading`
@@ -59,7 +59,7 @@ class AdversarialDisturbance(Disturbance):
     rows: str = "all"
     """Block of rows of J_x that is aimed at."""
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """The fixed direction (6+n), of any length; empty means the same in all components."""
+    """The fixed direction of e (6+n), of any length; empty means the same in all components."""
     channel: int = 0
     """Component of `per_channel`, 0 to 5+n."""
     period: float = 1.0
@@ -98,7 +98,7 @@ def toward(aim: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 class Adversary(LeafSystem):
-    """A disturbance d with ‖d‖₂ ≤ d̃ that is aimed at the tube.
+    """A disturbance d with ‖Ŵ⁻¹d‖₂ ≤ d̃ that is aimed at the tube.
 
     .. pydrake_system::
 
@@ -119,13 +119,13 @@ class Adversary(LeafSystem):
 
     Args:
         model: The robot's geometry.
-        settings: Kind, bound and shape of the disturbance.
+        settings: Kind, bound, weights and shape of the disturbance.
     """
 
     def __init__(self, model: UvmsModel, settings: AdversarialDisturbance):
         super().__init__()
         size = model.size
-        require(0.0 <= settings.bound < np.inf, "bound", settings.bound, "zero or positive")
+        self._weights, self._axes = settings.relative_weights(size), settings.axes(size)
         require(settings.kind in KINDS, "kind", settings.kind, f"one of {', '.join(KINDS)}")
         require(settings.rows in ROWS, "rows", settings.rows, f"one of {', '.join(ROWS)}")
         require(0 <= settings.channel < size, "channel", settings.channel, f"0 to {size - 1}")
@@ -166,7 +166,7 @@ class Adversary(LeafSystem):
     def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
         match self._settings.kind:
             case "along_r":
-                e = toward(self._r_port.Eval(context), self._direction)
+                e = toward(self._r_port.Eval(context) / self._weights, self._direction)
             case "along_task_error":
                 e_b = self._e_y_port.Eval(context)[ROWS[self._settings.rows]]
                 e = toward(self._jacobian(context).T @ e_b, self._direction)
@@ -183,26 +183,26 @@ class Adversary(LeafSystem):
                 e = self._direction * np.sin(angle + self._settings.phase)
             case _:
                 e = self._direction * context.get_discrete_state_vector().value()[0]
-        output.SetFromVector(self._settings.bound * e)
+        output.SetFromVector(self._axes * e)
 
     def _ahead(self, context: Context) -> np.ndarray:
-        """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃e‖, T = `AHEAD`.
+        """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃Ŵe‖, T = `AHEAD`.
 
         By the generalised power method, each step of which makes it larger: it is convex in e.
         """
         J = self._jacobian(context)
         drift = self._e_y_port.Eval(context)[ROWS[self._settings.rows]]
-        drift = drift + AHEAD * (J @ self._r_port.Eval(context))
-        reach = 0.5 * AHEAD**2 * self._settings.bound * J
+        drift = drift + AHEAD * (J @ (self._r_port.Eval(context) / self._weights))
+        reach = 0.5 * AHEAD**2 * self._settings.d_bound * J
         e = toward(J.T @ drift, self._direction)
         for _ in range(AHEAD_ITERATIONS):
             e = toward(J.T @ (drift + reach @ e), self._direction)
         return e
 
     def _jacobian(self, context: Context) -> np.ndarray:
-        """Returns the rows of J_x that are aimed at."""
+        """Returns the rows of J_xŴ that are aimed at."""
         config = self._state_port.Eval(context)[: self._model.size]
-        return self._model.task_jacobian(config)[ROWS[self._settings.rows]]
+        return self._model.task_jacobian(config)[ROWS[self._settings.rows]] * self._weights
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: AdversarialDisturbance, *,
@@ -213,7 +213,7 @@ class Adversary(LeafSystem):
         Args:
             builder: Where to add it.
             model: The robot's geometry.
-            settings: Kind, bound and shape of the disturbance.
+            settings: Kind, bound, weights and shape of the disturbance.
             state: Gives (𝔮, ζ); not every kind needs it.
             e_y: Gives 𝔢_y; not every kind needs it.
             r: Gives 𝔯; not every kind needs it.

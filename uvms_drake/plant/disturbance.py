@@ -1,8 +1,10 @@
-"""Disturbances d(t) with ‖d(t)‖₂ ≤ d̃ at all times, by construction.
+"""Disturbances d(t) with ‖Ŵ⁻¹d(t)‖₂ ≤ d̃ at all times, by construction.
 
 d is the paper's disturbance of the dynamics (eq:dynamics), a generalised acceleration
-[m/s², rad/s²]; the laws do not depend on the meaning of the components. A disturbance adds itself
-to a diagram. Those that are functions of time are here, those that are aimed in `adversary`.
+[m/s², rad/s²]. Ŵ is diagonal and its largest entry 1, so that ‖d‖₂ ≤ d̃ too; in the paper Ŵ = I, for
+which metres and radians, a heavy hull and light joints are one. Otherwise d is in an ellipsoid
+whose semi-axes Wᵢ = Ŵᵢd̃ are the bounds of each component alone. A disturbance adds itself to a
+diagram. Those that are functions of time are here, those that are aimed in `adversary`.
 """
 
 from abc import ABC, abstractmethod
@@ -61,15 +63,40 @@ class Disturbance(ABC):
 
     bound: float = 0.0
     """Bound d̃ of ‖d‖₂ [m/s², rad/s²]; with kinematic motion w̃ of ‖w‖₂ [m/s, rad/s]."""
+    weights: np.ndarray = field(default_factory=lambda: np.zeros(0), kw_only=True)
+    """Bound of each component of d over `bound`, 6+n positive numbers: d is in the ellipsoid with
+    the semi-axes `bound` times `weights`. Empty means ones, a ball."""
 
     @property
     def label(self) -> str:
         """Name of its kind, in tables."""
         return type(self).__name__
 
-    def check(self) -> None:
-        """Raises `InvalidParameter` unless the bound is one."""
+    @property
+    def d_bound(self) -> float:
+        """Bound d̃ of ‖d‖₂: the largest semi-axis."""
+        return self.bound * float(np.max(self.weights)) if np.size(self.weights) else self.bound
+
+    def relative_weights(self, size: int) -> np.ndarray:
+        """Returns the diagonal of Ŵ (size,), the largest of it 1.
+
+        Raises:
+            InvalidParameter: Bound or weights are none.
+        """
         require(0.0 <= self.bound < np.inf, "bound", self.bound, "zero or positive")
+        if np.size(self.weights) == 0:
+            return np.ones(size)
+        weights = vector("weights", self.weights, size)
+        require(bool(np.all(weights > 0.0)), "weights", weights, f"{size} positive numbers")
+        return weights / np.max(weights)
+
+    def axes(self, size: int) -> np.ndarray:
+        """Returns the semi-axes Wᵢ of the ellipsoid (size,) [m/s², rad/s²]."""
+        return self.d_bound * self.relative_weights(size)
+
+    def norm(self, d: np.ndarray) -> np.ndarray:
+        """Returns ‖Ŵ⁻¹d‖₂ (T,) of disturbances (T, size), which is to be at most d̃."""
+        return np.linalg.norm(d / self.relative_weights(d.shape[1]), axis=1)
 
     @abstractmethod
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
@@ -122,26 +149,28 @@ class OpenLoopDisturbance(Disturbance):
 
 @dataclass
 class ConstantDisturbance(OpenLoopDisturbance):
-    """d = d̃ e with the unit vector e along `direction`."""
+    """d = d̃Ŵe with the unit vector e along `direction`."""
 
     label = "constant"
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Vector of any length; empty means the same in all components."""
+    """Vector of any length; empty means the same in all components of e, that is, the same part of
+    the bound of every component of d."""
 
     def system(self, size: int, seed: int = 0) -> LeafSystem:
         """Returns the source; see `OpenLoopDisturbance`."""
-        return DirectedDisturbance(self.bound, unit_vector(self.direction, size), lambda time: 1.0)
+        return DirectedDisturbance(
+            self.axes(size) * unit_vector(self.direction, size), lambda time: 1.0)
 
 
 @dataclass
 class SinusoidalDisturbance(OpenLoopDisturbance):
-    """d = d̃ e sin(ωt + phase) with the unit vector e along `direction`; the paper's kind."""
+    """d = d̃Ŵe sin(ωt + phase) with the unit vector e along `direction`; the paper's kind."""
 
     label = "sinusoid"
 
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Vector of any length; empty means the same in all components."""
+    """Vector of any length; empty means the same in all components of e."""
     frequency: float = 1.0
     """Angular frequency ω [rad/s]."""
     phase: float = 0.0
@@ -154,13 +183,13 @@ class SinusoidalDisturbance(OpenLoopDisturbance):
             require(bool(np.isfinite(value)), key, value, "finite")
         require(self.frequency >= 0.0, "frequency", self.frequency, "zero or positive")
         frequency, phase = self.frequency, self.phase
-        return DirectedDisturbance(self.bound, unit_vector(self.direction, size),
+        return DirectedDisturbance(self.axes(size) * unit_vector(self.direction, size),
                                    lambda time: np.sin(frequency * time + phase))
 
 
 @dataclass
 class RandomDisturbance(OpenLoopDisturbance):
-    """Uniformly distributed points of the ball ‖d‖₂ ≤ d̃, smoothly interpolated in time."""
+    """Uniformly distributed points of the ellipsoid, smoothly interpolated in time."""
 
     label = "random"
 
@@ -169,11 +198,11 @@ class RandomDisturbance(OpenLoopDisturbance):
 
     def system(self, size: int, seed: int = 0) -> LeafSystem:
         """Returns the source; see `OpenLoopDisturbance`."""
-        return RandomPoints(size, self.bound, self.bandwidth, seed)
+        return RandomPoints(self.axes(size), self.bandwidth, seed)
 
 
 class DirectedDisturbance(LeafSystem):
-    """A disturbance d(t) = d̃ g(t) e along one direction.
+    """A disturbance d(t) = g(t) a along one direction.
 
     .. pydrake_system::
 
@@ -186,26 +215,24 @@ class DirectedDisturbance(LeafSystem):
     It has no state.
 
     Args:
-        bound: d̃.
-        direction: e (size,), ‖e‖₂ ≤ 1.
+        amplitude: a (size,).
         factor: g of the time [s], |g| ≤ 1.
     """
 
-    def __init__(self, bound: float, direction: np.ndarray, factor: Callable[[float], float]):
+    def __init__(self, amplitude: np.ndarray, factor: Callable[[float], float]):
         super().__init__()
-        require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
-        self._amplitude, self._factor = bound * direction, factor
+        self._amplitude, self._factor = amplitude, factor
         self.DeclareVectorOutputPort(
-            "disturbance", len(direction), self._calc, {self.time_ticket()})
+            "disturbance", len(amplitude), self._calc, {self.time_ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._amplitude * self._factor(context.get_time()))
 
 
 class RandomPoints(LeafSystem):
-    """A disturbance that takes a random point of the ball ‖d‖₂ ≤ d̃ every 1/(2 bandwidth).
+    """A disturbance that takes a random point of an ellipsoid every 1/(2 bandwidth).
 
-    It goes from one to the next by a convex combination, which stays in the ball; the weight is a
+    It goes from one to the next by a convex combination, which stays inside; the weight is a
     smooth step, so that d(t) is continuously differentiable.
 
     .. pydrake_system::
@@ -222,28 +249,26 @@ class RandomPoints(LeafSystem):
     not matter.
 
     Args:
-        size: Number of components.
-        bound: d̃.
+        axes: Semi-axes of the ellipsoid (size,).
         bandwidth: Half the rate of the points [Hz].
         seed: Seed of the points, zero or positive.
     """
 
-    def __init__(self, size: int, bound: float, bandwidth: float, seed: int):
+    def __init__(self, axes: np.ndarray, bandwidth: float, seed: int):
         super().__init__()
-        require(0.0 <= bound < np.inf, "bound", bound, "zero or positive")
         require(0.0 < bandwidth < np.inf, "bandwidth", bandwidth, "positive")
         require(seed >= 0, "seed", seed, "zero or positive")
-        self._size, self._bound, self._seed = size, bound, seed
+        self._size, self._axes, self._seed = len(axes), axes, seed
         self._rate = 2.0 * bandwidth
         self.DeclareDiscreteState(self._interval(0))
         self.DeclareInitializationDiscreteUpdateEvent(self._update)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / self._rate, 0.0, self._update)
         self.DeclareVectorOutputPort(
-            "disturbance", size, self._calc, {self.time_ticket(), self.xd_ticket()})
+            "disturbance", len(axes), self._calc, {self.time_ticket(), self.xd_ticket()})
 
     def _interval(self, index: int) -> np.ndarray:
         """Returns the discrete state (i, dᵢ, dᵢ₊₁)."""
-        ends = [self._bound * ball_sample(self._size, self._seed, i) for i in (index, index + 1)]
+        ends = [self._axes * ball_sample(self._size, self._seed, i) for i in (index, index + 1)]
         return np.concatenate([[index], *ends])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

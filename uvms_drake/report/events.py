@@ -90,8 +90,8 @@ def _during(signal: _Signal, time: np.ndarray, gap: float) -> Iterator[Event]:
 
 def _logged(record: Record) -> Iterator[_Signal]:
     """Yields the signals at the logged samples."""
-    depth, bound = record.penetration, record.scenario.disturbance.bound
-    d = np.linalg.norm(record.effective_disturbance, axis=1)
+    depth, bound = record.penetration, record.scenario.disturbance.d_bound
+    d = record.scenario.disturbance.norm(record.effective_disturbance)
     if motion_of(record.scenario).has_forces:  # Without them nothing is touched.
         yield _Signal("contact", depth > 0.0,
                       lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")

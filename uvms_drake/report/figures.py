@@ -283,16 +283,18 @@ def draw_disturbance(record: Record) -> Figure:
         if not alike:
             axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
                          label=name)
-    norm = np.linalg.norm(record.disturbance, axis=1)
-    effective = np.linalg.norm(record.effective_disturbance, axis=1)
+    declared = record.scenario.disturbance
+    norm, effective = (declared.norm(each) for each in (
+        record.disturbance, record.effective_disturbance))
     axes[1].plot(record.time, norm, color="0.35", label="applied")
     if not np.allclose(norm, effective, atol=1e-6):
         axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8,
                      label="with what the controller does not know")
-    bound = record.scenario.disturbance.bound
+    bound = declared.d_bound
     axes[1].axhline(bound, **{**LIMIT, "label": rf"bound $\tilde{{{symbol}}}$ = {bound:.3g}"})
     axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
-    axes[1].set_ylabel(rf"$\|{symbol}\|_2$ [{unit}]")
+    scaled = rf"\hat{{W}}^{{-1}}{symbol}" if np.size(declared.weights) else symbol
+    axes[1].set_ylabel(rf"$\|{scaled}\|_2$ [{unit}]")
     room_above_zero(axes[1])
     axes[1].legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     legend_above(figure, axes[0])

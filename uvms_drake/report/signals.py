@@ -13,10 +13,10 @@ BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 
 
 def disturbance_above(record: Record) -> np.ndarray:
-    """Returns whether the norm of all that disturbs is above d̃ (T,)."""
-    bound = record.scenario.disturbance.bound
-    effective = np.linalg.norm(record.effective_disturbance, axis=1)
-    return effective > (1.0 + BOUND_SLACK) * bound + BOUND_FLOOR
+    """Returns whether all that disturbs is outside of ‖Ŵ⁻¹d‖₂ ≤ d̃ (T,)."""
+    declared = record.scenario.disturbance
+    effective = declared.norm(record.effective_disturbance)
+    return effective > (1.0 + BOUND_SLACK) * declared.d_bound + BOUND_FLOOR
 
 
 def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:

@@ -150,13 +150,15 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     """Returns d̃, the largest disturbance, and how often it was above d̃.
 
     `worst` is of the effective disturbance, with all that the controller does not know about;
-    `applied` of the simulated one alone. `exceeded` counts the separate times of being above.
+    `applied` of the simulated one alone. `exceeded` counts the separate times of being above. With
+    weights `bound` is d̃, the largest of the components' bounds, and the other two are of ‖Ŵ⁻¹d‖₂,
+    of which it is the bound.
     """
-    above = disturbance_above(record)
-    return {"bound": record.scenario.disturbance.bound,
+    above, declared = disturbance_above(record), record.scenario.disturbance
+    return {"bound": declared.d_bound,
             "unit": motion_of(record.scenario).disturbance_unit,
-            "worst": np.max(np.linalg.norm(record.effective_disturbance, axis=1)),
-            "applied": np.max(np.linalg.norm(record.disturbance, axis=1)),
+            "worst": np.max(declared.norm(record.effective_disturbance)),
+            "applied": np.max(declared.norm(record.disturbance)),
             "exceeded": np.count_nonzero(np.diff(above.astype(int), prepend=0) > 0)}
 
 

@@ -82,11 +82,11 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     """
     builder, motion = DiagramBuilder(), motion_of(scenario)
     motion.check(scenario)
+    model = model or load_model(scenario)
     with within("disturbance"):
-        scenario.disturbance.check()
+        weights = scenario.disturbance.relative_weights(motion.disturbance_size(model.size))
 
     # Plant and controller.
-    model = model or load_model(scenario)
     ocp = motion.make_ocp(scenario, model)
     start = start_state(scenario, ocp)[: model.size]
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
@@ -128,8 +128,9 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     # The monitor, and the disturbance, which may be aimed with the monitor's errors.
     shared = measured is true and controller.HasOutputPort("pair")
     monitor = TubeMonitor.AddToBuilder(
-        builder, model, scenario.ancillary, scenario.disturbance.bound,
-        set_wise_radii(scenario), state=signals["state"], nominal_state=signals["nominal_state"],
+        builder, model, scenario.ancillary, scenario.disturbance.d_bound,
+        set_wise_radii(scenario), weights=weights, state=signals["state"],
+        nominal_state=signals["nominal_state"],
         disturbance=signals["disturbance"],
         pair=controller.GetOutputPort("pair") if shared else None,
         kinematic=not motion.has_forces, period=scenario.log_period, slack=MONITOR_SLACK,

@@ -1,5 +1,6 @@
 """Dynamic motion: forces move the robot, d is added to its acceleration."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,7 +27,7 @@ from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.covering import prove_constants
-from uvms_drake.tube.dynamic import DYNAMIC_TUBES, paper_radii
+from uvms_drake.tube.dynamic import DYNAMIC_TUBES, WEIGHTED, paper_radii
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
@@ -110,13 +111,18 @@ class Dynamic(Motion[DynamicOcp]):
         return [("mpc.input_reference, not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]
 
-    def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
-                  ) -> dict[str, Constant]:
+    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
+                  settings: CertificateSettings) -> dict[str, Constant]:
         """Returns all constants; those that decide the tube of `resolved` are proven."""
-        return estimate_constants(
+        constants = estimate_constants(
             model, declared, samples=settings.constant_samples,
             safety_factor=settings.safety_factor, seed=settings.seed
         ) | prove_constants(model, declared, seed=settings.seed)
+        if np.all(weights == 1.0):
+            return constants
+        weighted = prove_constants(model, declared, seed=settings.seed, weights=weights)
+        return constants | {WEIGHTED[name]: replace(constant, name=WEIGHTED[name])
+                            for name, constant in weighted.items()}
 
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
         """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""

@@ -47,6 +47,9 @@ class Kinematic(Motion[KinematicOcp]):
                 "left out where the velocity is the input (motion: kinematic)")
         require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
                 "left out where there is no contact (motion: kinematic)")
+        weights = scenario.disturbance.weights
+        require(np.size(weights) == 0, "disturbance.weights", weights,
+                "left out where the velocity is the input (motion: kinematic)")
 
     def disturbance_size(self, size: int) -> int:
         """Returns the number of components of w."""
@@ -94,8 +97,8 @@ class Kinematic(Motion[KinematicOcp]):
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
         return [("joints of weight zero, which no terminal set holds", free)]
 
-    def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
-                  ) -> dict[str, Constant]:
+    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
+                  settings: CertificateSettings) -> dict[str, Constant]:
         """Returns the constants of the law `transpose`; `resolved` needs none."""
         return estimate_constants(
             model, declared, CONSTANTS, samples=settings.constant_samples,

@@ -102,9 +102,16 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
 
     @abstractmethod
-    def constants(self, model: ContactModel, declared: ConstraintSet, settings: CertificateSettings
-                  ) -> dict[str, Constant]:
-        """Returns the constants that the tubes of this motion are computed from, by name."""
+    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
+                  settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns the constants that the tubes of this motion are computed from, by name.
+
+        Args:
+            model: The prediction model.
+            declared: Set that they are suprema over.
+            weights: Diagonal of Ŵ, see `Basis`.
+            settings: How hard to look.
+        """
 
     @abstractmethod
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:

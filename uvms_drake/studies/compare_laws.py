@@ -1,6 +1,6 @@
 """The two laws side by side: certified, reached by an adversary, and given by the paper's form.
 
-The loop starts at the task, in contact, and an adversary pushes with ‖d‖ = d̃ all the time: along
+The loop starts at the task, in contact, and an adversary pushes with ‖Ŵ⁻¹d‖ = d̃ all the time: along
 the leading direction of J_x, along J_xᵀ𝔢_y, and constantly. Certified is ‖y − ȳ‖ for `resolved`
 and ‖χ − χ̄‖ for `transpose`. The radius of the paper's Lemma, d̃/min(α₁, α₂), is never below d̃/σ̲
 with σ̲ = σJ̲ − L_𝔠, whatever k is.
@@ -59,7 +59,7 @@ def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[Ancilla
                  progress: Progress = silent) -> list[LawRow]:
     """Returns a row for every law, with the controller's model and the scenario's limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
-    d = scenario.disturbance.bound
+    d = scenario.disturbance.d_bound
     basis = basis_of(scenario, model)
     lemma = lemma_constants(basis.constants)
     rows: list[LawRow] = []
@@ -80,7 +80,7 @@ def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, 
                     ) -> float:
     """Returns the largest deviation that one adversary reaches in `DURATION`."""
     # Plant and controller.
-    d = scenario.disturbance.bound
+    declared = scenario.disturbance
     ocp = make_dynamic_ocp(
         replace(scenario, mpc=replace(scenario.mpc, horizon=HORIZON)), model)
     builder = DiagramBuilder()
@@ -90,12 +90,14 @@ def worst_deviation(scenario: Scenario, model: ContactModel, law: AncillaryLaw, 
     state = uvms.GetOutputPort("state")
     # Only a bound of 1 is set, so that the worst ratio is the worst deviation itself.
     monitor = TubeMonitor.AddToBuilder(
-        builder, model, law, d, {"task": 1.0}, state=state, period=0.0,
+        builder, model, law, declared.d_bound, {"task": 1.0}, state=state, period=0.0,
+        weights=declared.relative_weights(model.size),
         nominal_state=controller.GetOutputPort("nominal_state"),
         pair=controller.GetOutputPort("pair"))
     # The adversary aims with the monitor's errors.
     adversary = Adversary.AddToBuilder(
-        builder, model, AdversarialDisturbance(bound=d, kind=attack), state=state,
+        builder, model,
+        AdversarialDisturbance(declared.bound, attack, weights=declared.weights), state=state,
         e_y=monitor.GetOutputPort("e_y"), r=monitor.GetOutputPort("r"))
     builder.Connect(adversary.get_output_port(), uvms.GetInputPort("disturbance"))
     builder.Connect(state, controller.GetInputPort("state"))

@@ -72,14 +72,14 @@ def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float]
                 scenario, ancillary=scaled,
                 disturbance=replace(
                     scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
-            tube = tube_of(scaled, replace(basis, d_bound=at.disturbance.bound))
+            tube = tube_of(scaled, replace(basis, d_bound=at.disturbance.d_bound))
             # The limits, tightened by its tube, if there is one.
             rooms, bounds = [], {"force": np.inf}
             if all(item.holds for item in tube.conditions):
                 rooms = room_of(at, tube.radii, model)
                 bounds = ultimate_bounds(tube.radii, surface, chi_des)
             points.append(FrontPoint(
-                d_bound=at.disturbance.bound, k=scaled.k, sigma=scaled.sigma,
+                d_bound=at.disturbance.d_bound, k=scaled.k, sigma=scaled.sigma,
                 force=bounds["force"],
                 input_left=min((item.margin / item.right for item in rooms
                                 if item.name.startswith("tube in limits.u")), default=-np.inf),

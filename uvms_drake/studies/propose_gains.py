@@ -16,7 +16,7 @@ from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.dynamic import resolved_law_tube
+from uvms_drake.tube.dynamic import gain, resolved_law_tube
 from uvms_drake.tube.tube_image import input_gain
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
@@ -43,15 +43,15 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     def force_error(law: Resolved) -> float:
         """Returns the bound of the force error with other gains [N]."""
         position, orientation = (
-            basis.value(name) * basis.d_bound / (law.k * law.sigma)
-            for name in ("J_position_max", "J_attitude_max"))
+            gain(basis, block) * basis.d_bound / (law.k * law.sigma)
+            for block in ("position", "orientation"))
         return surface.force_error(chi_des, position, orientation, 2.0 * law.sigma * position)
 
     candidates = [Resolved(k=bandwidth * a, sigma=bandwidth * b)
                   for a, b in product(FRACTIONS, FRACTIONS) if b <= a]
-    weakest = float(np.min(scenario.limits.u))
+    pushed = basis.d_bound * basis.weights
     for law in sorted(candidates, key=force_error):
-        if input_gain(law.k, law.sigma) * scenario.disturbance.bound >= weakest:
+        if np.any(input_gain(law.k, law.sigma) * pushed >= basis.u_limit):
             continue  # The linear part alone takes all of an input.
         at = replace(scenario, ancillary=law)
         tube = resolved_law_tube(law, basis)

@@ -1,5 +1,6 @@
-"""The tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖d‖₂ ≤ d̃.
+"""The tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃.
 
+Ŵ is diagonal with a largest entry of 1: ‖d‖₂ ≤ d̃, and what is proven for this ball holds.
 A law has a certificate if it is in `DYNAMIC_TUBES`, by its exact type: a proof for one law is none
 for a law that is derived from it.
 """
@@ -24,7 +25,15 @@ from uvms_drake.tube.tubes import (
 )
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
-"""Constants that decide the tube of `resolved`, by block of rows."""
+"""Constants that decide the tube of `resolved` in a ball of disturbances, by block of rows."""
+WEIGHTED = {name: name.replace("_max", "_W_max") for name in PROVEN.values()}
+"""Those of J_xŴ by those of J_x: they decide where Ŵ is not I."""
+
+
+def gain(basis: Basis, block: str) -> float:
+    """Returns the bound of ‖J_bŴ‖ of a block of rows, a key of `PROVEN`."""
+    name = PROVEN[block]
+    return basis.value(name if np.all(basis.weights == 1.0) else WEIGHTED[name])
 
 
 def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
@@ -43,7 +52,7 @@ def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> 
 
 def resolved_task_radius(law: Resolved, basis: Basis) -> float:
     """Returns the bound of ‖𝔢_y‖ under the law `resolved`."""
-    return resolved_tube(law.k, law.sigma, basis.d_bound, basis.value(PROVEN["task"])).e
+    return resolved_tube(law.k, law.sigma, basis.d_bound, gain(basis, "task")).e
 
 
 def transpose_task_radius(law: Transpose, basis: Basis) -> float:
@@ -56,16 +65,15 @@ def transpose_task_radius(law: Transpose, basis: Basis) -> float:
 def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`."""
     k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
-    gains = {block: basis.value(name) for block, name in PROVEN.items()}
-    position, orientation = (resolved_tube(k, sigma, d, gains[block]).e
-                             for block in ("position", "orientation"))
+    gains = gain(basis, "position"), gain(basis, "orientation")
+    position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
     image = tube_image(
-        basis.model, basis.declared, basis.u_limit, d_bound=d,
-        gains=(gains["position"], gains["orientation"]), k=k, sigma=sigma,
-        samples=settings.tube_samples, safety_factor=settings.safety_factor, seed=settings.seed)
+        basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
+        k=k, sigma=sigma, samples=settings.tube_samples, safety_factor=settings.safety_factor,
+        seed=settings.seed)
     tube = TubeRadii(
         e=resolved_task_radius(law, basis), position=position, orientation=orientation,
-        joints=resolved_tube(k, sigma, d, 1.0).e,
+        joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e,
         z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
         qdot=image.qdot, tip_speed=2.0 * sigma * position, roll=image.roll, pitch=image.pitch,
         u=image.u, tau=image.tau)
@@ -74,7 +82,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
-    """Returns the tube of the law `transpose`; see `tubes.transpose_tube`.
+    """Returns the tube of the law `transpose`; see `tubes.transpose_tube`; of the ball, for any Ŵ.
 
     In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
     """
@@ -101,7 +109,7 @@ which takes no search; by the law's exact type."""
 
 
 def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-    """Returns the radii of the paper's Lemma for the same constants and gains, to compare."""
+    """Returns the radii of the paper's Lemma for the same constants, gains and d̃, to compare."""
     lemma = lemma_constants(basis.constants)
     tubes = paper_conditions(lemma, law.k, law.sigma, basis.d_bound)
     least = smallest_k(lemma)

@@ -24,7 +24,9 @@ class Basis:
     constants: dict[str, Constant]
     """Constants by name."""
     d_bound: float
-    """Bound d̃ of ‖d‖₂; with kinematic motion w̃ of ‖w‖₂."""
+    """Bound d̃ of ‖Ŵ⁻¹d‖₂, and so of ‖d‖₂; with kinematic motion w̃ of ‖w‖₂."""
+    weights: np.ndarray
+    """Diagonal of Ŵ, one for each component of the disturbance, the largest 1."""
     u_limit: np.ndarray
     """Limits of |uᵢ| (6+n,); empty with kinematic motion."""
     settings: CertificateSettings

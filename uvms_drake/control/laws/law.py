@@ -162,11 +162,12 @@ class AncillaryLaw(ABC):
         e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
         return Deviation(e_y, e_y, z, z)
 
-    def run_bound(self, d_bound: float) -> RunBound | None:
+    def run_bound(self, d_bound: float, weights: np.ndarray) -> RunBound | None:
         """Returns the bound along a run of the dynamics, if the law has one.
 
         Args:
-            d_bound: d̃, bound of ‖d‖₂.
+            d_bound: d̃, bound of ‖Ŵ⁻¹d‖₂, and so of ‖d‖₂.
+            weights: Diagonal of Ŵ (6+n,), at most 1.
         """
         return None
 

@@ -76,21 +76,23 @@ class Resolved(AncillaryLaw):
         e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
         return Deviation(e_y, e_y, z, z - _offset(now) + self.sigma * now.inverse @ e_y)
 
-    def run_bound(self, d_bound: float) -> RunBound:
+    def run_bound(self, d_bound: float, weights: np.ndarray) -> RunBound:
         """Returns the bound along a run of the dynamics.
 
         From zero, for blocks b of rows of J_x,
 
-            Ṙ = −k R + d̃,    Ė_b = −σ E_b + ‖J_b(𝔮(t))‖₂ R,    Ẇ = −(σ − μ(t)) W + R,
+            Ṙ = −k R + d̃,    Ė_b = −σ E_b + ‖J_b(𝔮(t))Ŵ‖₂ R,    Ṗ = −(σ − μ(t)) P + R,
 
         μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs in `tube.tubes`
-        ‖𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ W, and so ‖𝔷‖ ≤ R + σW + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖.
-        The states are R, the E_b of task, position, orientation and joints, and W.
+        ‖𝔯‖ ≤ ‖Ŵ⁻¹𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ P, and so
+        ‖𝔷‖ ≤ R + σP + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖. Only the E_b know of Ŵ; R and P are those of
+        the ball ‖d‖ ≤ d̃ too. The states are R, the E_b of task, position, orientation and joints,
+        and P.
         """
-        return RunBound(6, partial(self._rate, d_bound), self._bounds)
+        return RunBound(6, partial(self._rate, d_bound, weights), self._bounds)
 
-    def _rate(self, d_bound: float, x: np.ndarray, now: Pair) -> np.ndarray:
-        gains, mu = gains_and_growth(now)
+    def _rate(self, d_bound: float, weights: np.ndarray, x: np.ndarray, now: Pair) -> np.ndarray:
+        gains, mu = gains_and_growth(now, weights)
         x_dot = -self.sigma * x
         x_dot[0] = d_bound - self.k * x[0]
         x_dot[1:] += gains * x[0]
@@ -98,8 +100,8 @@ class Resolved(AncillaryLaw):
         return x_dot
 
     def _bounds(self, x: np.ndarray, now: Pair) -> np.ndarray:
-        R, blocks, W = x[0], x[1:5], x[5]
-        return np.array([*blocks, R + self.sigma * W + _size(_offset(now)), R])
+        R, blocks, P = x[0], x[1:5], x[5]
+        return np.array([*blocks, R + self.sigma * P + _size(_offset(now)), R])
 
     def kinematic_run_bound(self, w_bound: float) -> RunBound:
         """Returns the bound along a run of the kinematics.
@@ -118,17 +120,19 @@ class Resolved(AncillaryLaw):
         return np.array([*E, self.sigma / smallest * E[0] + _size(_offset(now)), 0.0])
 
 
-def gains_and_growth(now: Pair) -> tuple[np.ndarray, float]:
-    """Returns (5,) ‖J_x‖, its blocks' for position, orientation and joints, and 1; and μ [1/s].
+def gains_and_growth(now: Pair, weights: np.ndarray) -> tuple[np.ndarray, float]:
+    """Returns (5,) ‖J_xŴ‖, its blocks' for position, orientation and joints, and 1; and μ [1/s].
 
     ‖J‖² is the largest eigenvalue of J Jᵀ. The rows of the joints are unit vectors.
     """
-    squares = now.J_x[0] @ now.J_x[0].T
+    J = now.J_x[0] * weights
+    squares = J @ J.T
     turning = -now.inverse @ now.J_x_dot[0]
     turning = 0.5 * (turning + turning.T)
     whole, mu = np.linalg.eigvalsh(np.array([squares, turning]))[:, -1]
     blocks = np.linalg.eigvalsh(np.array([squares[:3, :3], squares[3:6, 3:6]]))[:, -1]
-    return np.array([*np.sqrt([whole, *blocks]), 1.0, 1.0]), float(mu)
+    joints = np.max(weights[6:], initial=0.0)
+    return np.array([*np.sqrt([whole, *blocks]), joints, 1.0]), float(mu)
 
 
 def _offset(now: Pair) -> np.ndarray:
