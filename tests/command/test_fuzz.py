@@ -14,7 +14,8 @@ from pydrake.common.yaml import yaml_dump, yaml_load_data
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.station.scenario import dump_scenario, load_scenario, shipped_scenarios
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario_file import shipped_scenarios
 from uvms_drake.station.simulation import require_finite
 
 CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "200"))

@@ -4,7 +4,8 @@ import pytest
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.station.cost import check_cost
-from uvms_drake.station.scenario import load_scenario, shipped_scenarios
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario_file import shipped_scenarios
 
 USUAL = {"duration": 20.0, "log_period": 0.02, "max_step_size": 0.02, "time_step": 0.2,
          "horizon": 15}

@@ -3,7 +3,8 @@
 import pytest
 
 from uvms_drake.station.remarks import remarks
-from uvms_drake.station.scenario import load_scenario, shipped_scenarios
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario_file import shipped_scenarios
 
 
 @pytest.mark.parametrize("name", list(shipped_scenarios()))

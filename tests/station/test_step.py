@@ -12,7 +12,8 @@ from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.model.surface.shaped import ShapedSurface
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import load_scenario, shipped_scenarios
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario_file import shipped_scenarios
 from uvms_drake.station.step import (
     ACCURACY,
     check_step,

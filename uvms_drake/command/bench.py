@@ -8,12 +8,8 @@ from pathlib import Path
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.scenario import (
-    load_scenario,
-    reported_in,
-    scenario_source,
-    set_options,
-)
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
 
 
 def add_bench(commands: argparse._SubParsersAction) -> None:

@@ -37,13 +37,8 @@ from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.common.progress import part_of
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import (
-    Scenario,
-    load_scenario,
-    reported_in,
-    scenario_source,
-    set_options,
-)
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
 from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step import check_step
 

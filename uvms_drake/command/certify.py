@@ -14,13 +14,8 @@ from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.motions import motion_of
-from uvms_drake.station.scenario import (
-    Scenario,
-    load_scenario,
-    reported_in,
-    scenario_source,
-    set_options,
-)
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
 
 
 def add_certify(commands: argparse._SubParsersAction) -> None:

@@ -33,9 +33,8 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
 from uvms_drake.station.remarks import remarks
-from uvms_drake.station.scenario import (
-    Scenario,
-    load_scenario,
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario_file import (
     reported_in,
     scenario_source,
     set_options,

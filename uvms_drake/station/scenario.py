@@ -1,15 +1,11 @@
 """A scenario: everything a run depends on, in one YAML file.
 
-The parameters of each part stand beside that part; here they are only put together, read from a
-file and changed by overrides such as `surface.stiffness=2000`.
+The parameters of each part stand beside that part; here they are only put together and checked.
+`scenario_file` has the files, what they are based on, and overrides.
 """
 
-import contextlib
-import difflib
-import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
@@ -17,16 +13,12 @@ from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from uvms_drake.actuation import AnyActuation
 from uvms_drake.common.errors import (
-    InvalidParameter,
-    RunFailed,
-    ScenarioError,
     require,
     shortened,
     vector,
     within,
 )
-from uvms_drake.common.program import FOLDER
-from uvms_drake.common.schema import dump_typed, load_typed, parse_yaml, read_yaml
+from uvms_drake.common.schema import dump_typed, load_typed, read_yaml
 from uvms_drake.control.laws import AnyLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
@@ -37,6 +29,14 @@ from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
 from uvms_drake.sensing import AnySensing
 from uvms_drake.station.cost import check_cost
 from uvms_drake.station.faults import AnyFault, check_components, check_faults
+from uvms_drake.station.scenario_file import (
+    apply_overrides,
+    reported_in,
+    scenario_path,
+    scenario_source,
+    set_options,
+    with_base,
+)
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.config import VisualConfig, check_visual
 
@@ -124,62 +124,9 @@ class Scenario:
     visual: VisualConfig = field(default_factory=VisualConfig)
 
     @property
-    def kinematic(self) -> bool:
-        """Whether the velocity is the input."""
-        return self.motion == "kinematic"
-
-    @property
     def law(self) -> str:
         """Name of the ancillary law, such as `resolved`."""
         return self.ancillary.name
-
-
-def shipped_scenarios() -> dict[str, Path]:
-    """Returns the files of the scenarios that come with the package, by name."""
-    folder = FOLDER / "scenarios"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-
-
-def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
-    """Returns the file of a shipped scenario or of a path; a shipped name goes first.
-
-    Args:
-        name_or_path: One of them.
-        key: What is to blame if there is none.
-    """
-    shipped = shipped_scenarios()
-    path = shipped.get(name_or_path, Path(name_or_path))
-    there = False
-    with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
-        if path.is_file():
-            return path
-        there = path.exists()
-    close = difflib.get_close_matches(name_or_path, shipped, n=1)
-    known = f"one of {', '.join(shipped)}"
-    if there:
-        allowed = f"a file: this is {'a folder' if path.is_dir() else 'none'}"
-    elif len(path.parts) > 1 or path.suffix in (".yaml", ".yml"):
-        allowed = f"a file that exists, or {known}"
-    else:
-        allowed = f"{known}, or a YAML file that exists"
-    raise ScenarioError(f"{key} = {shortened(name_or_path)!r}: must be {allowed}"
-                        + (f" (did you mean '{close[0]}'?)" if close else ""))
-
-
-def scenario_source(name_or_path: str, options: Sequence[str] = ()) -> str:
-    """Returns where a scenario's values come from, for the end of messages about them.
-
-    Args:
-        name_or_path: As of `load_scenario`.
-        options: Words of the command line that change it.
-    """
-    name = scenario_path(name_or_path).name
-    return f"{name} with {shortened(shlex.join(options), 100)}" if options else name
-
-
-def set_options(overrides: Sequence[str]) -> list[str]:
-    """Returns the words of a command line that make the overrides, each in one line."""
-    return [word for text in overrides for word in ("--set", " ".join(text.split()))]
 
 
 def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
@@ -198,7 +145,7 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
     """
     path = scenario_path(name_or_path)
     with reported_in(path.name):
-        scenario = load_typed(Scenario, _with_base(read_yaml(path), path, ()))
+        scenario = load_typed(Scenario, with_base(read_yaml(path), path, ()))
         scenario.name = scenario.name or path.stem
     options = set_options(overrides) if options is None else options
     with reported_in(scenario_source(name_or_path, options)):
@@ -213,26 +160,6 @@ def dump_scenario(scenario: Scenario) -> str:
     """Returns the fully resolved scenario as YAML; loading it gives the same scenario."""
     # Drake 1.51 has a setting that 1.58 has not, and that makes no difference to a run.
     return dump_typed(scenario, leave_out=("publish_every_time_step",))
-
-
-def apply_overrides(raw: object, overrides: Sequence[str]) -> object:
-    """Returns raw data with `key.path=value` texts put in; what they mean is not checked here."""
-    for text in overrides:
-        path, equals, value = text.partition("=")
-        require(bool(equals and all(path.split("."))), "--set", text, "key.path=value")
-        raw = _replaced(raw, path.split("."), _override_value(path, value))
-    return raw
-
-
-def _override_value(key: str, value: str) -> object:
-    try:
-        data = parse_yaml(f"v: {value}")
-    except ScenarioError:
-        data = None
-    if not isinstance(data, dict) or list(data) != ["v"]:
-        raise InvalidParameter(
-            key, value, "a YAML value (in quotes, if it is text with : or brackets; a tag with {})")
-    return data["v"]
 
 
 def check_scenario(scenario: Scenario) -> None:
@@ -287,65 +214,3 @@ def _check_simulator(settings: SimulatorConfig) -> None:
 
 def _require_positive(key: str, value: float) -> None:
     require(0.0 < value < np.inf, key, value, "positive")
-
-
-def _with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
-    """Returns a file's raw data, with what its `base` says where it says nothing itself.
-
-    Top-level keys that start with an underscore are dropped: room for YAML anchors.
-
-    Args:
-        raw: Of the file.
-        path: The file; its folder is where the path of a base begins.
-        above: Files of which it is the base.
-    """
-    if not isinstance(raw, dict) or not raw:
-        raise InvalidParameter("the file", raw, "a mapping of keys to values, such as "
-                               "`base: girona500_contact`")
-    own = {key: value for key, value in raw.items() if not str(key).startswith("_")}
-    if "base" not in own:
-        return own
-    base = own.pop("base")
-    require(isinstance(base, str), "base", base, "a shipped scenario's name, or a YAML file")
-    beside = path.parent / base
-    named = base in shipped_scenarios() or (not Path(base).suffix and not beside.exists())
-    file = scenario_path(base if named else str(beside), "base")
-    require(file.resolve() not in [each.resolve() for each in (*above, path)], "base", base,
-            "another file: this one has itself as its base")
-    below = _with_base(read_yaml(file), file, (*above, path))
-    inherited = {key: value for key, value in below.items() if key not in ("name", "description")
-                 } if isinstance(below, dict) else {}
-    return _merged(inherited, own)
-
-
-def _merged(base: object, own: object) -> object:
-    """Returns `own` with the entries of `base` that it leaves out; a tag leaves nothing out."""
-    if not (isinstance(base, dict) and isinstance(own, dict)) or "_tag" in own:
-        return own
-    return {**base, **{key: _merged(base.get(key), value) for key, value in own.items()}}
-
-
-def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") -> object:
-    """Returns `raw` with `value` at a path of keys and list indices below it."""
-    if not path:
-        return value
-    head, rest = path[0], path[1:]
-    key = f"{key}.{head}" if key else head
-    if isinstance(raw, list):
-        require(head.isdecimal() and int(head) < len(raw), key, value,
-                f"given with an index below {len(raw)}")
-        return [_replaced(item, rest, value, key) if i == int(head) else item
-                for i, item in enumerate(raw)]
-    mapping = raw if isinstance(raw, dict) else {}
-    return {**mapping, head: _replaced(mapping.get(head), rest, value, key)}
-
-
-@contextlib.contextmanager
-def reported_in(source: str) -> Iterator[None]:
-    """Names the file in the errors of the block; a bad value becomes a `ScenarioError`."""
-    try:
-        yield
-    except (InvalidParameter, ScenarioError) as error:
-        raise ScenarioError(f"{error} ({source})") from None
-    except RunFailed as error:
-        raise RunFailed(f"{error} ({source})") from error

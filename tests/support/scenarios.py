@@ -1,0 +1,19 @@
+"""Scenarios of a text."""
+
+import pytest
+
+from uvms_drake.common.errors import ScenarioError
+from uvms_drake.station.scenario import load_scenario
+
+
+def load_text(tmp_path, text, overrides=()):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_scenario(str(path), overrides)
+
+
+def error_of(*args):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(*args)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)

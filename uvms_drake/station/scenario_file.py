@@ -1,0 +1,150 @@
+"""The files of scenarios: where they are, what they are based on, and what overrides change.
+
+An override is a text such as `surface.stiffness=2000`. What the values mean is checked elsewhere.
+"""
+
+import contextlib
+import difflib
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from uvms_drake.common.errors import (
+    InvalidParameter,
+    RunFailed,
+    ScenarioError,
+    require,
+    shortened,
+)
+from uvms_drake.common.program import FOLDER
+from uvms_drake.common.schema import parse_yaml, read_yaml
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """Returns the files of the scenarios that come with the package, by name."""
+    folder = FOLDER / "scenarios"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
+    """Returns the file of a shipped scenario or of a path; a shipped name goes first.
+
+    Args:
+        name_or_path: One of them.
+        key: What is to blame if there is none.
+    """
+    shipped = shipped_scenarios()
+    path = shipped.get(name_or_path, Path(name_or_path))
+    there = False
+    with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
+        if path.is_file():
+            return path
+        there = path.exists()
+    close = difflib.get_close_matches(name_or_path, shipped, n=1)
+    known = f"one of {', '.join(shipped)}"
+    if there:
+        allowed = f"a file: this is {'a folder' if path.is_dir() else 'none'}"
+    elif len(path.parts) > 1 or path.suffix in (".yaml", ".yml"):
+        allowed = f"a file that exists, or {known}"
+    else:
+        allowed = f"{known}, or a YAML file that exists"
+    raise ScenarioError(f"{key} = {shortened(name_or_path)!r}: must be {allowed}"
+                        + (f" (did you mean '{close[0]}'?)" if close else ""))
+
+
+def scenario_source(name_or_path: str, options: Sequence[str] = ()) -> str:
+    """Returns where a scenario's values come from, for the end of messages about them.
+
+    Args:
+        name_or_path: As of `load_scenario`.
+        options: Words of the command line that change it.
+    """
+    name = scenario_path(name_or_path).name
+    return f"{name} with {shortened(shlex.join(options), 100)}" if options else name
+
+
+def set_options(overrides: Sequence[str]) -> list[str]:
+    """Returns the words of a command line that make the overrides, each in one line."""
+    return [word for text in overrides for word in ("--set", " ".join(text.split()))]
+
+
+@contextlib.contextmanager
+def reported_in(source: str) -> Iterator[None]:
+    """Names the file in the errors of the block; a bad value becomes a `ScenarioError`."""
+    try:
+        yield
+    except (InvalidParameter, ScenarioError) as error:
+        raise ScenarioError(f"{error} ({source})") from None
+    except RunFailed as error:
+        raise RunFailed(f"{error} ({source})") from error
+
+
+def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
+    """Returns a file's raw data, with what its `base` says where it says nothing itself.
+
+    Top-level keys that start with an underscore are dropped: room for YAML anchors.
+
+    Args:
+        raw: Of the file.
+        path: The file; its folder is where the path of a base begins.
+        above: Files of which it is the base.
+    """
+    if not isinstance(raw, dict) or not raw:
+        raise InvalidParameter("the file", raw, "a mapping of keys to values, such as "
+                               "`base: girona500_contact`")
+    own = {key: value for key, value in raw.items() if not str(key).startswith("_")}
+    if "base" not in own:
+        return own
+    base = own.pop("base")
+    require(isinstance(base, str), "base", base, "a shipped scenario's name, or a YAML file")
+    beside = path.parent / base
+    named = base in shipped_scenarios() or (not Path(base).suffix and not beside.exists())
+    file = scenario_path(base if named else str(beside), "base")
+    require(file.resolve() not in [each.resolve() for each in (*above, path)], "base", base,
+            "another file: this one has itself as its base")
+    below = with_base(read_yaml(file), file, (*above, path))
+    inherited = {key: value for key, value in below.items() if key not in ("name", "description")
+                 } if isinstance(below, dict) else {}
+    return _merged(inherited, own)
+
+
+def _merged(base: object, own: object) -> object:
+    """Returns `own` with the entries of `base` that it leaves out; a tag leaves nothing out."""
+    if not (isinstance(base, dict) and isinstance(own, dict)) or "_tag" in own:
+        return own
+    return {**base, **{key: _merged(base.get(key), value) for key, value in own.items()}}
+
+
+def apply_overrides(raw: object, overrides: Sequence[str]) -> object:
+    """Returns raw data with `key.path=value` texts put in; what they mean is not checked here."""
+    for text in overrides:
+        path, equals, value = text.partition("=")
+        require(bool(equals and all(path.split("."))), "--set", text, "key.path=value")
+        raw = _replaced(raw, path.split("."), _override_value(path, value))
+    return raw
+
+
+def _override_value(key: str, value: str) -> object:
+    try:
+        data = parse_yaml(f"v: {value}")
+    except ScenarioError:
+        data = None
+    if not isinstance(data, dict) or list(data) != ["v"]:
+        raise InvalidParameter(
+            key, value, "a YAML value (in quotes, if it is text with : or brackets; a tag with {})")
+    return data["v"]
+
+
+def _replaced(raw: object, path: Sequence[str], value: object, key: str = "") -> object:
+    """Returns `raw` with `value` at a path of keys and list indices below it."""
+    if not path:
+        return value
+    head, rest = path[0], path[1:]
+    key = f"{key}.{head}" if key else head
+    if isinstance(raw, list):
+        require(head.isdecimal() and int(head) < len(raw), key, value,
+                f"given with an index below {len(raw)}")
+        return [_replaced(item, rest, value, key) if i == int(head) else item
+                for i, item in enumerate(raw)]
+    mapping = raw if isinstance(raw, dict) else {}
+    return {**mapping, head: _replaced(mapping.get(head), rest, value, key)}
