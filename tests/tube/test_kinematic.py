@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.quick import FEW, search_less
 from support.terminal_checks import check_penalty, check_terminal
 from support.tiny_robots import tiny_robot
 
@@ -36,7 +37,6 @@ from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies.compare_laws import compare_laws
 from uvms_drake.studies.gain_front import front
 from uvms_drake.studies.propose_gains import propose_gains
-from uvms_drake.tube import kinematic
 from uvms_drake.tube.constants import estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.kinematic import (
@@ -58,16 +58,8 @@ STEP = 0.01
 """Of the Runge-Kutta method [s]."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
-    """A cache of these tests' own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 @pytest.fixture(scope="module")
-def scenario(cache) -> Scenario:
+def scenario() -> Scenario:
     return load_scenario(NAME)
 
 
@@ -436,12 +428,6 @@ def test_the_papers_own_numbers_have_no_certificate_and_every_reason_is_named():
     assert Certificate.from_data(void.to_data()).to_data() == void.to_data()
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Fewer searches for the velocities: the conditions are about something else."""
-    monkeypatch.setattr(kinematic, "START_RANKS", (0,))
-
-
 @pytest.mark.parametrize(("overrides", "begins"), [
     (["current=[0.1, 0, 0]"], "current"),
     (["mpc.weight_y=[0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0, 0, 0, 0]"], "joints of weight zero"),
@@ -449,9 +435,9 @@ def quick(monkeypatch):
     (["ancillary.sigma=0.4"], "tube in limits.nu1"),  # w̃/σ beyond the tip's pitch
     (["mpc.horizon=7"], "first plan, distance"),
 ])
-def test_what_voids_a_certificate_is_named_with_what_would_help(overrides, begins, quick):
-    few = ["certificate.constant_samples=50", "certificate.tube_samples=50"]
-    void = certify(load_scenario(NAME, [*few, *overrides]))
+def test_what_voids_a_certificate_is_named_with_what_would_help(overrides, begins, monkeypatch):
+    search_less(monkeypatch)
+    void = certify(load_scenario(NAME, [*FEW, *overrides]))
     assert not void.certified
     assert void.failed.name.startswith(begins)
     assert "what would help" in verdict(void)
