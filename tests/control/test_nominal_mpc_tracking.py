@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
-from support.tracking import NORMAL, POSITION, at_rest, tracking_ocp
+from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.nominal_mpc import FAILED, MPC_REPORT, SOLVED, NominalMpc
@@ -123,4 +123,4 @@ def test_a_start_whose_plan_cannot_end_in_the_set_is_refused(ocp):
 def test_a_start_beyond_the_front_is_refused(ocp):
     with pytest.raises(RunFailed, match=r"where nothing moves, limits\.front is exceeded by 0\.1"):
         Loop(ocp, at_rest(ocp, POSITION), target=POSITION,
-             safe_depth=POSITION @ NORMAL - 0.1).simulator.Initialize()
+             safe_depth=POSITION @ DIRECTION - 0.1).simulator.Initialize()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver, SolverOptions
-from support.tracking import NORMAL, POSITION, at_rest, follow, tracking_ocp
+from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
@@ -127,21 +127,21 @@ def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded
             assert value.violation <= EXCEEDED
             assert value.terminal_slack <= EXCEEDED
         positions = tip(problem, plan.config)
-        assert np.all(positions @ NORMAL <= problem.aim.safe_depth + EXCEEDED)
+        assert np.all(positions @ DIRECTION <= problem.aim.safe_depth + EXCEEDED)
         moved += np.linalg.norm(positions[1] - positions[0])
-        closest = min(closest, problem.aim.safe_depth - np.max(positions @ NORMAL))
+        closest = min(closest, problem.aim.safe_depth - np.max(positions @ DIRECTION))
     assert moved > 1.0, "it does go somewhere"
     assert closest < 0.01, "and plans up to the front"
 
 
 def test_each_problem_has_a_continuation_for_the_next_whatever_that_asks_for(ocp):
     """The same plan, continued, for aims that have nothing in common but the front."""
-    problem = ocp.aimed(Aim(POSITION + NORMAL, POSITION[0] + 0.05, 0.1))
+    problem = ocp.aimed(Aim(POSITION + DIRECTION, POSITION[0] + 0.05, 0.1))
     plan = SequentialConvexSolver(problem).solve(
         problem.resting_plan(0.0, at_rest(ocp, POSITION)), 20).plan
     for _ in range(40):
         plan = problem.continued(plan)
-        for target in (POSITION - 10.0 * NORMAL, POSITION + 10.0 * np.ones(3)):
+        for target in (POSITION - 10.0 * DIRECTION, POSITION + 10.0 * np.ones(3)):
             value = ocp.aimed(Aim(target, POSITION[0] + 0.05, 0.1)).evaluate(plan)
             assert max(value.violation, value.terminal_slack) <= EXCEEDED
 
@@ -163,7 +163,7 @@ def test_behind_the_front_it_converges_to_the_place_nearest_to_the_target(ocp):
     aims = 70 * [Aim(POSITION + [0.2, -0.1, 0.05], depth)]
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     for problem, _, plan in follow(ocp, aims, start):
-        assert tip(problem, plan.config)[0] @ NORMAL <= depth + EXCEEDED
+        assert tip(problem, plan.config)[0] @ DIRECTION <= depth + EXCEEDED
     nearest = np.array([depth, POSITION[1] - 0.1, POSITION[2] + 0.05])
     np.testing.assert_allclose(tip(problem, plan.config)[0], nearest, atol=5e-4)
 
@@ -173,9 +173,9 @@ def test_between_knots_the_tip_stays_behind_the_front_but_for_its_third_derivati
     depth = POSITION[0] + 0.06
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     deepest, jerk = -np.inf, 0.0
-    for problem, _, plan in follow(ocp, 20 * [Aim(POSITION + NORMAL, depth)], start, 2):
+    for problem, _, plan in follow(ocp, 20 * [Aim(POSITION + DIRECTION, depth)], start, 2):
         times = plan.start_time + np.linspace(0.0, 0.2, 81)
-        x = np.array([tip(problem, plan.at(t, plan.start_time)[0]) @ NORMAL for t in times])
+        x = np.array([tip(problem, plan.at(t, plan.start_time)[0]) @ DIRECTION for t in times])
         deepest = max(deepest, np.max(x) - depth)
         jerk = max(jerk, np.max(np.abs(np.diff(x[::8], 3))) / 0.02**3)
     assert -2e-3 < deepest <= 2.0 / 81.0 * 0.2**3 * 1.5 * jerk + EXCEEDED
@@ -225,18 +225,18 @@ def test_what_is_not_the_same_everywhere_is_refused(ocp, model):
     box = TipBox(lower_corner=POSITION - 1.0, upper_corner=POSITION + 1.0)
     mpc = mpc_of(ocp)
     with pytest.raises(InvalidParameter, match=r"limits\.tip"):
-        TrackingOcp(ocp.model, mpc, ocp.y_des, {**ocp.limits, "tip": box}, NORMAL)
+        TrackingOcp(ocp.model, mpc, ocp.y_des, {**ocp.limits, "tip": box}, DIRECTION)
     with pytest.raises(InvalidParameter, match="model = 'ContactModel'"):
-        TrackingOcp(model, mpc, ocp.y_des, ocp.limits, NORMAL)
-    with pytest.raises(InvalidParameter, match="normal"):
-        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, 2.0 * NORMAL)
+        TrackingOcp(model, mpc, ocp.y_des, ocp.limits, DIRECTION)
+    with pytest.raises(InvalidParameter, match="direction"):
+        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, 2.0 * DIRECTION)
     for key, value in (("terms", [LevelVehicle()]), ("terminal_set", False),
                        ("terminal_weight", np.ones(20))):
         other = replace(mpc, **{key: value})
         with pytest.raises(InvalidParameter, match=key):
-            TrackingOcp(ocp.model, other, ocp.y_des, ocp.limits, NORMAL)
+            TrackingOcp(ocp.model, other, ocp.y_des, ocp.limits, DIRECTION)
     with pytest.raises(InvalidParameter, match="slope"):
-        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, NORMAL, OffsetCost(slope=0.0))
+        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, DIRECTION, OffsetCost(slope=0.0))
     with pytest.raises(InvalidParameter, match="speed"):
         ocp.aimed(Aim(POSITION, 1.0, 0.0))
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.limits.contact import ForceCone, UnderContact
@@ -14,7 +15,8 @@ from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.station.scenario import load_scenario
 
-NORMAL = np.array([1.0, 0.0, 0.0])
+DIRECTION = np.array([1.0, 0.0, 0.0])
+SURFACE = SurfaceClass(DIRECTION, angle=0.05, friction=0.1)
 POSITION = np.array([0.3, -0.2, 5.0])
 """Of the reference [m]; anywhere."""
 
@@ -23,7 +25,7 @@ def tracking_ocp(force: float = 20.0, model: UvmsModel | None = None,
                  offset: OffsetCost | None = None, overrides: tuple[str, ...] = ()) -> TrackingOcp:
     """Returns the problem with 1 s of horizon, and inputs that hold for forces up to `force` [N].
 
-    The surface is known to 0.05 rad, its friction is 0.1; the terminal set is a checked one.
+    The terminal set is a checked one for 20 N.
     """
     scenario = load_scenario("girona500_contact", [
         "mpc.horizon=5", "mpc.terminal_radius=0.5", *overrides])
@@ -31,9 +33,9 @@ def tracking_ocp(force: float = 20.0, model: UvmsModel | None = None,
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper,
                                  check_surface(scenario.surface)), scenario.tube)
     del limits["static_force"]  # There is no surface.
-    limits["u"] = UnderContact(limits["u"], ForceCone.of_surface(NORMAL, force, 0.05, 0.1))
+    limits["u"] = UnderContact(limits["u"], ForceCone.of_surface(SURFACE, force))
     y = np.concatenate([POSITION, np.zeros(3), scenario.task.posture])
-    return TrackingOcp(model, scenario.mpc, y, limits, NORMAL, offset)
+    return TrackingOcp(model, scenario.mpc, y, limits, DIRECTION, offset)
 
 
 def at_rest(ocp: TrackingOcp, position: np.ndarray) -> np.ndarray:

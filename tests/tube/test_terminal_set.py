@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.limits import bounded
 from support.terminal_checks import check_penalty, check_terminal
-from support.tracking import NORMAL, tracking_ocp
+from support.tracking import DIRECTION, tracking_ocp
 
 from uvms_drake.control import dynamic_ocp
 from uvms_drake.control.costs.task_cost import TaskCost
@@ -383,7 +383,7 @@ def test_in_that_set_the_continued_plan_keeps_front_speed_and_inputs(tracking, f
         size = np.sqrt(xi @ tracking.terminal.P @ xi)
         a = rng.uniform(-5.0, 5.0, 3)
         y = tracking.y_des + np.pad(a, (0, 7))
-        aim = Aim(rng.uniform(-5.0, 5.0, 3), NORMAL @ y[:3] + size * tracking.depth_reach,
+        aim = Aim(rng.uniform(-5.0, 5.0, 3), DIRECTION @ y[:3] + size * tracking.depth_reach,
                   size * tracking.speed_reach)
         one = tracking.aimed(aim)
         one.horizon, one.terminal = 1, dataclasses.replace(one.terminal, radius=radius)

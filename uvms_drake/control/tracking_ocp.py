@@ -27,11 +27,15 @@ could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the
 *It goes where it is asked to.* Let `Aim` be constant and a° the best admissible place, the least of
 V_o over n·(E ᵀy_des + a) ≤ x_safe. As the continued plan costs less by h‖ξ_0‖²_Q at least, that
 sum over all samples is finite, and ξ_0 → 0 (Q > 0): the motion comes to rest at y_des + E a. From
-there a may move to a′ = a + λ(a° − a), for λ small, and the terminal controller about it is a plan
-of cost (‖ξ_0‖_P + λ‖E(a° − a)‖_P)² + V_o at most, V_o ≤ (1 − λ)V_o(a) + λV_o(a°) as it is convex. A
-plan that is no worse has
+there a can move to a′ = a + λ(a° − a), for λ small and N ≥ 2, by a plan that is at rest at
+y_des + E a′ after two intervals: with J_x, the map from two accelerations to (y_2, ζ_2) is
+invertible. (The terminal controller would not do: at the front ρ is zero.) On its way n·𝔭 is
+½(x_0 + ½hẋ_0 + x_2) at the first knot and, half an interval ahead of that, x_2: behind the front as
+start and end are, but for terms of second order in ξ_0, by which a′ stays back. The other limits
+have room for it, as they have at rest. It costs C(‖ξ_0‖ + λ‖a° − a‖)² + V_o(a′) at most, and
+V_o(a′) ≤ (1 − λ)V_o(a) + λV_o(a°) + O(‖ξ_0‖²), for V_o is convex. A plan that is no worse has
 
-    λ (V_o(a) − V_o(a°)) ≤ (‖ξ_0‖_P + λ‖E(a° − a)‖_P)² → λ² ‖E(a° − a)‖²_P,
+    λ (V_o(a) − V_o(a°)) ≤ C (‖ξ_0‖ + λ‖a° − a‖)² + O(‖ξ_0‖²) → C λ² ‖a° − a‖²,
 
 for every small λ: V_o(a) → V_o(a°). This asks of the solver a plan that is no worse than that one,
 which a converged one from there is; for a single convex program per sample the sum is finite and
@@ -85,7 +89,7 @@ class TrackingOcp(DynamicOcp):
         y_des: Posture of the reference, anywhere (6+n,).
         limits: Those that are left to the nominal trajectory, by name, the same everywhere; on the
             input, `UnderContact` if there may be any.
-        normal: Unit vector n (3,) in Σ_I, into the surface.
+        direction: Unit vector n (3,) in Σ_I, into the surface.
         offset: V_o.
     """
 
@@ -95,14 +99,14 @@ class TrackingOcp(DynamicOcp):
     reach_names: ClassVar[tuple[str, ...]] = ("front", "front_ahead", "approach")
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
-                 limits: dict[str, Limit], normal: np.ndarray, offset: OffsetCost | None = None):
+                 limits: dict[str, Limit], direction: np.ndarray, offset: OffsetCost | None = None):
         super().__init__(model, mpc, y_des, limits)
         for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
                             ("terms", not mpc.terms)):
             require(wanted, key, getattr(mpc, key), "left out, where the reference moves")
         require(mpc.terminal_set, "terminal_set", mpc.terminal_set, "true, where the target moves")
-        self.normal = vector("normal", normal, 3)
-        require(bool(abs(np.linalg.norm(self.normal) - 1.0) < 1e-9), "normal", normal,
+        self.direction = vector("direction", direction, 3)
+        require(bool(abs(np.linalg.norm(self.direction) - 1.0) < 1e-9), "direction", direction,
                 "a unit vector")
         self.offset = offset or OffsetCost()
         self.offset.check()
@@ -130,10 +134,10 @@ class TrackingOcp(DynamicOcp):
     def _reaches(self) -> tuple[float, float]:
         """Returns r_x [m] and r_v [m/s]."""
         size = self.model.size
-        n = np.pad(self.normal, (0, 2 * size - 3))
+        n = np.pad(self.direction, (0, 2 * size - 3))
         v = np.zeros(2 * size)
         J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
-        v[size:] = self.normal @ J_x[:3]
+        v[size:] = self.direction @ J_x[:3]
         inverse = np.linalg.inv(self.terminal.P)
         here, ahead, speed = (HEADROOM * float(np.sqrt(row @ inverse @ row))
                               for row in (n, n + 0.5 * self.time_step * v, v))
@@ -142,7 +146,7 @@ class TrackingOcp(DynamicOcp):
     def aimed(self, aim: Aim) -> Self:
         """Returns the problem of another aim; it shares all that does not depend on it."""
         require(aim.speed > 0.0, "speed", aim.speed, "positive")
-        out, n = copy(self), self.normal
+        out, n = copy(self), self.direction
         out.aim = aim
         out.limits = {
             **self._lasting, "front": Front(n, aim.safe_depth),
@@ -162,9 +166,9 @@ class TrackingOcp(DynamicOcp):
 
     def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns how deep the tip is, here and half an interval ahead, and how fast; r_x, r_v."""
-        here = self.normal @ self.y_des[:3]
-        depth = Front(self.normal, np.inf).values(at) - here
-        ahead = Approach(self.normal, np.inf, np.inf, self.time_step).values(at) - [here, 0.0]
+        here = self.direction @ self.y_des[:3]
+        depth = Front(self.direction, np.inf).values(at) - here
+        ahead = Approach(self.direction, np.inf, np.inf, self.time_step).values(at) - [here, 0.0]
         return (np.concatenate([depth, ahead], axis=-1),
                 np.array([self.depth_reach, self.depth_reach, self.speed_reach]))
 
@@ -194,7 +198,7 @@ class TrackingOcp(DynamicOcp):
 
     def _room(self, plan: DynamicPlan) -> float:
         """Returns (x_safe − n·(E ᵀy_des + a))/r_x."""
-        place = self.normal @ self.reference(plan)[:3]
+        place = self.direction @ self.reference(plan)[:3]
         return (self.aim.safe_depth - place) / self.depth_reach
 
     def _stage_cost(self, plan: DynamicPlan) -> TaskCost:
@@ -214,6 +218,6 @@ class TrackingOcp(DynamicOcp):
         program, room = super().staged_program(plan), None
         program = replace(program, terminal=program.terminal._replace(radius=self._largest_radius))
         if np.isfinite(self.aim.safe_depth):
-            row = np.pad(-self.normal / self.depth_reach, (2 * self.model.size, 0))
+            row = np.pad(-self.direction / self.depth_reach, (2 * self.model.size, 0))
             room = Room(self._room(plan), row)
         return with_place(program, *self.offset.quadratic(self._missing(plan)), room)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.limits.contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.radii import TubeRadii
@@ -53,14 +54,14 @@ def test_values_are_the_extremes_over_all_forces_of_the_cone(limit, points):
     free = limit.limit.values(points)
     np.testing.assert_array_equal(values[0], free)
     angles = np.linspace(0.0, 2.0 * np.pi, 721)
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across(CONE.normal)
-    forces = CONE.largest * (CONE.normal + np.tan(CONE.spread) * ring)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across(CONE.direction)
+    forces = CONE.largest * (CONE.direction + np.tan(CONE.spread) * ring)
     reached = free + np.moveaxis(limit.limit.by_force(points) @ forces.T, -1, 0)
     np.testing.assert_allclose(values[1], np.max(reached, axis=0), rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(values[2], np.min(reached, axis=0), rtol=1e-4, atol=1e-6)
     inside = np.random.default_rng(3).uniform(size=(721, 2))
     less = inside[:, :1] * CONE.largest * (
-        CONE.normal + inside[:, 1:] * np.tan(CONE.spread) * ring)
+        CONE.direction + inside[:, 1:] * np.tan(CONE.spread) * ring)
     reached = free + np.moveaxis(limit.limit.by_force(points) @ less.T, -1, 0)
     assert np.all(reached <= np.max(values, axis=0) + 1e-9)
     assert np.all(reached >= np.min(values, axis=0) - 1e-9)
@@ -78,7 +79,7 @@ def test_slopes_are_those_of_complex_steps_and_of_differences(limit, points):
 
 def test_without_a_spread_the_slopes_are_finite(points):
     """Then the two values at the other end are the same, and the norm has a kink."""
-    limit = UnderContact(Accelerations(np.ones(10)), ForceCone(CONE.normal, 25.0))
+    limit = UnderContact(Accelerations(np.ones(10)), ForceCone(CONE.direction, 25.0))
     found = limit.slopes(points)
     assert np.all(np.isfinite(found.y))
     np.testing.assert_array_equal(found.y[:, 10:20], found.y[:, 20:])
@@ -106,15 +107,16 @@ def random_force(rng, normal, force, tilt, friction):
 
 @pytest.mark.parametrize(("tilt", "friction"), [(0.1, 0.0), (0.0, 0.5), (0.1, 0.5), (0.6, 0.2)])
 def test_the_cone_of_a_surface_is_the_smallest_that_has_all_its_forces(tilt, friction):
-    cone, rng = ForceCone.of_surface(CONE.normal, 20.0, tilt, friction), np.random.default_rng(4)
-    forces = np.array([random_force(rng, CONE.normal, 20.0, tilt, friction)
+    surface = SurfaceClass(CONE.direction, angle=tilt, friction=friction)
+    cone, rng = ForceCone.of_surface(surface, 20.0), np.random.default_rng(4)
+    forces = np.array([random_force(rng, CONE.direction, 20.0, tilt, friction)
                        for _ in range(3000)])
-    along = forces @ CONE.normal
-    angle = np.arctan2(np.linalg.norm(forces - along[:, None] * CONE.normal, axis=1), along)
+    along = forces @ CONE.direction
+    angle = np.arctan2(np.linalg.norm(forces - along[:, None] * CONE.direction, axis=1), along)
     assert cone.largest * 0.98 < np.max(along) <= cone.largest * (1.0 + 1e-12)
     assert cone.spread * 0.95 < np.max(angle) <= cone.spread + 1e-9
 
 
 def test_a_surface_that_might_pull_is_refused():
-    with pytest.raises(InvalidParameter, match=r"tilt = 1\.2"):
-        ForceCone.of_surface(CONE.normal, 20.0, 1.2, 0.5)
+    with pytest.raises(InvalidParameter, match=r"angle = 1\.2"):
+        ForceCone.of_surface(SurfaceClass(CONE.direction, angle=1.2, friction=0.5), 20.0)

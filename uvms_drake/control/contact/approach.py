@@ -13,6 +13,8 @@ approach, or if v is a bound of ⟨v̄⟩ of the planned velocity and the way is
 
 import math
 
+import numpy as np
+
 
 def stopping_distance(speed: float, step: float, deceleration: float) -> float:
     """Returns D(v), the shortest way from speed v at a knot to rest at one, never back [m].
@@ -37,7 +39,7 @@ def stopping_distance(speed: float, step: float, deceleration: float) -> float:
     return quantum * step * (0.5 * m * m + (m + 0.5) * rest)
 
 
-def between_knots(depth: float, speed: float, step: float) -> float:
+def between_knots(depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarray:
     """Returns x_k + v_k h/2, a depth that bounds the interval after knot k together with its ends.
 
     With constant acceleration (see the module) x is a parabola over the interval, inside of the

@@ -11,9 +11,10 @@ from uvms_drake.common.errors import require
 class OffsetCost:
     """V_o(e) = slope (√(‖e‖² + width²) − width): a norm that is smooth at zero.
 
-    Its gradient is never longer than `slope`, however far the target: the penalties of the
-    terminal set and of the limits stay above every multiplier. Let V(a) be the least of all else
-    that a plan costs, given a. Where ∇V_o = −∇V and ‖∇V‖ < slope,
+    Its gradient is never longer than `slope`, however far the target, so the multipliers do not
+    grow with the distance, and the penalties of the terminal set and of the limits can be above
+    them. Let V(a) be the least of all else that a plan costs, given a. Where ∇V_o = −∇V and
+    ‖∇V‖ < slope,
 
         ‖e‖ = width ‖∇V‖ / √(slope² − ‖∇V‖²),
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.common.errors import require
+from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.points import About, Points, Slopes
@@ -24,7 +25,7 @@ from uvms_drake.control.points import About, Points, Slopes
 class ForceCone:
     """The contact forces 𝔣 = N n + 𝔱 that there may be."""
 
-    normal: np.ndarray
+    direction: np.ndarray
     """Unit vector n (3,) in Σ_I, into the surface."""
     largest: float
     """Largest N [N]."""
@@ -32,24 +33,22 @@ class ForceCone:
     """Largest angle between 𝔣 and n [rad], below π/2."""
 
     @staticmethod
-    def of_surface(normal: np.ndarray, force: float, tilt: float, friction: float) -> "ForceCone":
-        """Returns the smallest cone for a surface whose normal is known to within an angle.
+    def of_surface(surface: SurfaceClass, force: float) -> "ForceCone":
+        """Returns the smallest cone for all surfaces of a class that are pressed with F ≤ `force`.
 
-        Its force is F n′ + 𝔱′ with 0 ≤ F ≤ `force`, ‖𝔱′‖ ≤ μF across n′, and n′ at most `tilt` from
-        n. With ψ = atan μ that is at most F√(1 + μ²) long and at most ψ from n′, so at most
-        tilt + ψ from n; and its largest component along n is F√(1 + μ²) cos(ψ − tilt) while
-        tilt ≤ ψ, else the whole length.
+        Their forces are F n′ + 𝔱′, ‖𝔱′‖ ≤ μF across n′, and n′ is at most θ from n. With ψ = atan μ
+        that is at most F√(1 + μ²) long and at most ψ from n′, so at most θ + ψ from n; and its
+        largest component along n is F√(1 + μ²) cos(ψ − θ) while θ ≤ ψ, else the whole length.
 
         Args:
-            normal: n (3,).
-            force: Largest normal force [N].
-            tilt: Largest angle between n and the surface's own normal [rad].
-            friction: μ.
+            surface: The class, with n, θ and μ.
+            force: Largest normal force, in motion too [N].
         """
-        psi = np.arctan(friction)
-        require(tilt + psi < 0.5 * np.pi, "tilt", tilt, f"below π/2 − atan(friction), {psi:.3g}")
-        length = force * np.hypot(1.0, friction)
-        return ForceCone(normal, float(length * np.cos(max(0.0, psi - tilt))), float(tilt + psi))
+        psi = np.arctan(surface.friction)
+        require(surface.angle + psi < 0.5 * np.pi, "angle", surface.angle,
+                f"below π/2 − atan(friction), {0.5 * np.pi - psi:.3g}")
+        largest = force * np.hypot(1.0, surface.friction) * np.cos(max(0.0, psi - surface.angle))
+        return ForceCone(surface.direction, float(largest), float(surface.angle + psi))
 
 
 @dataclass
@@ -104,7 +103,7 @@ class UnderContact(Limit):
 
     def _parts(self, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns N G n (..., m) and N tan(spread) G_t (..., m, 3) at the largest N."""
-        n = self.forces.normal
+        n = self.forces.direction
         along = G @ n
         return (self.forces.largest * along,
                 self.forces.largest * np.tan(self.forces.spread) * (G - along[..., None] * n))
