@@ -136,11 +136,11 @@ def off_the_wall(rest) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def runs(short_ocp, radii, rest) -> dict[tuple[str, str], SimpleNamespace]:
-    """Each attack for 3 s from the equilibrium, with a random phase and direction."""
+    """Each attack for 2.2 s from the equilibrium, with a random phase and direction."""
     rng = np.random.default_rng(7)
     return {(kind, rows): closed_loop(short_ocp, AdversarialDisturbance(
         D_BOUND, kind, rows, direction=rng.normal(size=10), channel=int(rng.integers(10)),
-        period=4.0, phase=rng.uniform(0.0, 2.0 * np.pi)), rest, 3.0, radii=radii)
+        period=4.0, phase=rng.uniform(0.0, 2.0 * np.pi)), rest, 2.2, radii=radii)
         for kind, rows in ATTACKS}
 
 
