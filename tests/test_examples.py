@@ -9,8 +9,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-SHORT = {"own_law.py", "own_surface.py", "own_limit.py", "own_cost.py", "own_sensor.py",
-         "own_actuator.py", "two_robots.py", "controller_alone.py"}
+README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
 
 
 def run(name: str, duration: float, folder: Path) -> str:
@@ -97,9 +96,16 @@ def test_a_limit_of_ones_own_is_kept_by_the_plan(tmp_path):
     assert kept >= 0.22 - 1e-3
 
 
+def test_the_examples_of_the_readmes_table_are_as_short_as_it_says():
+    (most,) = re.findall(r"script of at most (\d+) lines", README)
+    lines = {name: (EXAMPLES / name).read_text(encoding="utf-8").count("\n")
+             for name in re.findall(r"^\|.*\(examples/(\w+\.py)\) \|$", README, re.MULTILINE)}
+    assert len(lines) == 9
+    assert max(lines.values()) <= int(most), lines
+
+
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
 def test_an_example_is_short_and_listed(path):
     text = path.read_text(encoding="utf-8")
     assert text.count("\n") <= 100
-    assert text.count("\n") <= 60 or path.name not in SHORT
     assert f"({path.name})" in (EXAMPLES / "README.md").read_text(encoding="utf-8")

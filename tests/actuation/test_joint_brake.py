@@ -44,6 +44,34 @@ def test_a_stuck_joint_gets_the_brakes_torque_and_the_others_the_commanded_one(m
     np.testing.assert_allclose(put_out(), expected, rtol=1e-9)
 
 
+def test_a_brake_of_a_simulation_that_begins_later_holds_the_joint_where_it_is(model, states):
+    state = states["free"][0].copy()
+    builder = DiagramBuilder()
+    commanded = builder.AddSystem(ConstantVectorSource(np.zeros(10)))
+    true = builder.AddSystem(ConstantVectorSource(state))
+    brake = JointBrake.AddToBuilder(
+        builder, model, StuckJoint(joint=2, start=0.5), commanded=commanded.get_output_port(),
+        state=true.get_output_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    context.SetTime(3.0)
+    inertia = model.mass_matrix(model.kinematics(state[:10]))[8, 8]
+
+    def pull(context):
+        return brake.GetOutputPort("tau").Eval(brake.GetMyContextFromRoot(context))[8]
+
+    assert pull(context) == pytest.approx(brake_torque(inertia, 0.0, state[18]))
+    Simulator(diagram, context).Initialize()
+    moved = state.copy()
+    moved[8] += 0.01
+    true.get_mutable_source_value(true.GetMyMutableContextFromRoot(context)).set_value(moved)
+    again = Simulator(diagram, context.Clone())  # What is held stays, in a clone that goes on.
+    again.Initialize()
+    inertia = model.mass_matrix(model.kinematics(moved[:10]))[8, 8]
+    for each in (context, again.get_context()):
+        assert pull(each) == pytest.approx(brake_torque(inertia, 0.01, state[18]))
+
+
 def test_a_joint_that_the_arm_has_not_cannot_be_stuck(model):
     with pytest.raises(InvalidParameter, match=r"^joint = 4: must be an index from 0 to 3$"):
         JointBrake(model, StuckJoint(joint=4))

@@ -306,7 +306,9 @@ def test_a_start_of_the_wrong_size_is_named():
 
 def test_open_water_is_the_plant_without_a_surface():
     alone = make(None)
-    assert not alone.HasSubsystemNamed("surface") and not alone.HasOutputPort("force")
+    assert not alone.HasSubsystemNamed("surface")
+    assert not alone.HasOutputPort("force") and not alone.HasOutputPort("penetration")
+    assert "- force (with a surface)" in make_uvms_plant.__doc__
     accelerations = []
     for uvms in (alone, make()):
         context = uvms.CreateDefaultContext()

@@ -48,6 +48,28 @@ def test_a_frozen_sensor_holds_what_it_measured_at_the_start(start):
         np.testing.assert_allclose(measured(each.get_context()), [start + 0.75, -start - 0.75])
 
 
+def test_a_sensor_that_is_frozen_before_the_simulation_begins_holds_what_it_measures_then():
+    builder = DiagramBuilder()
+    clock = builder.AddSystem(Script(y=lambda t: [t, -t]))
+    sensor = FaultySensor.AddToBuilder(
+        builder, FrozenState(1.0, 5.0), true=clock.get_output_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    context.SetTime(3.0)
+
+    def measured(context):
+        return sensor.GetOutputPort("measured").Eval(sensor.GetMyContextFromRoot(context))
+
+    # Before the initialization is over too, when others are initialized.
+    np.testing.assert_array_equal(measured(context), [3.0, -3.0])
+    simulator = Simulator(diagram, context)
+    simulator.AdvanceTo(3.5)
+    clone = Simulator(diagram, context.Clone())
+    clone.AdvanceTo(4.0)
+    for each in (context, clone.get_context()):
+        np.testing.assert_array_equal(measured(each), [3.0, -3.0])
+
+
 @pytest.mark.parametrize(("fault", "message"), [
     (SaturatedForce(largest=-1.0), r"^largest = -1.0: must be zero or positive"),
     (JumpedForce(jump=np.zeros(3)), r"^jump = .*: must be 6 finite numbers"),

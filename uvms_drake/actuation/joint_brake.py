@@ -21,7 +21,10 @@ BRAKE = (400.0, 40.0)
 
 @dataclass
 class StuckJoint(Fault, Part):
-    """A brake, a stiff spring with a damper, holds a joint about where it was at `start`."""
+    """A brake, a stiff spring with a damper, holds a joint about where it was at `start`.
+
+    In a simulation that begins after it, where it was at the beginning.
+    """
 
     place = "actuation"
     motions = ("dynamic",)  # Without torques there is nothing to hold a joint.
@@ -70,7 +73,8 @@ class JointBrake(LeafSystem):
     - `commanded`, `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `state`: (𝔮, ζ) (2(6+n)), in the paper's order.
 
-    The discrete state is the angle that is held (1), taken at the fault's start.
+    The discrete state is the angle that is held (1), taken at the fault's start or at a later
+    initialization, and 1 if it has been taken, else 0 (1).
 
     Args:
         model: Supplies the joint's inertia.
@@ -84,19 +88,30 @@ class JointBrake(LeafSystem):
         self._model, self._row, self._start = model, 6 + fault.joint, fault.start
         self._tau_port = self.DeclareVectorInputPort("commanded", model.size)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        self.DeclareDiscreteState(1)
+        for _ in ("held", "taken"):
+            self.DeclareDiscreteState(1)
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(ONLY_ONCE, fault.start, self._hold)
         self.DeclareVectorOutputPort("tau", model.size, self._calc)
 
     def _hold(self, context: Context, state: DiscreteValues) -> None:
-        state.set_value(self._state_port.Eval(context)[[self._row]])
+        state.set_value(0, self._state_port.Eval(context)[[self._row]])
+        state.set_value(1, [1.0])
+
+    def _begin(self, context: Context, state: DiscreteValues) -> None:
+        if context.get_time() > self._start and not self._taken(context):
+            self._hold(context, state)
+
+    @staticmethod
+    def _taken(context: Context) -> bool:
+        return bool(context.get_discrete_state(1).value()[0])
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         tau = self._tau_port.Eval(context).copy()
         if context.get_time() > self._start:
             config, zeta = np.split(self._state_port.Eval(context), 2)
             row = self._row
-            held = context.get_discrete_state_vector().value()[0]
+            held = context.get_discrete_state(0).value()[0] if self._taken(context) else config[row]
             inertia = self._model.mass_matrix(self._model.kinematics(config))[row, row]
             tau[row] = brake_torque(inertia, config[row] - held, zeta[row])
         output.SetFromVector(tau)

@@ -253,8 +253,9 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
 def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
     """Returns by how much a plan exceeds a limit on the configuration between its knots [rad, m].
 
-    Looked at are roll, pitch, tip pitch, joints and the static force (over the stiffness), against
-    the tightened limits: there they can bulge out by h²/8 times their second derivative.
+    Looked at is every limit that bulges, but those of the input: roll, pitch, tip pitch, joints,
+    the static force (over the stiffness), and those about speed that are not linear. They are taken
+    as tightened, and can be left by h²/8 times their second derivative.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
     times = plan.start_time + np.add.outer(np.arange(len(plan.decision)) * plan.time_step, inside)

@@ -95,8 +95,9 @@ class AncillaryFeedback(LeafSystem):
     - `nominal_acceleration`: ζ̄̇ (6+n); read where the law asks for it.
     - `nominal_input`: ū (6+n); likewise.
     - `measured_force`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, to a law
-      that takes it in place of the force by the model's surface; the latter comes back while it is
-      not finite.
+      that takes it in place of the force by the model's surface. It is to be the last finite one,
+      as a `LastFinite` gives it; while it is not finite, because there was none yet, the law takes
+      the surface's.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].

@@ -73,7 +73,8 @@ class AppliedForces(LeafSystem):
         self._generalized_port = self.DeclareVectorInputPort(
             "applied_generalized_force", plant.num_velocities())
         self.DeclareVectorOutputPort(
-            "generalized_force", plant.num_velocities(), self._calc_generalized_force)
+            "generalized_force", plant.num_velocities(), self._calc_generalized_force,
+            {self.all_input_ports_ticket()})
 
     @staticmethod
     def AddToBuilder(

@@ -41,7 +41,8 @@ class ToPaperOrder(LeafSystem):
         self._v_dot_port = self.DeclareVectorInputPort("v_dot", coordinates.num_velocities)
         self.DeclareVectorOutputPort("state", 2 * coordinates.size, self._calc_state,
                                      {self.input_port_ticket(self._plant_state_port.get_index())})
-        self.DeclareVectorOutputPort("acceleration", coordinates.size, self._calc_acceleration)
+        self.DeclareVectorOutputPort("acceleration", coordinates.size, self._calc_acceleration,
+                                     {self.all_input_ports_ticket()})
 
     @staticmethod
     def AddToBuilder(
@@ -97,7 +98,8 @@ class ToDrakeOrder(LeafSystem):
             "plant_state", coordinates.num_positions + coordinates.num_velocities)
         self._vector_port = self.DeclareVectorInputPort("paper_order", coordinates.size)
         self.DeclareVectorOutputPort(
-            "drake_order", coordinates.num_velocities, self._calc_drake_order)
+            "drake_order", coordinates.num_velocities, self._calc_drake_order,
+            {self.all_input_ports_ticket()})
 
     @staticmethod
     def AddToBuilder(

@@ -21,7 +21,7 @@ from uvms_drake.plant.surface import CompliantSurface
 def make_uvms_plant(
     *,
     model: str,
-    surface: Surface,
+    surface: Surface | None,
     disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     error: ModelError | None = None,
@@ -55,8 +55,8 @@ def make_uvms_plant(
         - disturbance (with disturbance=None)
         output_ports:
         - state
-        - force
-        - penetration
+        - force (with a surface)
+        - penetration (with a surface)
         - disturbance
         - acceleration
         - plant_state

@@ -53,7 +53,7 @@ class SensorFault(Fault, Part):
 
 @dataclass
 class FrozenState(SensorFault):
-    """The measured state stays what it was at `start`."""
+    """The measured state stays what it was at `start`, or where a simulation begins after it."""
 
     def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Returns the measurement at the start."""
@@ -105,7 +105,8 @@ class FaultySensor(LeafSystem):
 
     - `true`, `measured` (size): see `sensed`.
 
-    The discrete state is the vector at the fault's start (size).
+    The discrete state is the vector at the fault's start or at a later initialization (size), and
+    1 if it has been taken, else 0 (1).
 
     Args:
         size: Size of the vector.
@@ -117,15 +118,27 @@ class FaultySensor(LeafSystem):
         self._fault = fault
         self._port = self.DeclareVectorInputPort("true", size)
         self.DeclareDiscreteState(size)
+        self.DeclareDiscreteState(1)
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(ONLY_ONCE, fault.start, self._hold)
         self.DeclareVectorOutputPort("measured", size, self._calc)
 
     def _hold(self, context: Context, state: DiscreteValues) -> None:
-        state.set_value(self._port.Eval(context))
+        state.set_value(0, self._port.Eval(context))
+        state.set_value(1, [1.0])
+
+    def _begin(self, context: Context, state: DiscreteValues) -> None:
+        if context.get_time() > self._fault.start and not self._taken(context):
+            self._hold(context, state)
+
+    @staticmethod
+    def _taken(context: Context) -> bool:
+        return bool(context.get_discrete_state(1).value()[0])
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(sensed(self._fault, context.get_time(), self._port.Eval(context),
-                                    context.get_discrete_state_vector().value()))
+        true = self._port.Eval(context)
+        held = context.get_discrete_state(0).value() if self._taken(context) else true
+        output.SetFromVector(sensed(self._fault, context.get_time(), true, held))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, fault: SensorFault, *, true: OutputPort,

@@ -14,7 +14,8 @@ from pydrake.systems.framework import (
 class LastFinite(LeafSystem):
     """Passes a vector on while it is finite, and else the last one that was.
 
-    A gap of a sensor is so a longer hold, whose error is what the vector changes by meanwhile.
+    A gap of a sensor is so a longer hold, whose error is what the vector changes by meanwhile. Its
+    age has no bound: nothing for an `ExploredFront`, which has to know how old a force may be.
 
     .. pydrake_system::
 
@@ -27,7 +28,9 @@ class LastFinite(LeafSystem):
     - `measured`, `finite` (size).
 
     The discrete state is the vector at the beginning of the last step of the simulation at which it
-    was finite (size); zero before there is one.
+    was finite (size); NaN before there is one. Of a vector that is sampled and held, as that of a
+    `ForceSensor` in its own axes is, that is the last sample, however long the steps; of one that
+    moves in between, it is older than the gap by up to a step.
 
     Args:
         size: Size of the vector.
@@ -36,7 +39,7 @@ class LastFinite(LeafSystem):
     def __init__(self, size: int):
         super().__init__()
         self._port = self.DeclareVectorInputPort("measured", size)
-        self.DeclareDiscreteState(size)
+        self.DeclareDiscreteState(np.full(size, np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._remember)
         self.DeclareVectorOutputPort("finite", size, self._calc)
 

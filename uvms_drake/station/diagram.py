@@ -60,10 +60,25 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
     true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
     signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
-    The input port `desired_force`
-    (6) changes the task while it runs, see `NominalMpc`; unconnected, it stays the scenario's. With
-    kinematic motion there is none; the controller reads `configuration`, and its velocity ζ = u
-    goes to the plant.
+
+    .. pydrake_system::
+
+        name: station
+        input_ports:
+        - desired_force (optional, with dynamic motion)
+        output_ports:
+        - state, force, u, tau, ... (each signal)
+        - tube_deviation
+        - tube_bound
+        - report
+        - solve_seconds
+        - plan
+        - tube_report
+        - tube_alarm
+
+    `desired_force` (6) [N, N m] changes the task while it runs, see `NominalMpc`; unconnected, it
+    stays the scenario's. With kinematic motion the controller reads `configuration`, and its
+    velocity ζ = u goes to the plant.
 
     Every signal of plant and controller that is a vector, of the parts, and `tube_deviation` and
     `tube_bound`, is an output port and has a VectorLogSink named `log.<name>` of the `log_period`;
@@ -111,7 +126,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         require(scenario.ancillary.takes_force, "ancillary", scenario.law,
                 "a law that takes the measured force, such as resolved")
         felt = LastFinite.AddToBuilder(builder, measured=add_chain(
-            builder, ocp.model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed))
+            builder, model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed))
         signals["felt_force"] = felt.get_output_port()
         builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
     exerted = add_chain(

@@ -50,7 +50,11 @@ def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> P
 
 @dataclass(frozen=True)
 class Command:
-    """The command of a law, which gives u or τ; the rest is computed when it is asked for."""
+    """The command of a law, which gives u or τ; the rest is computed when it is asked for.
+
+    That may be after `AncillaryLaw.command` has returned: what it was given to ask for the nominal
+    motion is called inside `command`, not inside these functions.
+    """
 
     u: Callable[[], np.ndarray]
     """Acceleration command u (6+n,) [m/s² (3), rad/s² (3+n)]."""
@@ -142,7 +146,8 @@ class AncillaryLaw(ABC):
         Args:
             model: The prediction model.
             now: Measured and nominal motion.
-            nominal_acceleration: Gives ζ̄̇ (6+n,) to a law that asks for it.
+            nominal_acceleration: Gives ζ̄̇ (6+n,) to a law that asks for it; call it inside
+                `command`, as the next.
             nominal_input: Gives ū (6+n,) to a law that asks for it; it costs an evaluation of f.
         """
 
