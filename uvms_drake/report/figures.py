@@ -9,24 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_drake.control.limits import Limit, make_limits, resolved_radii, tighten
+from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.nominal_mpc import KEPT, SOLVED
 from uvms_drake.model.euler import pose_difference
-from uvms_drake.model.surface.law import check_surface
-from uvms_drake.report.events import events
 from uvms_drake.report.figure_style import (
     BLUE,
     DARKER,
-    DESIRED,
-    GREEN,
     LIMIT,
     ORANGE,
     STYLE,
     TIGHTENED,
     VERMILION,
     XYZ,
-    instant,
     legend_above,
     log_ticks,
     panels,
@@ -35,14 +30,14 @@ from uvms_drake.report.figure_style import (
     room_above_zero,
     tube_label,
 )
+from uvms_drake.report.force_figure import draw_force
 from uvms_drake.report.kinematic_figures import (
     draw_input_norms,
     draw_orientation_errors,
     draw_position_errors,
 )
 from uvms_drake.report.robot_figure import draw_robot
-from uvms_drake.report.signals import settling_index, wrench_unit
-from uvms_drake.report.summary import summarise_force
+from uvms_drake.report.signals import nominal_limits, real_limits
 from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
@@ -50,8 +45,6 @@ from uvms_drake.station.scenario import Scenario
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
-AT_TASK = 1e-3
-"""Error of the nominal pose from which on the plan counts as at the task [m, rad]."""
 
 
 def make_figures(record: Record, output_dir: Path, bounds: Mapping[str, float] | None = None
@@ -108,103 +101,6 @@ def draw_task_error(record: Record) -> Figure:
         row[0].set_ylabel(f"{name} error [{unit}]")
     real_nominal_tube_above(figure, bool(record.certified))
     return figure
-
-
-def draw_force(record: Record, certified: float | None = None) -> Figure:
-    """Draws 𝔉 and the penetration, and after an approach the force from contact to settling.
-
-    Args:
-        record: Record of the run.
-        certified: Certified bound of the force error once the plan is at the task [N].
-    """
-    torque, approach = bool(np.any(record.force[:, 3:])), not record.penetration[0] > 0.0
-    rows = 2 + torque + approach
-    figure, axes = panels(rows, 0.6 + 1.2 * rows, sharex=False)
-    whole = axes[: 2 + torque]
-    _draw_wrench(whole[0], record, slice(0, 3), "$F_{}$")
-    _draw_tolerance(whole[0], record, slice(0, 3))
-    if certified is not None:
-        _draw_certified(whole[0], record, certified)
-    _draw_instants(whole[0], record)
-    whole[0].set_ylabel("force [N]")
-    if torque:
-        _draw_wrench(whole[1], record, slice(3, 6), "$M_{}$")
-        _draw_tolerance(whole[1], record, slice(3, 6))
-        whole[1].set_ylabel("torque [N m]")
-        whole[1].legend(ncols=4, loc="best")
-    # Penetration, below everything of the whole run.
-    whole[-1].plot(record.time, 1e3 * record.penetration)
-    _draw_deepest(whole[-1], record)
-    whole[-1].set_ylabel("penetration [mm]")
-    whole[-1].set_xlabel("time [s]")
-    for axis in whole[:-1]:
-        axis.sharex(whole[-1])
-        axis.tick_params(labelbottom=False)
-    # The impact once more, enlarged.
-    if approach:
-        _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
-        axes[-1].set_ylabel("force [N]")
-        axes[-1].set_xlim(*_impact_window(record))
-        _draw_instants(axes[-1], record)
-        over = summarise_force(record)["overshoot"]
-        axes[-1].set_title("\n" if over["percent"] is None else
-                           f"overshoot {over['newton']:.2g} N, {over['percent']:.3g} %\n")
-    legend_above(figure, axes[0], 3)
-    return figure
-
-
-def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
-    for color, letter, force in zip(XYZ, "xyz", record.force[:, part].T, strict=True):
-        axis.plot(record.time, force, color=color, label=name.format(letter))
-    goals = np.unique(record.desired_force[:, part], axis=1).T
-    for i, goal in enumerate(goal for goal in goals if np.any(goal)):
-        axis.plot(record.time, goal, **{**DESIRED, "label": "_" if i else "desired"})
-
-
-def _draw_certified(axis: Axes, record: Record, bound: float) -> None:
-    """Draws within what the force is certified to be from when on the plan is at the task."""
-    error = np.linalg.norm(pose_difference(record.chi_nominal, record.chi_des), axis=1)
-    start = settling_index(error, AT_TASK)
-    if start is None:
-        return
-    goals = record.desired_force[start:, :3]
-    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
-        axis.fill_between(
-            record.time[start:], goal - bound, goal + bound, color=GREEN, alpha=0.25, linewidth=0,
-            label="_" if i else f"certified with the plan at the task, $\\pm${bound:.3g} N")
-
-
-def _draw_instants(axis: Axes, record: Record) -> None:
-    """Marks the first contact and the instant of settling."""
-    first = {event.kind: event.start for event in reversed(events(record))}
-    if first.get("contact", 0.0) > 0.0:
-        instant(axis, first["contact"], "contact", "right")
-    if "settled" in first:
-        instant(axis, first["settled"], "settled")
-
-
-def _draw_deepest(axis: Axes, record: Record) -> None:
-    """Draws how deep the limit on the static force lets it go into a surface that is known."""
-    scenario, surface = record.scenario, check_surface(record.scenario.surface)
-    limit = real_limits(record).get("static_force")
-    if scenario.surface_error.size > 0.0 or limit is None:
-        return
-    nominal = nominal_limits(record)["static_force"]
-    for force, style in ((limit.upper[0], LIMIT), (nominal.upper[0], TIGHTENED)):
-        deepest = surface.penetration_for(force)
-        if deepest is not None:
-            axis.axhline(1e3 * deepest, **style)
-            axis.legend(loc="best")
-
-
-def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
-    """Draws the band in which a component of 𝔉_des that is not zero counts as settled."""
-    tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
-    goals = record.desired_force[:, part]
-    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
-        axis.fill_between(record.time, goal - tolerance, goal + tolerance, color=BLUE, alpha=0.12,
-                          linewidth=0, label="_" if i else
-                          f"counts as settled, $\\pm${tolerance:g} {unit}")
 
 
 def draw_velocities(record: Record) -> Figure:
@@ -346,34 +242,10 @@ def draw_deviation(record: Record) -> Figure:
     return figure
 
 
-def real_limits(record: Record) -> dict[str, Limit]:
-    """Returns the limits of the robot by name."""
-    scenario = record.scenario
-    return make_limits(scenario.limits, record.joint_lower, record.joint_upper,
-                       check_surface(scenario.surface),
-                       accelerations=motion_of(scenario).has_forces)
-
-
-def nominal_limits(record: Record) -> dict[str, Limit]:
-    """Returns the tightened limits, those of the nominal MPC."""
-    return tighten(real_limits(record), record.scenario.tube)
-
-
 def _name_tube(axis: Axes, record: Record, taken: float | None = None) -> None:
     """Says above an axis where the tightened limits come from."""
     by = "" if taken is None else f", by {1e3 * taken:.2g} mrad"
     axis.set_title(f"tightened by the {tube_label(bool(record.certified))}{by}")
-
-
-def _impact_window(record: Record) -> tuple[float, float]:
-    """Returns the times from just before the first contact to just after settling [s]."""
-    force = np.linalg.norm(record.force, axis=1)
-    touching = np.flatnonzero(force > 0.01 * max(float(np.max(force)), 1e-12))
-    start = float(record.time[touching[0]]) if len(touching) else float(record.time[0])
-    error = np.linalg.norm(record.force - record.desired_force, axis=1)
-    settled = settling_index(error, record.scenario.task.force_tolerance)
-    stop = start + 2.0 if settled is None else max(float(record.time[settled]), start) + 0.5
-    return max(start - 0.2, float(record.time[0])), min(stop, float(record.time[-1]))
 
 
 FIGURES: dict[str, Callable[[Record], Figure]] = {

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH, VERMILION
 from uvms_drake.report.solids import robot_triangles
 from uvms_drake.station.motions import motion_of
@@ -31,7 +30,7 @@ def draw_robot(record: Record) -> Figure:
     scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
     solids = [(triangles[normals_of(triangles) @ EYE > 0.0], color)
               for triangles, color in robot_triangles(scenario.model, record.config[-1])]
-    surface, presses = check_surface(scenario.surface), motion_of(scenario).has_forces
+    surface, presses = record.model.surface, motion_of(scenario).has_forces
     normal = surface.normal if presses else None
     if normal is not None:
         solids += wall_triangles(tip - ((tip - surface.anchor) @ normal) * normal, normal)

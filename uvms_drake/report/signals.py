@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from uvms_drake.control.limits import Limit, tighten
 from uvms_drake.control.points import Points
 from uvms_drake.station.motions import limits_of
 from uvms_drake.station.record import Record
@@ -19,6 +20,16 @@ def disturbance_above(record: Record) -> np.ndarray:
     return effective > (1.0 + BOUND_SLACK) * declared.d_bound + BOUND_FLOOR
 
 
+def real_limits(record: Record) -> dict[str, Limit]:
+    """Returns the limits of the robot by name."""
+    return limits_of(record.scenario, record.model)
+
+
+def nominal_limits(record: Record) -> dict[str, Limit]:
+    """Returns the tightened limits, those of the nominal MPC."""
+    return tighten(real_limits(record), record.scenario.tube)
+
+
 def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     """Returns for each constraint g(t) ≤ limit the signal g (T,) and the limit, by name.
 
@@ -26,19 +37,17 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     force is that of the pose, at rest, on the surface as the controller knows it: a limit of how
     far the end-effector goes into it.
     """
-    model = record.model
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
-    at = Points(model, record.config, y, record.zeta, record.u, record.tau)
-    return {name: pair for limit in limits_of(record.scenario, model).values()
+    at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
+    return {name: pair for limit in real_limits(record).values()
             for name, pair in limit.signals(at).items() if np.isfinite(pair[1])}
 
 
 def constraint_units(record: Record) -> dict[str, str]:
     """Returns the units of `constraint_signals` by the same names, empty where it is not known."""
-    model = record.model
     y = np.concatenate([record.chi[0], record.config[0, 6:]])
-    at = Points(model, record.config[0], y, record.zeta[0], record.u[0], record.tau[0])
-    return {name: limit.unit_of(name) for limit in limits_of(record.scenario, model).values()
+    at = Points(record.model, record.config[0], y, record.zeta[0], record.u[0], record.tau[0])
+    return {name: limit.unit_of(name) for limit in real_limits(record).values()
             for name in limit.signals(at)}
 
 
