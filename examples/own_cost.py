@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.control.points import Points
 
 
 @dataclass
@@ -21,7 +20,7 @@ class SlowElbow(uv.CostTerm):
     weight: float = 2000.0
     """Cost of 1 rad²/s² for 1 s."""
 
-    def residual(self, at: Points) -> np.ndarray:
+    def residual(self, at: uv.Points) -> np.ndarray:
         """Returns √weight q̇₂ (..., 1)."""
         return np.sqrt(self.weight) * at.zeta[..., 7:8]
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.control.laws.law import Command, Pair
 from uvms_drake.model.euler import pose_difference
 
 
@@ -24,15 +23,15 @@ class ProportionalDerivative(uv.AncillaryLaw):
     derivative: float = 25.0
     """Gain of the velocity error [1/s]."""
 
-    def command(self, model: uv.UvmsModel, now: Pair,
+    def command(self, model: uv.UvmsModel, now: uv.Pair,
                 nominal_acceleration: Callable[[], np.ndarray],
-                nominal_input: Callable[[], np.ndarray]) -> Command:
+                nominal_input: Callable[[], np.ndarray]) -> uv.Command:
         """Returns the acceleration u, and the force M(𝔮)u."""
         off = now.inverse @ pose_difference(*now.y)
         faster = now.zeta[0] - now.zeta[1]
         u = nominal_input() - self.derivative * faster - self.proportional * off
         M = model.mass_matrix(now.kinematics.at(0))
-        return Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
+        return uv.Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
 
 
 def main() -> None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.control.points import Points
 
 FAR = 100.0  # m
 
@@ -25,7 +24,7 @@ class KeepAway(uv.Limit):
     distance: float = 0.22
     """Smallest distance [m]."""
 
-    def values(self, at: Points) -> np.ndarray:
+    def values(self, at: uv.Points) -> np.ndarray:
         """Returns the distance (..., 1) [m], of complex numbers too."""
         away = at.config[..., :2] - self.place
         return np.sqrt(np.sum(away**2, axis=-1, keepdims=True))

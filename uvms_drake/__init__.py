@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from uvms_drake.certificate.certify import certify as certify
     from uvms_drake.control.costs.term import CostTerm as CostTerm
     from uvms_drake.control.laws.law import AncillaryLaw as AncillaryLaw
+    from uvms_drake.control.laws.law import Command as Command
+    from uvms_drake.control.laws.law import Pair as Pair
     from uvms_drake.control.limits.limit import Limit as Limit
+    from uvms_drake.control.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
     from uvms_drake.model.part import Part as Part
     from uvms_drake.model.part import Signals as Signals
@@ -49,6 +52,7 @@ _HOME = {
     "BilateralSpring": "model.surface.spring",
     "Certificate": "certificate.certificate",
     "certify": "certificate.certify",
+    "Command": "control.laws.law",
     "CostTerm": "control.costs.term",
     "Disturbance": "plant.disturbance",
     "Limit": "control.limits.limit",
@@ -58,7 +62,9 @@ _HOME = {
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
+    "Pair": "control.laws.law",
     "Part": "model.part",
+    "Points": "control.points",
     "Record": "station.record",
     "Scenario": "station.scenario",
     "set_state": "plant.uvms_plant",

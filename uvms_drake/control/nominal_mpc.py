@@ -146,7 +146,8 @@ class NominalMpc(LeafSystem):
       feasible as long as the latter two never fall.
     - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
 
-    The state is one abstract `MpcMemory`. The computation takes no simulated time.
+    The state is one abstract `MpcMemory`. Beside it the system remembers the problems of the latest
+    desired forces, each a pure function of its force. The computation takes no simulated time.
 
     Args:
         solver: Solves the problem; its `ocp` is the problem.
@@ -300,7 +301,7 @@ class NominalMpc(LeafSystem):
     def _solve(self, context: Context, memory: MpcMemory, guess: Plan
                ) -> tuple[np.ndarray, Solution, int]:
         """Returns 𝔉_des (6,) of a new plan, the solution for it, and the outcome of the sample."""
-        solution = self._retargeted(memory, guess)
+        solution = self._retargeted(context, memory, guess)
         if solution is not None:
             return memory.asked, solution, SOLVED
         solver = self._current(context, memory)
@@ -313,16 +314,25 @@ class NominalMpc(LeafSystem):
             ocp.evaluate(guess), slack)
         return memory.force, solution, SOLVED if better else KEPT
 
-    def _retargeted(self, memory: MpcMemory, guess: Plan) -> Solution | None:
-        """Returns the plan to a new desired force, or None if there is none or it is refused."""
+    def _retargeted(self, context: Context, memory: MpcMemory, guess: Plan) -> Solution | None:
+        """Returns the plan to a new desired force, or None if there is none or it is refused.
+
+        The logger is told why it is refused, at the first sample at which it is asked for.
+        """
         asked = memory.asked
         if self._targets is None or np.array_equal(asked, memory.force):
             return None
         solver = self._solver_of(asked)
         if solver is None:
-            return None
-        solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        return solution if solver.ocp.is_sound(solution.evaluation, REACHED) else None
+            _, why = self._problem(asked.tobytes())
+        else:
+            solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
+            if solver.ocp.is_sound(solution.evaluation, REACHED):
+                return solution
+            why = "no plan to it keeps the limits and ends in its terminal set"
+        if not np.array_equal(asked, self._recall(context).asked):
+            warn(context.get_time(), f"the desired force is refused: {why}")
+        return None
 
     def _current(self, context: Context, memory: MpcMemory) -> SequentialConvexSolver:
         """Returns the solver of the problem whose plan it is, for what is given now."""
@@ -339,14 +349,14 @@ class NominalMpc(LeafSystem):
         """
         if np.array_equal(force, self._initial.force):
             return self._solver
-        return self._problem(force.tobytes())
+        return self._problem(force.tobytes())[0]
 
-    def _make_solver(self, force: bytes) -> SequentialConvexSolver | None:
+    def _make_solver(self, force: bytes) -> tuple[SequentialConvexSolver | None, str]:
         assert self._targets is not None
         try:
-            return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force)))
-        except (InvalidParameter, np.linalg.LinAlgError):
-            return None
+            return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force))), ""
+        except (InvalidParameter, np.linalg.LinAlgError) as error:
+            return None, str(error)
 
     def _remember(self, context: Context, state: State, old: MpcMemory, status: int,
                   solution: Solution, plan: Plan, started: float) -> EventStatus:
