@@ -1,24 +1,18 @@
 """Tests of `uvms_drake.campaign.run`."""
 
-import json
-import typing
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pytest
 
-from uvms_drake.campaign.run import drawn, run_one
+from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import (
     all_well,
     format_campaign,
     summarise_campaign,
     summarise_times,
 )
-from uvms_drake.campaign.vary import Variation
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.jsonable import jsonable
-from uvms_drake.model.surface import AnySurface
-from uvms_drake.station.scenario import Scenario
 
 
 def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
@@ -33,13 +27,6 @@ def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
     assert summary["counts"]["exceptions"] == 1
     assert not all_well(summary)
     assert "exceptions: 1" in format_campaign(summary, summarise_times([run["wall"]]), "DIR")
-
-
-@pytest.mark.parametrize("surface", typing.get_args(AnySurface))
-def test_what_is_drawn_can_be_written_whatever_the_surface_is(surface):
-    scenario = Scenario(surface=surface())
-    out = json.dumps(jsonable(drawn(Variation(scenario, None))))
-    assert set(json.loads(out)["surface"]) == {field.name for field in fields(surface)}
 
 
 def test_another_program_runs_nothing(campaign, reference, monkeypatch, capsys):

@@ -14,7 +14,7 @@ from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario_file import scenario_path, shipped_scenarios
 
-SHIPPED = ("girona500_bilateral", "girona500_contact", "paper_dynamic",
+SHIPPED = ("girona500_bilateral", "girona500_contact", "girona500_unmeasured", "paper_dynamic",
            "paper_dynamic_resolved", "paper_kinematic", "paper_kinematic_certified")
 
 

@@ -17,8 +17,8 @@ from uvms_drake.control.contact.slope import (
     with_reading,
     without_contact,
 )
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.contact.target import target_depth
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEP, ACCELERATION, CRUISE = 0.2, 0.2, 0.3
 """h [s], a [m/s²], and the largest speed [m/s]."""

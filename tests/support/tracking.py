@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.limits.contact import ForceCone, UnderContact
@@ -12,6 +11,7 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 from uvms_drake.control.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.station.scenario import load_scenario
 

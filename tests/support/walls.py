@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 def random_direction(rng: np.random.Generator) -> np.ndarray:

@@ -63,7 +63,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         progress("constants", 0.0)
         basis = basis_of(scenario, model)
         progress("tube", motion.stages[0])
-        found = motion.tubes[type(law)](law, basis)
+        found = motion.in_contact(motion.tubes[type(law)](law, basis), scenario, basis)
         draft = replace(
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
             tube=found.radii, conditions=(*found.conditions, *assumptions(scenario)))
@@ -145,7 +145,7 @@ def certified_once(scenario: Scenario, progress: Progress = silent) -> Certifica
 def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits = scenario.limits
-    require(not motion_of(scenario).has_forces or limits.static_force is not None,
+    require(not motion_of(scenario).knows_force or limits.static_force is not None,
             "limits.static_force", None,
             "a number [N], for a certificate: its constants are suprema over forces up to it")
     q_lower, q_upper = joint_limits(limits, model.q_lower, model.q_upper)

@@ -122,6 +122,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     for key, fault in force_faults.items():
         require(MEASURED_FORCE in signals, key, type(fault).__name__,
                 "left out: nothing measures the force")
+    require(not scenario.contact.felt or MEASURED_FORCE in signals, "sensing", scenario.sensing,
+            "with a part that measures the force, such as !ForceSensor, for a contact that is felt")
     if MEASURED_FORCE in signals:
         require(scenario.ancillary.takes_force, "ancillary", scenario.law,
                 "a law that takes the measured force, such as resolved")

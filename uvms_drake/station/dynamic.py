@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -11,6 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from uvms_drake.common.errors import vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import Targets
 from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.control.tube_monitor import TubeMonitor
@@ -41,11 +43,11 @@ flat: in `paper_dynamic` it would converge in far shorter steps only."""
 class Dynamic(Motion[DynamicOcp]):
     """Forces move the robot under water, in front of a surface."""
 
-    has_forces = True
+    has_forces = knows_force = True
     measured, command, effect = "state", "tau", "tau"
     plant_signals = ("state", "force", "penetration", "disturbance", "acceleration")
-    controller_signals = ("nominal_state", "nominal_input", "u", "tau", "lost", "limited",
-                          "accepted_force")
+    controller_signals: ClassVar[tuple[str, ...]] = (
+        "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "accepted_force")
     tubes = DYNAMIC_TUBES
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
@@ -70,16 +72,12 @@ class Dynamic(Motion[DynamicOcp]):
         return make_simulated_uvms(scenario, None, start)
 
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
-        """Returns the tube-based NMPC, its command cut to the limits where the integrator allows.
-
-        The command is cut to `limits.u` and, if declared, to `limits.tau`; see `IMPLICIT`.
-        """
-        cut = scenario.simulator.integration_scheme not in IMPLICIT
+        """Returns the tube-based NMPC; see `command_limits`."""
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
         with within("ancillary"):
             return make_tube_mpc(
-                ocp, scenario.ancillary, targets, scenario.limits if cut else None)
+                ocp, scenario.ancillary, targets, command_limits(scenario))
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
@@ -127,6 +125,15 @@ class Dynamic(Motion[DynamicOcp]):
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
         """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""
         return paper_radii(law, basis)
+
+
+def command_limits(scenario: Scenario) -> Limits | None:
+    """Returns the limits to which the command is cut, `u` and, if declared, `tau`; or None.
+
+    See `IMPLICIT`.
+    """
+    implicit = scenario.simulator.integration_scheme in IMPLICIT
+    return None if implicit else scenario.limits
 
 
 def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,

@@ -28,7 +28,7 @@ from uvms_drake.tube.settings import CertificateSettings
 class Kinematic(Motion[KinematicOcp]):
     """The robot moves at the commanded velocity, without water and forces."""
 
-    has_forces = False
+    has_forces = knows_force = False
     measured, command, effect = "configuration", "u", "zeta"
     plant_signals = ("state", "disturbance")
     controller_signals = ("nominal_state", "nominal_input", "u", "lost")

@@ -36,6 +36,9 @@ class Motion(ABC, Generic[AnyOcp]):
     has_forces: ClassVar[bool]
     """Whether forces move the robot: then there are accelerations to command, and there is a
     surface to touch."""
+    knows_force: ClassVar[bool]
+    """Whether the controller's model has the force of the surface, whose constants then hold up to
+    a limit of it."""
     measured: ClassVar[str]
     """Name of the port of plant and controller that carries the measured motion."""
     command: ClassVar[str]
@@ -96,6 +99,15 @@ class Motion(ABC, Generic[AnyOcp]):
     def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with those fields of a `Record` that this motion alone has."""
+
+    def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
+        """Returns the tube of a law with what a contact adds that is not in the model: nothing."""
+        return tube
+
+    def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+             ) -> np.ndarray:
+        """Returns the pose χ_des (6,) that the end-effector was to have at the end."""
+        return model.surface.pose_for(logs["accepted_force"][-1], scenario.task.pose)
 
     @abstractmethod
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:

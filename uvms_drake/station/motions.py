@@ -9,14 +9,17 @@ from uvms_drake.station.kinematic import Kinematic
 from uvms_drake.station.motion import Motion
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import Sensed
 
 MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
+FELT = Sensed()
+"""Dynamic motion with a contact that is felt."""
 
 
 def motion_of(scenario: Scenario) -> Motion:
     """Returns the kind of motion that a scenario names."""
     require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
-    return MOTIONS[scenario.motion]
+    return FELT if scenario.contact.felt else MOTIONS[scenario.motion]
 
 
 def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:

@@ -22,7 +22,9 @@ def load_model(scenario: Scenario) -> ContactModel:
     """Returns the controller's model of robot and surface."""
     with within("surface"):
         surface = check_surface(scenario.surface)
-    return ContactModel.load(scenario.model, surface)
+    with within("contact"):
+        told = scenario.contact.told(surface)
+    return ContactModel.load(scenario.model, told)
 
 
 def true_surface(scenario: Scenario) -> Surface:
@@ -30,16 +32,21 @@ def true_surface(scenario: Scenario) -> Surface:
     return displaced(scenario.surface, scenario.surface_error)
 
 
+def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:
+    """Returns the surface to draw and to measure a task by: that of the model, if it has one."""
+    return check_surface(true_surface(scenario)) if scenario.contact.felt else model.surface
+
+
 def make_kinematic_ocp(scenario: Scenario, model: ContactModel) -> KinematicOcp:
     """Returns the problem of a scenario with kinematic motion; see `motions.make_ocp`."""
-    y_des, limits = _task(scenario, model, accelerations=False)
+    y_des, limits = posed_task(scenario, model, accelerations=False)
     with within("mpc"):
         return KinematicOcp(model, scenario.mpc, y_des, limits)
 
 
 def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
     """Returns the problem of a scenario with dynamic motion; see `motions.make_ocp`."""
-    y_des, limits = _task(scenario, model, accelerations=True)
+    y_des, limits = posed_task(scenario, model, accelerations=True)
     with within("mpc"):
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
     require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
@@ -62,8 +69,8 @@ def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -
     return make_dynamic_ocp(replace(other, mpc=replace(other.mpc, terminal_radius=radius)), model)
 
 
-def _task(scenario: Scenario, model: ContactModel, *, accelerations: bool
-          ) -> tuple[np.ndarray, dict[str, Limit]]:
+def posed_task(scenario: Scenario, model: ContactModel, *, accelerations: bool
+               ) -> tuple[np.ndarray, dict[str, Limit]]:
     """Returns y_des (6+n,) and the limits that the tube leaves."""
     surface = model.surface
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,

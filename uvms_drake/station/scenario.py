@@ -22,7 +22,7 @@ from uvms_drake.common.schema import dump_typed, load_typed, read_yaml
 from uvms_drake.control.laws import AnyLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
-from uvms_drake.model.surface import AnySurface, UnilateralPlane
+from uvms_drake.model.surface import AnyContact, AnySurface, KnownSurface, UnilateralPlane
 from uvms_drake.plant import AnyDisturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
@@ -104,6 +104,8 @@ class Scenario:
     surface: AnySurface = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
     """Difference of the simulated surface from `surface`, which the controller knows."""
+    contact: AnyContact = field(default_factory=KnownSurface)
+    """What the controller is told about the contact: it knows `surface`, or it feels a wall."""
     disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
     sensing: list[AnySensing] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
@@ -182,6 +184,8 @@ def check_scenario(scenario: Scenario) -> None:
         force = float(np.linalg.norm(vector("force", scenario.task.force, 6)))
     require(force == 0.0 or tolerance < force, "task.force_tolerance", tolerance,
             f"smaller than the desired force itself, {force:g} N")
+    require(not scenario.contact.felt or scenario.motion == "dynamic", "contact",
+            type(scenario.contact).__name__, "!KnownSurface, if the motion is kinematic")
     with within("model_error"):
         check_model_error(scenario.model_error)
     with within("surface_error"):

@@ -5,6 +5,7 @@ import numpy as np
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import limits_of, motion_of
+from uvms_drake.station.problem import shown_surface
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting
@@ -19,8 +20,9 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         certified: Whether its tube is that of a certificate that holds.
     """
     force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
+    surface = shown_surface(scenario, model)
     return Setting(
-        robot=scenario.model, model=model, surface=model.surface,
+        robot=scenario.model, model=model, surface=surface,
         start=scenario.start.config, force=force,
         goal=model.surface.pose_for(force, scenario.task.pose),
         radius=float(resolved_radii(scenario.tube).position or 0.0),

@@ -126,9 +126,9 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
         wall_time: Of the simulation [s].
         certified: As in `simulate`.
     """
-    size, task = model.size, scenario.task
+    size, motion = model.size, motion_of(scenario)
     joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
-    logs = motion_of(scenario).completed(scenario, model, logs)
+    logs = motion.completed(scenario, model, logs)
     arrays = logs | {
         "desired_force": logs["accepted_force"],
         "penetration": logs["penetration"].reshape(-1),
@@ -136,7 +136,7 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
         "input_limited": logs["limited"].reshape(-1),
         "chi": model.task_pose(logs["state"][:, :size])[:, :6],
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
-        "chi_des": model.surface.pose_for(logs["accepted_force"][-1], task.pose),
+        "chi_des": motion.goal(scenario, model, logs),
         "joint_lower": joint_lower,
         "joint_upper": joint_upper,
         "certified": np.array(certified),

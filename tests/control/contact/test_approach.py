@@ -13,7 +13,7 @@ from uvms_drake.control.contact.approach import (
     stopping_room,
 )
 from uvms_drake.control.contact.front import apex
-from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 GRIDS = [(0.2, 0.2), (0.1, 0.05), (0.5, 1.3)]
 

@@ -13,8 +13,8 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing, felt, nothing
 from uvms_drake.control.contact.slope import Line, slope
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.contact.target import PressTarget
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
 SENSING = ForceSensing(force_max=45.0, noise=1.0, period=0.1)

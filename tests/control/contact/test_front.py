@@ -5,7 +5,7 @@ import pytest
 from support.walls import random_direction, random_walls, rotated_from_x
 
 from uvms_drake.control.contact.front import apex, between_readings, replaces, room, safe_depth
-from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 FORCE_MAX, NOISE = 45.0, 1.0
 

@@ -13,10 +13,10 @@ from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 from uvms_drake.control.contact.approach import approach_speed, stopping_room
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.contact.target import PressTarget
 from uvms_drake.control.nominal_mpc import FAILED, MPC_REPORT, NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 
 WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)

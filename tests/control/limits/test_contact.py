@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.limits.contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.points import Points, check_slopes, slopes
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 CONE = ForceCone(np.array([0.6, 0.0, 0.8]), 25.0, 0.4)

@@ -17,7 +17,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing, unseen
 from uvms_drake.control.contact.front import safe_depth
 from uvms_drake.control.contact.slope import Line, slope, surface_depth
-from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from uvms_drake.common.errors import require
 from uvms_drake.control.contact.front import apex, between_readings, replaces
 from uvms_drake.control.contact.slope import Line, with_reading, without_contact
-from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 @dataclass(frozen=True)

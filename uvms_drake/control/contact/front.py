@@ -32,7 +32,7 @@ a plan whose acceleration is constant in each interval, see `approach.between_kn
 
 import numpy as np
 
-from uvms_drake.control.contact.surface_class import SurfaceClass
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, force: np.ndarray,

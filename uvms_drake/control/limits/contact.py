@@ -15,10 +15,10 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.points import About, Points, Slopes
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,13 @@
 """Surfaces to press on, one a file, and the list of those that a scenario can name."""
 
+from uvms_drake.model.surface.known import KnownSurface
 from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.sensed import SensedContact
 from uvms_drake.model.surface.shaped import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 
 AnySurface = UnilateralPlane | BilateralSpring | ShapedSurface
 """Surfaces that a file may name by tag; the first is the one meant if there is none."""
+
+AnyContact = KnownSurface | SensedContact
+"""What a controller may be told about the contact, by tag; the first is meant if there is none."""

@@ -9,9 +9,10 @@ from uvms_drake.model.euler import COMPLEX_STEP
 from uvms_drake.model.surface.friction import STEEPEST, coulomb
 from uvms_drake.model.surface.geometry import AnyGeometry, Plane
 from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.membership import class_of
 from uvms_drake.model.surface.normal_law import AnyNormalLaw, Linear
 from uvms_drake.model.surface.plane import LARGEST_DISSIPATION, OUTSIDE, dissipation_factor
-from uvms_drake.model.surface.surface_class import SurfaceClass, class_of
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 NEARBY = 0.1
 """Distance along the surface within which contacts are sampled, and poses looked for [m]."""

@@ -1,65 +1,107 @@
-"""What a controller may be told of a surface that it does not know: bounds that hold in a ball."""
+"""What is known of a wall that nobody measured: a bound of its stiffness, and where it faces.
 
-from typing import NamedTuple
+The static normal force φ(𝔭) ≥ 0 of the wall on the tip at rest at 𝔭 is any function with
+
+    φ(𝔭') ≤ φ(𝔭) + κ₊ ⟨𝔭' − 𝔭⟩₊,    ⟨m⟩ = n·m + α‖P_t m‖,    P_t = I − n nᵀ,   (·)₊ = max(·, 0),
+
+and a tip that moves feels it times a factor of damping: 1 − c₊(−δ̇)₊ ≤ F_N/φ ≤ 1 + c₊(δ̇)₊, δ̇ the
+rate of its depth. Hunt and Crossley's 1 + cδ̇ with 0 ≤ c ≤ c₊ is one, 1/(1 − cδ̇) for δ̇ < 0 too.
+
+*Which walls are in it.* Let s be the depth in the wall and φ = f(s), f monotone of slope ≤ κ₊ (a
+spring, soft on hard, a layer that yields; with a sprung tool, κ₊ is at most the tool's stiffness),
+‖∇s‖ ≤ 1 and ∇s nowhere more than θ off n (tilt, curvature). Then α = tan θ: between 𝔭 and 𝔭' there
+is a gradient with s(𝔭') − s(𝔭) = ∇s·m = ‖∇s‖ cos β (n·m + tan β ‖P_t m‖ cos γ), β ≤ θ, which is at
+most ⟨m⟩₊, and f grows by at most κ₊ of that.
+
+*Not in it*: a wall that moves, one that is adhesive, damping without load (F = κδ + dδ̇). What a
+drifting navigation makes of a wall at rest moves, too.
+"""
+
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.common.errors import require
-from uvms_drake.model.surface.geometry.geometry import Geometry
-from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.common.errors import require, vector
 
 
-class SurfaceClass(NamedTuple):
-    """Bounds of a surface, whatever its shape and its law are.
+@dataclass(frozen=True)
+class SurfaceClass:
+    """All walls with these bounds; a controller that knows no more is safe on each of them."""
 
-    With φ(p) the size of the static force and n a direction, for all p and p′ in the ball
+    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    """n (3,), unit vector in Σ_I from the water into the wall."""
+    stiffness: float = 2000.0
+    """κ₊, largest slope of the static force over the depth [N/m]."""
+    angle: float = 0.0
+    """θ, largest angle between n and the wall's own normal [rad]; α = tan θ."""
+    dissipation: float = 0.0
+    """c₊, largest factor of damping [s/m]."""
+    friction: float = 0.0
+    """μ, largest ratio of tangential and normal force."""
+    least_stiffness: float = 0.0
+    """κ₋, smallest slope of the static force along n past the transition [N/m]; 0: unknown."""
 
-        φ(p′) ≤ φ(p) + κ₊ (n·(p′ − p) + tan α ‖P_t(p′ − p)‖)₊,   P_t = I − nnᵀ,
+    def __post_init__(self):
+        n = vector("direction", self.direction, 3)
+        require(bool(abs(np.linalg.norm(n) - 1.0) < 1e-6), "direction", n, "a unit vector")
+        object.__setattr__(self, "direction", n)
+        require(0.0 < self.stiffness < np.inf, "stiffness", self.stiffness, "positive")
+        require(0.0 <= self.angle < 0.5 * np.pi, "angle", self.angle, "from 0 to below π/2")
+        for key in ("dissipation", "friction"):
+            value = getattr(self, key)
+            require(0.0 <= value < np.inf, key, value, "zero or positive")
 
-    which is so if ∇φ is in a cone of half-angle α about n, and n·∇φ ≤ κ₊.
-    """
+    @property
+    def tilt(self) -> float:
+        """α = tan θ."""
+        return float(np.tan(self.angle))
 
-    stiffness: float
-    """κ₊ [N/m]."""
-    least_stiffness: float
-    """κ₋ [N/m]: n·∇φ is at least that past the transition."""
-    angle: float
-    """α, below π/2 [rad]."""
-    dissipation: float
-    """c₊ [s/m]: in motion the normal force is at least φ (1 + c₊δ̇)₊, δ̇ the speed along its normal,
-    and on the way in at most that."""
-    friction: float
-    """Coefficient μ: the force along the surface is at most μ times the normal force."""
+    def depth(self, point: np.ndarray) -> np.ndarray:
+        """Returns x = n·𝔭 (...) [m], what the tip's position 𝔭 (..., 3) is along n."""
+        return point @ self.direction
 
+    def aside(self, motion: np.ndarray) -> np.ndarray:
+        """Returns ‖P_t m‖ (...), the part across n of a vector m (..., 3)."""
+        return np.linalg.norm(motion - self.depth(motion)[..., None] * self.direction, axis=-1)
 
-def class_of(geometry: Geometry, law: Linear, dissipation: float, friction: float,
-             direction: np.ndarray, center: np.ndarray, reach: float) -> SurfaceClass:
-    """Returns the class of a surface within `reach` [m] of `center` (3,).
+    def advance(self, motion: np.ndarray) -> np.ndarray:
+        """Returns ⟨m⟩ (...), the most that the depth can grow by a motion m (..., 3) [m or m/s].
 
-    φ = f‖∇δ‖ with f(δ) the law's, so ∇φ = f′‖∇δ‖∇δ + f∇‖∇δ‖: a part along ∇δ of at least f′, and
-    another of at most f‖∇‖∇δ‖‖, which turns it by no more than asin(f/f′ ‖∇‖∇δ‖‖). While the slope
-    grows, f/f′ ≤ δ; where it falls from k on, f ≤ kδ, and f/f′ ≤ δ times k over the smallest slope.
+        ⟨m + λn⟩ = ⟨m⟩ + λ, and ⟨m + m'⟩ ≤ ⟨m⟩ + ⟨m'⟩ by the triangle inequality.
+        """
+        return self.depth(motion) + self.tilt * self.aside(motion)
 
-    Args:
-        geometry: The shape.
-        law: The static force by the depth.
-        dissipation: c [s/m].
-        friction: μ.
-        direction: Unit vector n (3,) into the surface.
-        center: Middle of the ball (3,) [m].
-        reach: Radius of the ball [m].
+    def normal_force_bound(self, force: np.ndarray, noise: float) -> np.ndarray:
+        """Returns the largest F_N (...) [N] behind a reading of the tip's force 𝐅 (..., 3) [N].
 
-    Raises:
-        InvalidParameter: The normal turns away from `direction` by π/2 or more.
-    """
-    spread = geometry.spread(direction, center, reach)
-    deepest = geometry.depth(center) + spread.stretch * reach
-    force, (least, most) = float(law.force(deepest)), law.slopes
-    turn = spread.bend * max(float(deepest), 0.0) * law.stiffness / least
-    angle = spread.angle + float(np.arcsin(min(turn, 1.0)))
-    require(angle < 0.5 * np.pi, "reach", reach,
-            "so short that the surface's normal stays within 90° of the direction")
-    return SurfaceClass(
-        stiffness=most * spread.stretch**2 + force * spread.bend,
-        least_stiffness=max(least - force * spread.bend, 0.0) * float(np.cos(angle)),
-        angle=angle, dissipation=dissipation * spread.stretch, friction=friction)
+        The tip gives the wall F_N along the wall's normal, which is off n by β ≤ θ, and at most
+        μF_N across it; the reading is off by at most ν in norm. Then ‖𝐅‖ + ν ≥ F_N, and
+        n·𝐅 + ν ≥ F_N (cos β − μ sin β) ≥ F_N (cos θ − μ sin θ), which says something if it is
+        positive. Both hold; the lesser counts. F_N ≥ 0, for a wall does not pull.
+
+        Args:
+            force: What the sensor reads, in Σ_I.
+            noise: ν, bound of its error in norm [N]: noise, bias, the weight and drag of what is
+                behind the sensor, and what errors of position and speed make of the force.
+        """
+        bound = np.linalg.norm(force, axis=-1) + noise
+        share = np.cos(self.angle) - self.friction * np.sin(self.angle)
+        if share > 0.0:
+            bound = np.minimum(bound, (self.depth(force) + noise) / share)
+        return np.maximum(bound, 0.0)
+
+    def static_force_bound(self, force: np.ndarray, velocity: np.ndarray, noise: float
+                           ) -> np.ndarray:
+        """Returns φ⁺ (...) [N], the largest static force behind a reading of a tip that moves.
+
+        φ (1 − c₊(−δ̇)₊) ≤ F_N, and −δ̇ ≤ ⟨−v⟩ for a velocity v. A tip that retreats faster than
+        1/c₊ may feel nothing at any φ: then φ⁺ is infinite.
+
+        Args:
+            force: See `normal_force_bound` (..., 3).
+            velocity: Of the tip in Σ_I (..., 3) [m/s].
+            noise: See `normal_force_bound`.
+        """
+        left = 1.0 - self.dissipation * np.maximum(self.advance(-velocity), 0.0)
+        bound = self.normal_force_bound(force, noise)
+        return np.where(left > 0.0, bound / np.where(left > 0.0, left, 1.0), np.inf)

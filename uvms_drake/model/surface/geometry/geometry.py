@@ -7,7 +7,6 @@ point in them. Lengths (s₁, s₂) along the undeformed surface and the depth �
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -75,7 +74,7 @@ class Geometry(ABC):
     def spread(self, direction: np.ndarray, center: np.ndarray, reach: float) -> Spread:
         """Returns how ∇δ differs from a unit vector (3,) within `reach` [m] of a point (3,)."""
 
-    @cached_property
+    @property
     def axes(self) -> np.ndarray:
         """e₁, e₂ and e₃, the rows of a matrix (3, 3), in Σ_I."""
         into, along = -self.normal, self.tangent

@@ -1,12 +1,12 @@
-"""Tests of `uvms_drake.control.contact.surface_class`: walls of the class, and their readings."""
+"""Tests of `uvms_drake.model.surface.surface_class`: walls of the class, and their readings."""
 
 import numpy as np
 import pytest
 from support.walls import random_direction, random_walls, rotated_from_x
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.surface_class import SurfaceClass
 from uvms_drake.model.surface.plane import dissipation_factor
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 @pytest.mark.parametrize("seed", range(4))

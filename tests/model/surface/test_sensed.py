@@ -1,0 +1,116 @@
+"""What a `SensedContact` claims about a wall, against walls of its class."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.surface import KnownSurface, SensedContact, UnilateralPlane
+from uvms_drake.model.surface.law import check_surface
+
+CONTACT = SensedContact(direction=np.array([0.0, 0.6, 0.8]), angle=0.2, stiffness=800.0,
+                        force=40.0, dissipation=3.0, friction=0.4)
+
+
+def wall(rng: np.random.Generator) -> tuple[UnilateralPlane, np.ndarray]:
+    """Returns a plane whose inward normal is within the angle, and that normal."""
+    n, across = CONTACT.direction, rng.normal(size=3)
+    across -= n * (n @ across)
+    across /= np.linalg.norm(across)
+    angle = CONTACT.angle * rng.uniform()
+    inward = np.cos(angle) * n + np.sin(angle) * across
+    plane = UnilateralPlane(point=rng.normal(size=3), normal=-inward,
+                            stiffness=CONTACT.stiffness * rng.uniform(0.1, 1.0),
+                            dissipation=CONTACT.dissipation * rng.uniform())
+    return plane.checked(), inward
+
+
+def at(points: np.ndarray) -> np.ndarray:
+    """Returns poses χ (m, 6) at points (m, 3)."""
+    return np.concatenate([points, np.zeros((len(points), 3))], axis=1)
+
+
+def test_tilted_planes_are_of_the_class():
+    rng, n = np.random.default_rng(1), CONTACT.direction
+    for _ in range(50):
+        plane, _ = wall(rng)
+        points = plane.point + rng.normal(size=(200, 3)) * 0.02
+        others = points + rng.normal(size=points.shape) * 0.02
+        moved = others - points
+        across = np.linalg.norm(moved - np.outer(moved @ n, n), axis=1)
+        rise = np.maximum(moved @ n + np.tan(CONTACT.angle) * across, 0.0)
+        assert np.all(plane.static_force(at(others)) <= plane.static_force(at(points))
+                      + CONTACT.stiffness * rise + 1e-9)
+
+
+def test_the_force_changes_by_no_more_than_the_slope_times_the_way_and_nearly_so():
+    """The steepest direction of (1) is at the angle α from n."""
+    n, alpha = CONTACT.direction, CONTACT.angle
+    across = np.array([1.0, 0.0, 0.0])
+    steepest = np.cos(alpha) * n + np.sin(alpha) * across
+    by_class = steepest @ n + np.tan(alpha) * (steepest @ across)
+    assert CONTACT.slope == pytest.approx(CONTACT.stiffness * by_class, rel=1e-12)
+
+
+def test_the_part_across_the_direction_is_reached_and_never_exceeded():
+    rng, n, largest = np.random.default_rng(2), CONTACT.direction, 0.0
+    for _ in range(20_000):
+        _, inward = wall(rng)
+        tangent = rng.normal(size=3)
+        tangent -= inward * (inward @ tangent)
+        tangent *= CONTACT.friction * rng.uniform() ** 0.1 / np.linalg.norm(tangent)
+        force = 7.0 * (inward + tangent)
+        largest = max(largest, float(np.linalg.norm(force - n * (n @ force))))
+    assert 0.95 * CONTACT.sideways(7.0) < largest <= CONTACT.sideways(7.0)
+
+
+def test_the_rate_of_the_force_is_bounded():
+    """A tip that oscillates in walls of the class; difference quotients of the force along n."""
+    rng, seen = np.random.default_rng(3), 0.0
+    w = np.linspace(0.0, 2.0 * np.pi, 4001)
+    for _ in range(100):
+        plane, inward = wall(rng)
+        size, rate = rng.uniform(0.002, 0.01), rng.uniform(1.0, 20.0)
+        time = w / rate
+        way = size * np.sin(w)
+        points = plane.point + np.outer(0.5 * size + way, inward)
+        speed = np.outer(size * rate * np.cos(w), inward)
+        chi_dot = np.concatenate([speed, np.zeros_like(speed)], axis=1)
+        force = plane.force(at(points), chi_dot)[:, :3] @ inward
+        bound = CONTACT.force_rate(float(plane.static_force(at(points)).max()),
+                                   size * rate, size * rate**2)
+        ratio = np.abs(np.diff(force) / np.diff(time)).max() / bound
+        seen = max(seen, float(ratio))
+        assert ratio <= 1.0
+    assert seen > 0.3
+
+
+def test_a_model_of_it_is_free_water_and_passes_the_check_of_surfaces():
+    told = CONTACT.told(UnilateralPlane())
+    surface = check_surface(told)
+    chi = np.random.default_rng(4).normal(size=(5, 6))
+    assert not surface.force(chi, chi).any()
+    assert surface.stiffness_bound == CONTACT.slope
+
+
+def test_a_known_surface_is_told_as_it_is():
+    plane = UnilateralPlane()
+    assert KnownSurface().told(plane) is plane
+
+
+def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
+    told, pose = CONTACT.told(UnilateralPlane()), np.arange(6.0)
+    assert told.pose_for(CONTACT.wrench(20.0), pose) == pytest.approx(pose)
+    for force in (CONTACT.wrench(-1.0), CONTACT.wrench(40.0), np.array([5.0, 0, 0, 0, 0, 0])):
+        with pytest.raises(InvalidParameter, match="force"):
+            told.pose_for(force, pose)
+    with pytest.raises(InvalidParameter, match="pose"):
+        told.pose_for(CONTACT.wrench(20.0), None)
+
+
+@pytest.mark.parametrize(("key", "value"), [
+    ("direction", np.array([1.0, 1.0, 0.0])), ("angle", 0.6), ("angle", -0.1), ("stiffness", 0.0),
+    ("force", np.inf), ("dissipation", -1.0), ("friction", np.nan)])
+def test_a_value_without_a_meaning_is_named(key: str, value: object):
+    settings = SensedContact(**{key: value})
+    with pytest.raises(InvalidParameter, match=key):
+        settings.told(UnilateralPlane())

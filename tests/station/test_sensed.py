@@ -1,0 +1,96 @@
+"""Tests of `uvms_drake.station.sensed`: pressing on walls that the controller is not told of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certify import certify
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import load_model, true_surface
+from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.sensed import (
+    front_margin,
+    largest_force,
+    plan_reach,
+    pressing_force,
+    sensed_contact,
+)
+from uvms_drake.station.simulation import simulate
+
+
+def close_to_the_wall(*overrides: str) -> Scenario:
+    """Returns the scenario for 6 s from 15 mm before x = 0, at the place and in the posture."""
+    scenario = load_scenario("girona500_unmeasured", ["duration=6.0", *overrides])
+    model = load_model(scenario)
+    y = np.concatenate([np.asarray(scenario.task.pose, dtype=float), scenario.task.posture])
+    y[0] = -0.015
+    config = model.configuration(y)
+    scenario.start = replace(scenario.start, eta=config[:6], q=config[6:])
+    return scenario
+
+
+@pytest.mark.parametrize("overrides", [
+    ("surface.geometry.point.0=0.01",),
+    ("surface.geometry.point.0=-0.005", "surface.law.stiffness=1000.0", "surface.friction=0.4",
+     "simulator.max_step_size=0.005"),
+])
+def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stiff(overrides):
+    scenario = close_to_the_wall(*overrides)
+    record = simulate(scenario)
+    contact = sensed_contact(scenario)
+    static = true_surface(scenario).static_force(record.chi)
+    assert static.max() <= contact.force
+    assert np.all(record.mpc_status == 0.0)
+    assert record.mpc_violation.max() <= 1e-6
+    assert record.mpc_terminal_slack.max() <= 1e-6
+    last = record.time >= 5.0
+    assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.0
+    depth = record.chi[:, 0]
+    assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * front_margin(scenario))
+
+
+def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class_allows():
+    scenario = close_to_the_wall()
+    contact = sensed_contact(scenario)
+    ocp = make_ocp(scenario)
+    most = largest_force(contact, front_margin(scenario), plan_reach(scenario, ocp))
+    assert 20.0 < most < contact.force
+    station = make_station(scenario)
+    context = station.CreateDefaultContext()
+    for asked, accepted in ((12.0, 12.0), (100.0, most), (-3.0, 0.0)):
+        station.GetInputPort("desired_force").FixValue(context, contact.wrench(asked))
+        found = station.GetOutputPort("accepted_force").Eval(context)
+        assert found == pytest.approx(contact.wrench(accepted))
+
+
+def test_the_controller_is_told_nothing_of_the_surface():
+    """Its model is the same for any surface of the world."""
+    models = [load_model(load_scenario("girona500_unmeasured", [f"surface.law.stiffness={k}"]))
+              for k in (100.0, 900.0)]
+    assert repr(models[0].surface) == repr(models[1].surface)
+    assert not models[0].surface.force(np.ones(6), np.ones(6)).any()
+
+
+def test_it_is_not_certified_and_says_why():
+    certificate = certify(load_scenario("girona500_unmeasured"))
+    broken = [condition.name for condition in certificate.conditions if not condition.holds]
+    assert not certificate.certified
+    assert any(name.startswith("contact, felt") for name in broken)
+
+
+@pytest.mark.parametrize(("overrides", "message"), [
+    (["sensing=[]"], "sensing"),
+    (["limits.more=[]"], "limits.more"),
+    (["task.force.0=40.0"], r"task\.force.*less than"),
+    (["contact.force_error=9.0"], r"task\.force"),
+])
+def test_what_is_missing_or_too_much_is_named(overrides, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make_station(load_scenario("girona500_unmeasured", overrides))
+
+
+def test_the_force_along_the_direction_is_that_of_the_task():
+    assert pressing_force(load_scenario("girona500_unmeasured")) == 20.0

@@ -1,0 +1,122 @@
+"""The controller for a wall that nobody measured: it presses where it feels."""
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, PassThrough
+
+from uvms_drake.control.ancillary import AncillaryFeedback
+from uvms_drake.control.contact.desired_force import DesiredForce
+from uvms_drake.control.contact.explored_front import ExploredFront
+from uvms_drake.control.contact.felt import ForceSensing
+from uvms_drake.control.contact.target import PressTarget
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import Limits
+from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.tracking_ocp import TrackingOcp
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+
+def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass,
+                         sensing: ForceSensing, *, force: float, largest: float, margin: float,
+                         reach: float, speed: float, limits: Limits | None = None) -> Diagram:
+    """Returns the tube-based NMPC that presses on a wall of a class, as a Diagram named "tube_mpc".
+
+    ::
+
+        desired_force ─▶ desired_force ─▶ press_target ─▶ target ──┐
+                                  ▲ what was felt                  ▼
+        measured_force ─┬─▶ explored_front ── safe_depth ──▶ nominal_mpc
+                        │         ▲                                │ nominal state, ...
+                        │  state ─┴─────────────────────▶ ancillary ◀──┘
+                        └────────────────────────────────────▲  └──▶ tau, u
+
+    .. pydrake_system::
+
+        name: tube_mpc
+        input_ports:
+        - state
+        - measured_force
+        - fault (optional)
+        - desired_force (optional)
+        output_ports:
+        - tau
+        - u
+        - lost
+        - limited
+        - pair
+        - nominal_state
+        - nominal_input
+        - plan
+        - report
+        - solve_seconds
+        - accepted_force
+        - target
+        - safe_depth
+        - touched
+        - slope
+
+    - `measured_force`: 𝔉_s (6) [N, N m], which the law takes and the front learns from.
+    - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
+    - `target`: where the end-effector is sent (3) in Σ_I [m].
+    - `safe_depth`, `touched`, `slope`: what was felt, see `ExploredFront`.
+    - the others: see `make_tube_mpc`.
+
+    Args:
+        ocp: The problem; its model has no contact, its y_des says where across n to press.
+        law: The feedback law and its gains, one that takes the measured force.
+        walls: What is known of the wall.
+        sensing: What is known of the force sensor.
+        force: Force along n that is asked for if nobody asks for another [N].
+        largest: Largest force along n that may be asked for [N].
+        margin: E, how far the real tip may be beyond the planned one; see `ExploredFront` [m].
+        reach: ℓ, how far from the tip across n a plan can go; see `ExploredFront` [m].
+        speed: Largest speed of the planned tip along n [m/s].
+        limits: Those of the real robot, which `u` and `tau` keep to; None: they are not cut.
+    """
+    builder, n = DiagramBuilder(), walls.direction
+    state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
+    felt = builder.AddNamedSystem("measured_force", PassThrough(6))
+    measured = state.get_output_port()
+
+    # What was felt, and where to press next.
+    front = ExploredFront.AddToBuilder(
+        builder, ocp.model, walls, sensing, margin=margin, reach=reach, state=measured,
+        measured_force=felt.get_output_port())
+    desired = DesiredForce.AddToBuilder(builder, n, force, largest)
+    press = PressTarget.AddToBuilder(builder, front, desired_force=desired.GetOutputPort("along"))
+    along = builder.AddNamedSystem("along", MatrixGain(n[:, None]))
+    across = builder.AddNamedSystem("across", ConstantVectorSource(
+        ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n))
+    target = builder.AddNamedSystem("target", Adder(2, 3))
+    builder.Connect(press.get_output_port(), along.get_input_port())
+    builder.Connect(along.get_output_port(), target.get_input_port(0))
+    builder.Connect(across.get_output_port(), target.get_input_port(1))
+
+    # The plan, and the feedback about it.
+    mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
+    approach = builder.AddNamedSystem("approach_speed", ConstantVectorSource(np.array([speed])))
+    for source, port in ((target.get_output_port(), "target"),
+                         (front.GetOutputPort("safe_depth"), "safe_depth"),
+                         (approach.get_output_port(), "approach_speed")):
+        builder.Connect(source, mpc.GetInputPort(port))
+    feedback = AncillaryFeedback.AddToBuilder(
+        builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
+    builder.Connect(felt.get_output_port(), feedback.GetInputPort("measured_force"))
+
+    builder.ExportInput(state.get_input_port(), "state")
+    builder.ExportInput(felt.get_input_port(), "measured_force")
+    builder.ExportInput(mpc.GetInputPort("fault"), "fault")
+    builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")
+    for system, names in (
+        (feedback, ("tau", "u", "lost", "limited", "pair")),
+        (mpc, ("nominal_state", "nominal_input", "plan", "report", "solve_seconds")),
+        (desired, ("accepted_force",)),
+        (front, ("safe_depth", "touched", "slope")),
+    ):
+        for name in names:
+            builder.ExportOutput(system.GetOutputPort(name), name)
+    builder.ExportOutput(target.get_output_port(), "target")
+    diagram = builder.Build()
+    diagram.set_name("tube_mpc")
+    return diagram

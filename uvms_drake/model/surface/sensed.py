@@ -1,0 +1,177 @@
+"""A wall that nobody has measured: what a controller with a force sensor is told about it.
+
+It is one of a `SurfaceClass`. The law adds the *measured* force to its inverse dynamics, so the
+wall drops out of the error dynamics, and the nominal model is that of free water
+(`UnmeasuredWall`).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require, vector
+from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+STEEPEST = 0.5
+"""Largest angle α that is accepted [rad]; the theory needs tan α finite, a task far less."""
+
+
+@dataclass
+class SensedContact:
+    """The controller feels the force of a wall; place and stiffness are unknown to it."""
+
+    felt: ClassVar[bool] = True
+    """Whether the controller goes by the force that it feels."""
+
+    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    """Direction n into the wall (3,), a unit vector in Σ_I."""
+    angle: float = 0.0873
+    """Angle α by which the wall's inward normal may differ from `direction` [rad]."""
+    stiffness: float = 1000.0
+    """Largest stiffness κ₊ of tool and wall together [N/m]."""
+    force: float = 45.0
+    """Largest static normal force F_max that the tip may exert [N]."""
+    dissipation: float = 2.5
+    """Largest dissipation c₊ of the wall (Hunt and Crossley) [s/m]."""
+    friction: float = 0.5
+    """Largest coefficient of friction μ."""
+    force_error: float = 2.0
+    """Bound ν of the error of the measured force, in norm [N]."""
+    torque_error: float = 0.05
+    """Bound of the error of the measured torque, in norm [N m]."""
+    period: float = 0.01
+    """Time between two looks at the measured force [s]."""
+
+    def told(self, surface: Surface) -> "UnmeasuredWall":
+        """Returns the surface of the controller's model, whatever the world's is."""
+        return UnmeasuredWall(self)
+
+    @property
+    def walls(self) -> SurfaceClass:
+        """The class of walls, of which this may be any."""
+        return SurfaceClass(direction=self.direction, stiffness=self.stiffness, angle=self.angle,
+                            dissipation=self.dissipation, friction=self.friction)
+
+    @property
+    def slope(self) -> float:
+        """Largest change of φ with the position of the tip, κ₊ / cos α [N/m]."""
+        return self.stiffness / float(np.cos(self.angle))
+
+    def checked(self) -> "SensedContact":
+        """Returns it with arrays, or raises."""
+        direction = vector("direction", self.direction, 3)
+        require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), "direction", direction,
+                "a unit vector")
+        require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
+        for key in ("stiffness", "force", "force_error", "torque_error", "period"):
+            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
+        for key in ("dissipation", "friction"):
+            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
+        return replace(self, direction=direction)
+
+    def wrench(self, force: float) -> np.ndarray:
+        """Returns 𝔉 (6,) that presses along n with a force [N]."""
+        return np.concatenate([force * np.asarray(self.direction, dtype=float), np.zeros(3)])
+
+    def peak(self, force: float, speed: float) -> float:
+        """Returns the largest normal force φ (1 + c₊ δ̇) at φ ≤ `force` [N], δ̇ ≤ `speed` [m/s]."""
+        return force * (1.0 + self.dissipation * speed)
+
+    def sideways(self, force: float) -> float:
+        """Returns the largest part across n [N] of a contact force whose normal part is `force`.
+
+        Normal and friction span a cone about the true normal with half-angle atan μ, which is
+        within α of n: the part across n is at most `force` √(1 + μ²) sin(α + atan μ).
+        """
+        half = self.angle + float(np.arctan(self.friction))
+        return force * float(np.hypot(1.0, self.friction) * np.sin(min(half, 0.5 * np.pi)))
+
+    def force_rate(self, force: float, speed: float, acceleration: float) -> float:
+        """Returns the largest |d/dt| of φ (1 + c₊δ̇) [N/s] while φ ≤ `force`.
+
+        In the class φ changes by at most `slope` times the way of the tip: |φ̇| ≤ slope · speed. The
+        factor is at most 1 + c₊ · speed and changes by at most c₊ · acceleration.
+
+        Args:
+            force: Bound of φ [N].
+            speed: Bound of the tip's speed [m/s].
+            acceleration: Bound of its acceleration [m/s²].
+        """
+        return (self.slope * speed * (1.0 + self.dissipation * speed)
+                + force * self.dissipation * acceleration)
+
+
+class UnmeasuredWall(Surface):
+    """The wall of a `SensedContact` in the controller's model: free water, wherever the tip is.
+
+    Args:
+        contact: What is known of the wall.
+    """
+
+    def __init__(self, contact: SensedContact):
+        self.contact = contact.checked()
+
+    def __repr__(self) -> str:
+        return f"UnmeasuredWall({self.contact!r})"
+
+    @property
+    def anchor(self) -> np.ndarray:
+        """The origin: nobody knows where the wall is."""
+        return np.zeros(3)
+
+    @property
+    def stiffness_bound(self) -> float:
+        """Largest change of φ with the position [N/m]."""
+        return self.contact.slope
+
+    def checked(self) -> "UnmeasuredWall":
+        """Returns itself: what it is made of has been checked."""
+        return self
+
+    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
+        """Returns zeros (..., 6): the law adds the measured force itself."""
+        return np.zeros_like(chi)
+
+    def penetration(self, chi: np.ndarray) -> np.ndarray:
+        """Returns zeros (...)."""
+        return np.zeros_like(chi[..., 0])
+
+    def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
+        """Returns `pose`: where on the wall, and how the tool is held; the depth comes by feeling.
+
+        𝔉_des must press along n with no more than the largest force, without torque.
+        """
+        if pose is None:
+            raise InvalidParameter("pose", pose, "given: a wall leaves five coordinates free")
+        magnitude = float(force[:3] @ self.contact.direction)
+        require(bool(np.allclose(force, self.contact.wrench(magnitude), atol=1e-9)
+                     and 0.0 <= magnitude < self.contact.force), "force", force,
+                f"F · direction with F from 0 to {self.contact.force:g} N, and no torque")
+        return np.array(pose, dtype=float)
+
+    def force_jacobian(self) -> np.ndarray:
+        """Returns a row of zeros (1, 6): in the model, no pose exerts a force."""
+        return np.zeros((1, 6))
+
+    def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
+                       ) -> np.ndarray:
+        """Returns zeros (m, 3): free water is the same everywhere."""
+        return np.zeros((len(chi), 3))
+
+    def contact_measure(self, chi: np.ndarray, force_max: float) -> np.ndarray:
+        """Returns zeros (m,): every pose counts."""
+        return np.zeros(len(chi))
+
+    def contact_reach(self, force_max: float) -> float:
+        """Returns 1 m: any length would do."""
+        return 1.0
+
+    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
+        """Returns the largest change of the normal force from φ at rest [N].
+
+        `slope` · `position`, and c₊ · `speed` of what the wall may then exert.
+        """
+        moved = self.contact.slope * position
+        return moved + (self.contact.force + moved) * self.contact.dissipation * speed
