@@ -290,7 +290,7 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
         nu2=0.2, qdot=0.1)
     law = Transpose(sigma=12.0)
     constants = estimate_constants(model, declared, CONSTANTS, samples=300)
-    tube, conditions, _ = transpose_kinematic_tube(
+    tube, conditions = transpose_kinematic_tube(
         law, Basis(
             model, declared, constants, 0.05, np.ones(6), np.zeros(0), scenario.certificate))
     assert all(item.holds for item in conditions), conditions

@@ -12,6 +12,7 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 from uvms_drake.tube.tubes import (
     joint_rate_radius,
+    preimage_shift,
     resolved_tube,
     smallest_k,
     transpose_tube,
@@ -81,6 +82,33 @@ def test_the_joint_rate_bound_is_the_variation_of_the_impulse_response(k, sigma)
         response = (np.exp(-sigma * time) - np.exp(-k * time)) / (k - sigma)
     variation = np.sum(np.abs(np.diff(response)))
     assert joint_rate_radius(k, sigma, 0.3) == pytest.approx(0.3 * variation, rel=1e-6)
+
+
+def test_the_preimage_is_shifted_by_its_bound_at_most_and_by_all_of_it_where_a_only_stretches():
+    """Random A(t) = A₁ + A₂ sin t and bang-bang d of an ellipsoid; then A = −ω along one axis."""
+    k, sigma, d_bound, weights = 20.0, 5.0, 0.3, np.array([0.1, 0.3, 1.0])
+    rng = np.random.default_rng(0)
+    reached = []
+    for case in range(12):
+        A = rng.normal(size=(2, 3, 3))
+        d = weights * rng.normal(size=3)
+        if case == 0:
+            A, d = np.array([-np.diag([0.0, 0.0, 2.0]), np.zeros((3, 3))]), np.eye(3)[2]
+        A *= 2.0 / np.sum(np.linalg.norm(A, 2, axis=(1, 2)))
+        omega, alpha = (np.sum(np.linalg.norm(A @ scale, 2, axis=(1, 2)))
+                        for scale in (np.eye(3), np.diag(weights)))
+        d *= d_bound / np.linalg.norm(d / weights)
+        r, p, p_0, largest, dt = np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 2e-3
+        for t in np.arange(0.0, 6.0, dt):
+            push = d if case == 0 or t < 3.0 else -d
+            p, p_0 = (p + dt * (r - sigma * p - (A[0] + np.sin(t) * A[1]) @ p),
+                      p_0 + dt * (r - sigma * p_0))
+            r = r + dt * (push - k * r)
+            largest = max(largest, np.linalg.norm(p - p_0))
+        reached.append(largest / preimage_shift(k, sigma, d_bound, omega, alpha))
+    assert max(reached) <= 1.0 + 1e-9
+    assert reached[0] > 0.999
+    assert preimage_shift(k, 1.0, d_bound, 1.0, 0.5) == math.inf
 
 
 def test_the_velocity_bound_does_not_know_how_well_j_is_conditioned():

@@ -17,10 +17,7 @@ cascade 𝔭̇ = −σ𝔭 + 𝔯 − J_x⁻¹J̇_x𝔭. Were the last term zero
 one channel at a time, whose output is at most the L₁ norm of their impulse responses
 (`tubes.joint_rate_radius`, `input_gain`) times |dᵢ| ≤ Ŵᵢd̃, and in the 2-norm of a block of channels
 times its largest Ŵᵢd̃, for ‖Ŵ⁻¹d‖₂ ≤ d̃. The last term moves 𝔭 from 𝔭₀, which goes without it, by
-δ: δ̇ = −σδ − J_x⁻¹J̇_x(𝔭₀ + δ). With ω ≥ ‖J_x⁻¹J̇_x‖, α ≥ ‖J_x⁻¹J̇_xŴ‖ and ‖Ŵ⁻¹𝔭₀‖ ≤ d̃/(kσ),
-d‖δ‖/dt ≤ −(σ − ω)‖δ‖ + αd̃/(kσ), so ‖δ‖ ≤ αd̃/(kσ(σ − ω)), which adds σ‖δ‖ and σ²‖δ‖. In the
-norm ‖Ŵ⁻¹·‖, δ would ask for a σ that is larger by up to the ratio of Ŵ's entries: here it asks for
-none.
+δ (`tubes.preimage_shift`), which adds σ‖δ‖ and σ²‖δ‖.
 
 The rests in (1) are small: the nominal motion seen from a slightly different configuration, and
 the drift. Its largest value over the tube is taken to first order in the errors at sampled nominal
@@ -28,8 +25,14 @@ states, where it is a support function Σ_blocks ‖∂c/∂(block)‖ radius (�
 𝔯, which are in ellipsoids), and the second-order part is measured at the maximising errors and
 added. Further rounds of samples close in on the worst nominal states. That part is an *estimate* of
 a supremum, and is multiplied by a declared safety factor.
+
+Where 𝔢_p, 𝔢_o and 𝔢_q may each be anything in their ball, the vehicle has to make up for what the
+arm is off by. With weights the errors are therefore also taken as 𝔢_y = J_x(𝔮)(𝔭₀ + δ),
+‖Ŵ⁻¹𝔭₀‖ ≤ d̃/(kσ), where joints that are pushed hard leave the vehicle alone, and the smaller
+supremum of the two counts.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +42,7 @@ from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.tubes import joint_rate_radius
+from uvms_drake.tube.tubes import joint_rate_radius, preimage_shift
 
 CLOSING_ROUNDS = 3
 CLOSING_FACTOR = 0.3
@@ -80,6 +83,34 @@ class _Nominal:
 
     def __getitem__(self, index) -> "_Nominal":
         return _Nominal(self.config[index], self.zeta[index], self.u[index])
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """The sets that (𝔢_y, 𝔯) are in, as sums of ellipsoids; see `_largest`."""
+
+    radii: tuple[float, float, float, float]
+    """Of 𝔢_p, 𝔢_o, Ŵ⁻¹𝔢_q and Ŵ⁻¹𝔯."""
+    weights: np.ndarray
+    """Diagonal of Ŵ (6+n,)."""
+    shift: float
+    """Of 𝔭, in the vehicle's components: in those of the joints, J_x⁻¹J̇_x has no rows."""
+
+    def of_blocks(self) -> list[tuple[np.ndarray, float]]:
+        """Returns a ball for each block."""
+        size = len(self.weights)
+        axes = np.diag(np.concatenate([np.ones(6), self.weights[6:], self.weights]))
+        blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
+        return [(axes[None, :, block], radius)
+                for block, radius in zip(blocks, self.radii, strict=True)]
+
+    def of_preimage(self, J: np.ndarray) -> list[tuple[np.ndarray, float]]:
+        """Returns those of 𝔭₀, δ and Ŵ⁻¹𝔯, by J_x(𝔮̄) (m, 6+n, 6+n)."""
+        size = len(self.weights)
+        *_, radius, r = self.radii
+        both = np.concatenate([J, np.zeros_like(J)], axis=1)
+        return [(both * self.weights, radius), (both[:, :, :6], self.shift),
+                (np.eye(2 * size)[None, :, size:] * self.weights, r)]
 
 
 def input_gain(k: float, sigma: float) -> float:
@@ -173,9 +204,6 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     """
     rng = np.random.default_rng(seed)
     weights = weights * np.ones(model.size)
-    radius = d_bound / (k * sigma)
-    balls = (gains[0] * radius, gains[1] * radius, radius, d_bound / k)
-
     def draw(count: int) -> _Nominal:
         """Returns random nominal motions within the limits."""
         config, zeta = constraint_set.sample(model, count, rng)
@@ -186,7 +214,12 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     nominal = draw(samples)
     motion, inertia = _motion_and_inertia(model, nominal, 1.0)
     weighted_motion, weighted_inertia = _motion_and_inertia(model, nominal, weights)
-    values = _support(model, nominal, balls, weights, k, sigma)
+    omega, alpha = safety_factor * motion, safety_factor * weighted_motion
+    shift = preimage_shift(k, sigma, d_bound, omega, alpha)
+    radius = d_bound / (k * sigma)
+    errors = _Errors(
+        (gains[0] * radius, gains[1] * radius, radius, d_bound / k), weights, shift)
+    values = _support(model, nominal, errors, k, sigma)
     total, spread = samples, 1.0
     for _ in range(CLOSING_ROUNDS):
         spread *= CLOSING_FACTOR
@@ -195,14 +228,11 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         fresh = fresh[constraint_set.contains(model, fresh.config, fresh.zeta)]
         nominal = _Nominal(*(np.concatenate(pair) for pair in zip(
             _fields(nominal[leaders]), _fields(fresh), strict=True)))
-        values = np.concatenate(
-            [values[leaders], _support(model, fresh, balls, weights, k, sigma)])
+        values = np.concatenate([values[leaders], _support(model, fresh, errors, k, sigma)])
         total += len(fresh.u)
 
     # The linear parts by their filters, with the shift δ of 𝔭; the rests as they were found.
     worst = safety_factor * np.max(values, axis=0)
-    omega, alpha = safety_factor * motion, safety_factor * weighted_motion
-    shift = alpha * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else np.inf
     nu1, nu2, qdot = (
         joint_rate_radius(k, sigma, d_bound * float(np.max(weights[block], initial=0.0)))
         for block in (slice(0, 3), slice(3, 6), slice(6, None)))
@@ -240,37 +270,60 @@ def _fields(nominal: _Nominal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nominal.config, nominal.zeta, nominal.u
 
 
-def _support(model: ContactModel, nominal: _Nominal, balls: tuple[float, ...], weights: np.ndarray,
-             k: float, sigma: float) -> np.ndarray:
-    """Returns the largest rest of ν₁, ν₂, φ, θ, uᵢ and τᵢ (m, 4 + 2(6+n)) over the tube.
-
-    The tube is a ball each of 𝔢_p, 𝔢_o, Ŵ⁻¹𝔢_q and Ŵ⁻¹𝔯. For the norm of a block of channels the
-    operator norm of its Jacobian takes the place of the row's norm; errors and remainder are those
-    of the block's leading direction.
-    """
+def _support(model: ContactModel, nominal: _Nominal, errors: _Errors, k: float, sigma: float
+             ) -> np.ndarray:
+    """Returns the largest rest of ν₁, ν₂, φ, θ, uᵢ and τᵢ (m, 4 + 2(6+n)) over the errors."""
     # Jacobian of all rests by (𝔢_y, 𝔯) at zero errors.
     size = model.size
-    axes = np.concatenate([np.ones(6), weights[6:], weights])  # of the errors
     steps = 1j * COMPLEX_STEP * np.eye(2 * size)
     lift = _Nominal(*(item[:, None] for item in _fields(nominal)))
     moved = rests(model, *_fields(lift), steps[:, :size], steps[:, size:], k, sigma)
     G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, channels, 2(6+n))
-    # One ball for each block of errors; ν₁ and ν₂ are a channel each, then every component is one.
-    blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
-    channels = [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(size, 3 * size + 2))]
-    out = np.empty((len(nominal.u), len(channels)))
+
+    def rest(error: np.ndarray) -> np.ndarray:
+        return rests(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
+
+    found = _largest(G, errors.of_blocks(), rest)
+    if np.all(errors.weights == 1.0) or not np.isfinite(errors.shift):
+        return found
+    # The same errors by 𝔭; the second-order part has J_x at the real configuration in it.
+    y, J = model.task_pose(nominal.config), model.task_jacobian(nominal.config)
+
+    def rest_of_preimage(error: np.ndarray) -> np.ndarray:
+        e_y, r = np.split(error, 2, axis=1)
+        real = model.task_jacobian(model.configuration(y + e_y))
+        return rest(np.concatenate([times(real, _solve(J, e_y)), r], axis=1))
+
+    return np.minimum(found, _largest(G, errors.of_preimage(J), rest_of_preimage))
+
+
+def _largest(G: np.ndarray, parts: list[tuple[np.ndarray, float]],
+             rest: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Returns the largest rests (m, 4 + 2(6+n)) over a set of errors, a sum of ellipsoids.
+
+    For the norm of a block of channels the operator norm of its Jacobian takes the place of the
+    row's norm; errors and remainder are those of the block's leading direction.
+
+    Args:
+        G: Jacobians of the rests by the errors (m, 3(6+n) + 2, 2(6+n)).
+        parts: Matrices (m or 1, 2(6+n), j) and radii: the errors are Σ matrix · ball of the radius.
+        rest: Gives the rests themselves (m, 3(6+n) + 2) at errors (m, 2(6+n)).
+    """
+    count, width, columns = G.shape
+    size = columns // 2
+    # ν₁ and ν₂ are a channel each, then every component is one.
+    channels = [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(size, width))]
+    out = np.empty((count, len(channels)))
     for column, row in enumerate(channels):
-        # To first order, the largest value over the balls, and the errors at which it is reached.
-        out[:, column], error = 0.0, np.zeros((len(nominal.u), 2 * size))
-        for block, radius in zip(blocks, balls, strict=True):
-            part = G[:, row, block] * axes[block]
-            left, singular, right = np.linalg.svd(part, full_matrices=False)
+        # To first order, the largest value over the errors, and those at which it is reached.
+        out[:, column], error = 0.0, np.zeros((count, columns))
+        for matrix, radius in parts:
+            left, singular, right = np.linalg.svd(G[:, row] @ matrix, full_matrices=False)
             out[:, column] += radius * singular[:, 0]
-            # One sign for all blocks, so that their contributions add up.
+            # One sign for all parts, so that their contributions add up.
             sign = np.where(np.sum(left[:, :, 0], axis=1) < 0.0, -1.0, 1.0)
-            error[:, block] = radius * sign[:, None] * axes[block] * right[:, 0, :]
+            error += radius * times(matrix, sign[:, None] * right[:, 0, :])
         # The part of second order, at these errors.
-        exact = rests(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
         linear = times(G[:, row], error)
-        out[:, column] += np.linalg.norm(exact[:, row] - linear, axis=1)
+        out[:, column] += np.linalg.norm(rest(error)[:, row] - linear, axis=1)
     return out

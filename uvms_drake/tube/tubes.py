@@ -128,6 +128,29 @@ def joint_rate_radius(k: float, sigma: float, d_bound: float) -> float:
     return 2.0 * d_bound / k * math.exp(-exponent)
 
 
+def preimage_shift(k: float, sigma: float, d_bound: float, omega: float, alpha: float) -> float:
+    """Returns a bound of ‖𝔭 − 𝔭₀‖ under the law `resolved`, 𝔭 = J_x(𝔮)⁻¹𝔢_y; inf if σ ≤ ω.
+
+    𝔭₀ is what 𝔭 would be if J_x stood still, 𝔭̇₀ = −σ𝔭₀ + 𝔯, from zero like 𝔭; ‖Ŵ⁻¹𝔭₀‖ ≤ d̃/(kσ).
+
+    *Bound.* αd̃/(kσ(σ − ω)).
+
+    *Proof.* 𝔢̇_y = −σ𝔢_y + J_x𝔯 says 𝔭̇ = −σ𝔭 + 𝔯 − A𝔭 with A = J_x⁻¹J̇_x. So δ = 𝔭 − 𝔭₀ has
+    δ̇ = −σδ − A(𝔭₀ + δ) and D⁺‖δ‖ ≤ −(σ − ω)‖δ‖ + ‖AŴ‖‖Ŵ⁻¹𝔭₀‖. ∎ Rows of zeros of A leave their
+    components of 𝔭 as they are. In the norm ‖Ŵ⁻¹·‖, δ would ask for a σ that is larger by up to the
+    ratio of Ŵ's entries; here they ask for none.
+
+    Args:
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+        d_bound: d̃, bound of ‖Ŵ⁻¹d‖₂.
+        omega: ω, supremum of ‖A‖₂ [1/s].
+        alpha: α, supremum of ‖AŴ‖₂ [1/s].
+    """
+    _check_gains(k, sigma, d_bound)
+    return alpha * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else math.inf
+
+
 def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: float) -> Tube:
     """Returns the tube of 𝔢 = χ − χ̄ under the law `transpose`, u = ū − k𝔯, 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢.
 
