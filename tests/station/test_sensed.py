@@ -47,7 +47,7 @@ def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stif
     assert record.mpc_violation.max() <= 1e-6
     assert record.mpc_terminal_slack.max() <= 1e-6
     last = record.time >= 5.0
-    assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.0
+    assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.5
     depth = record.chi[:, 0]
     assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * front_margin(scenario))
 
