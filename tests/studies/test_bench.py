@@ -19,27 +19,25 @@ from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.studies import bench
-from uvms_drake.studies.bench import (
+from uvms_drake.studies.bench import Bench, SimulationTime, measure, write_bench
+from uvms_drake.studies.bench_controller import (
     STEP_PARTS,
-    Bench,
     ControllerTimes,
-    DerivativeTimes,
-    Effort,
     HorizonTimes,
     NominalLoop,
-    SimulationTime,
     conic_programs,
-    leaf_systems,
-    measure,
     measure_controller,
     measure_growth,
+)
+from uvms_drake.studies.bench_plant import (
+    DerivativeTimes,
+    leaf_systems,
     penetrations,
     run_instants,
     watched_station,
-    write_bench,
 )
 from uvms_drake.studies.bench_table import format_bench
-from uvms_drake.studies.stopwatch import Stopwatch, Timing, stopwatch
+from uvms_drake.studies.stopwatch import Effort, Stopwatch, Timing, stopwatch
 
 LITTLE = Effort(warm_up=1, steps=4, first_plans=2, instants=3, rounds=2, simulated=3.0,
                 horizons=(3, 6), horizon_steps=2)

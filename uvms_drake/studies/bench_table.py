@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from uvms_drake.studies.bench import Bench, ControllerTimes, DerivativeTimes, HorizonTimes
+from uvms_drake.studies.bench import Bench
+from uvms_drake.studies.bench_controller import ControllerTimes, HorizonTimes
+from uvms_drake.studies.bench_plant import DerivativeTimes
 from uvms_drake.studies.stopwatch import Timing
 
 

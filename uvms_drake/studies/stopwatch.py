@@ -113,3 +113,27 @@ def timings(samples: Sequence[Mapping[str, float]]) -> tuple[Timing, dict[str, T
     names = list(dict.fromkeys(name for sample in samples for name in sample))
     parts = {name: Timing.of([sample.get(name, 0.0) for sample in samples]) for name in names}
     return Timing.of([sum(sample.values()) for sample in samples]), parts
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured."""
+
+    warm_up: int = 5
+    """Repetitions before each measurement."""
+    steps: int = 100
+    """Measured steps of the controller."""
+    first_plans: int = 5
+    """Number of times that the first plan is made."""
+    instants: int = 10
+    """Instants of a simulation at which derivatives are evaluated."""
+    rounds: int = 50
+    """Evaluations at each instant."""
+    simulated: float = 5.0
+    """Simulated time, or the scenario's duration if that is shorter [s]."""
+    horizons: tuple[int, ...] = (5, 10, 20, 40)
+    """Numbers of intervals N at which the growth is measured."""
+    horizon_steps: int = 100
+    """Largest number of steps at each of the horizons."""
+    horizon_seconds: float = 20.0
+    """Wall time after which no further step at the horizons is begun [s]."""
