@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -25,6 +26,17 @@ def test_the_loop_of_the_readme_runs_and_presses(tmp_path):
 
 def test_the_readme_is_short():
     assert (ROOT / "README.md").stat().st_size <= 12_000
+
+
+def test_the_lags_that_the_readme_names_are_where_the_loop_becomes_unstable():
+    """Of ë + (k + σ) ė + kσ e = 0 through a lag T: T s³ + s² + (k + σ) s + kσ, with k = 20 1/s."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    found = re.findall(r"up to\s+(\d+\.\d+) s with σ = (\d+)", text)
+    assert len(found) == 2
+    for T, sigma in ((float(T), float(sigma)) for T, sigma in found):
+        for lag, stable in ((0.99 * T, True), (1.01 * T, False)):
+            roots = np.roots([lag, 1.0, 20.0 + sigma, 20.0 * sigma])
+            assert (np.max(roots.real) < 0.0) == stable
 
 
 @pytest.mark.parametrize("path", READMES, ids=lambda path: str(path.relative_to(ROOT)))
