@@ -63,6 +63,21 @@ def test_a_terminal_without_greek_letters_gets_escapes():
     assert (done.stdout, done.stderr) == ("\\u03c3\n", "")
 
 
+def test_an_interrupt_inside_of_code_that_c_runs_has_the_same_status(tmp_path):
+    (tmp_path / "evaluates.py").write_text(
+        "import os, signal, sys, time\n"
+        "from uvms_drake.command.interrupt import run_interruptible\n"
+        "def wait():\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(60.0)\n"
+        "sys.exit(run_interruptible(lambda: lambda: eval('wait()')))\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "evaluates"], capture_output=True, text=True, check=False,
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))})
+    assert done.stderr == "uvms-drake: error: interrupted, nothing written\n"
+    assert done.returncode == 130
+
+
 def test_data_are_kept_if_a_picture_does_not_fit_on_the_disk(tmp_path):
     def limit():  # Of a file, which is refused as a full disk is, in the middle of writing it.
         resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))

@@ -59,6 +59,9 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
             raise
         saved = "; ".join(getattr(error, "__notes__", ())) or "nothing written"
         print(f"{INTERRUPTED}, {saved}", file=sys.stderr)
+        # If it has passed through code that C ran, as pydrake does when it is imported, `python -m`
+        # would kill itself in the end; with other such code Python forgets about it.
+        eval("None")
         return 128 + received[0]
     finally:
         for number, handler in zip(signals, old, strict=True):
