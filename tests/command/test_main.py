@@ -172,6 +172,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     assert [line.split()[:3] for line in lines] == [
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
+        ["girona500_unmeasured", "dynamic", "resolved"],
         ["paper_dynamic", "dynamic", "transpose"],
         ["paper_dynamic_resolved", "dynamic", "resolved"],
         ["paper_kinematic", "kinematic", "transpose"],
