@@ -20,6 +20,22 @@ from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
 STIFFNESS = 1000.0  # N/m
+SLOW = (
+    "tests/campaign/", "tests/errata/", "tests/test_examples.py", "certificate/test_certify.py",
+    "command/test_fuzz.py", "command/test_interrupt.py", "command/test_main.py",
+    "control/test_nlp.py", "control/test_scp.py", "station/test_retarget.py",
+    "station/test_sensed.py", "station/test_tube_in_contact.py", "studies/test_compare_laws.py",
+    "tube/test_constants.py", "tube/test_kinematic.py", "tube/test_terminal_set.py",
+    "visual/test_browser.py")
+"""Folders and files of tests that search or simulate for long: two thirds of the time."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Marks the slow tests, which `-m slow` runs alone, and `-m ''` with the others."""
+    for item in items:
+        if any(part in item.nodeid for part in SLOW):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)
