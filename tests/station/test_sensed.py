@@ -94,3 +94,14 @@ def test_what_is_missing_or_too_much_is_named(overrides, message):
 
 def test_the_force_along_the_direction_is_that_of_the_task():
     assert pressing_force(load_scenario("girona500_unmeasured")) == 20.0
+
+
+def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
+    """The tip goes on within what was felt before; the front waits."""
+    scenario = close_to_the_wall(
+        "duration=1.4", "faults=[!LostForce {start: 0.8, duration: 0.6}]")
+    record = simulate(scenario)
+    safe = record.signals["safe_depth"][:, 0]
+    gap = safe[(record.time > 0.83) & (record.time < 1.39)]
+    assert np.ptp(gap) == 0.0
+    assert safe[record.time < 0.8][-1] > safe[0]

@@ -26,10 +26,10 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
 
         desired_force ─▶ desired_force ─▶ press_target ─▶ target ──┐
                                   ▲ what was felt                  ▼
-        measured_force ─┬─▶ explored_front ── safe_depth ──▶ nominal_mpc
-                        │         ▲                                │ nominal state, ...
-                        │  state ─┴─────────────────────▶ ancillary ◀──┘
-                        └────────────────────────────────────▲  └──▶ tau, u
+        fresh_force ──────▶ explored_front ── safe_depth ──▶ nominal_mpc
+                                  ▲                                │ nominal state, ...
+                           state ─┴─────────────────────▶ ancillary ◀──┘
+        measured_force ──────────────────────────────────────▲  └──▶ tau, u
 
     .. pydrake_system::
 
@@ -37,6 +37,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         input_ports:
         - state
         - measured_force
+        - fresh_force
         - fault (optional)
         - desired_force (optional)
         output_ports:
@@ -56,7 +57,9 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - touched
         - slope
 
-    - `measured_force`: 𝔉_s (6) [N, N m], which the law takes and the front learns from.
+    - `measured_force`: 𝔉_s (6) [N, N m], which the law takes.
+    - `fresh_force`: 𝔉_s (6) as the sensor gives it, not finite in a gap: the front learns from it,
+      and from an old value it would take for safe what nobody has felt.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
     - `safe_depth`, `touched`, `slope`: what was felt, see `ExploredFront`.
@@ -76,13 +79,11 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     """
     builder, n = DiagramBuilder(), walls.direction
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
-    felt = builder.AddNamedSystem("measured_force", PassThrough(6))
     measured = state.get_output_port()
 
     # What was felt, and where to press next.
     front = ExploredFront.AddToBuilder(
-        builder, ocp.model, walls, sensing, margin=margin, reach=reach, state=measured,
-        measured_force=felt.get_output_port())
+        builder, ocp.model, walls, sensing, margin=margin, reach=reach, state=measured)
     desired = DesiredForce.AddToBuilder(builder, n, force, largest)
     press = PressTarget.AddToBuilder(builder, front, desired_force=desired.GetOutputPort("along"))
     along = builder.AddNamedSystem("along", MatrixGain(n[:, None]))
@@ -102,10 +103,10 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         builder.Connect(source, mpc.GetInputPort(port))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
-    builder.Connect(felt.get_output_port(), feedback.GetInputPort("measured_force"))
 
     builder.ExportInput(state.get_input_port(), "state")
-    builder.ExportInput(felt.get_input_port(), "measured_force")
+    builder.ExportInput(feedback.GetInputPort("measured_force"), "measured_force")
+    builder.ExportInput(front.GetInputPort("measured_force"), "fresh_force")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")
     for system, names in (

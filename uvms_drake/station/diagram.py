@@ -127,8 +127,11 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     if MEASURED_FORCE in signals:
         require(scenario.ancillary.takes_force, "ancillary", scenario.law,
                 "a law that takes the measured force, such as resolved")
-        felt = LastFinite.AddToBuilder(builder, measured=add_chain(
-            builder, model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed))
+        fresh = add_chain(
+            builder, model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed)
+        felt = LastFinite.AddToBuilder(builder, measured=fresh)
+        if scenario.contact.felt:
+            builder.Connect(fresh, controller.GetInputPort("fresh_force"))
         signals["felt_force"] = felt.get_output_port()
         builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
     exerted = add_chain(

@@ -117,7 +117,7 @@ class ExploredFront(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
                      sensing: ForceSensing, *, margin: float, reach: float = 0.0,
-                     state: OutputPort, measured_force: OutputPort,
+                     state: OutputPort, measured_force: OutputPort | None = None,
                      name: str = "explored_front") -> "ExploredFront":
         """Adds the front and connects it.
 
@@ -129,11 +129,12 @@ class ExploredFront(LeafSystem):
             margin: E [m].
             reach: ℓ [m].
             state: Gives (𝔮, ζ) measured.
-            measured_force: Gives 𝔉 as the sensor does.
+            measured_force: Gives 𝔉 as the sensor does; left to the caller if None.
             name: Name of the system.
         """
         system = ExploredFront(model, surface, sensing, margin=margin, reach=reach)
         builder.AddNamedSystem(name, system)
         builder.Connect(state, system.GetInputPort("state"))
-        builder.Connect(measured_force, system.GetInputPort("measured_force"))
+        if measured_force is not None:
+            builder.Connect(measured_force, system.GetInputPort("measured_force"))
         return system
