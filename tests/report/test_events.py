@@ -118,6 +118,18 @@ def test_a_limited_command_is_an_event_that_alarms():
     assert "input_limited" in ALARMING
 
 
+def test_a_lost_force_says_how_far_it_retreats():
+    record = synthetic_record(4.0)
+    lost = ((record.time > 1.0) & (record.time < 2.0)).astype(float)[:, None]
+    chi = np.zeros_like(record.chi_nominal)
+    chi[:, 1] = -0.03 * record.time
+    event, = of_kind(replace(record, chi_nominal=chi, signals={"force_lost": lost}), "force_lost")
+    assert "force_lost" in ALARMING
+    assert (event.start, event.end) == (pytest.approx(1.02), pytest.approx(2.0))
+    assert event.text == "no reading of the force: it retreats, by at most 28.8 mm"
+    assert of_kind(replace(record, signals={"force_lost": 0.0 * lost}), "force_lost") == []
+
+
 @pytest.mark.parametrize(("status", "kind", "text"), [
     (1.0, "solver_failed", "the solver failed"), (2.0, "solver_late", "the solver was too late"),
     (3.0, "sample_dropped", "the sample was dropped")])

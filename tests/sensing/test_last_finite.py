@@ -37,3 +37,17 @@ def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
         np.testing.assert_allclose(value(simulator), [expected, -expected], atol=1.01 * step)
     clone.AdvanceTo(0.69)
     np.testing.assert_allclose(value(clone), [0.5, -0.5], atol=1.01 * step)
+
+
+def test_in_a_gap_it_lets_go_of_the_last_vector_if_it_is_told_to():
+    builder = DiagramBuilder()
+    script = builder.AddSystem(Script(measured=measured, let_go=lambda time: [time > 0.55]))
+    last = LastFinite.AddToBuilder(builder, measured=script.GetOutputPort("measured"),
+                                   let_go=script.GetOutputPort("let_go"))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own = last.GetMyMutableContextFromRoot(context)
+    own.SetDiscreteState(np.array([0.4, -0.4]))
+    for time, expected in ((0.52, 0.4), (0.6, 0.0), (0.8, 0.8)):
+        context.SetTime(time)
+        np.testing.assert_array_equal(last.get_output_port().Eval(own), [expected, -expected])

@@ -1,16 +1,15 @@
 """Tests of `uvms_drake.station.sensed`: pressing on walls that the controller is not told of."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from support.unmeasured import close_to_the_wall
 
 from uvms_drake.certificate.certify import certify
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import load_model, true_surface
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.sensed import (
     front_margin,
     largest_force,
@@ -19,17 +18,6 @@ from uvms_drake.station.sensed import (
     sensed_contact,
 )
 from uvms_drake.station.simulation import simulate
-
-
-def close_to_the_wall(*overrides: str) -> Scenario:
-    """Returns the scenario for 6 s from 15 mm before x = 0, at the place and in the posture."""
-    scenario = load_scenario("girona500_unmeasured", ["duration=6.0", *overrides])
-    model = load_model(scenario)
-    y = np.concatenate([np.asarray(scenario.task.pose, dtype=float), scenario.task.posture])
-    y[0] = -0.015
-    config = model.configuration(y)
-    scenario.start = replace(scenario.start, eta=config[:6], q=config[6:])
-    return scenario
 
 
 @pytest.mark.parametrize("overrides", [

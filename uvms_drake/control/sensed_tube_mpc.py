@@ -2,8 +2,9 @@
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, PassThrough
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
+from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import AncillaryFeedback
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.explored_front import ExploredFront
@@ -24,12 +25,13 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
 
     ::
 
-        desired_force ─▶ desired_force ─▶ press_target ─▶ target ──┐
-                                  ▲ what was felt                  ▼
-        fresh_force ──────▶ explored_front ── safe_depth ──▶ nominal_mpc
-                                  ▲                                │ nominal state, ...
-                           state ─┴─────────────────────▶ ancillary ◀──┘
-        measured_force ──────────────────────────────────────▲  └──▶ tau, u
+        desired_force ─▶ desired_force ─▶ press_target ◀─ place
+                                  ▲ what was felt  │ target
+                                  │                ▼
+        fresh_force ──────▶ explored_front ──▶ nominal_mpc
+                                  ▲   safe_depth   │ nominal state, ...
+                           state ─┴──────────▶ ancillary ──▶ tau, u
+        measured_force ─────────────────────────▲
 
     .. pydrake_system::
 
@@ -40,6 +42,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - fresh_force
         - fault (optional)
         - desired_force (optional)
+        - place (optional)
         output_ports:
         - tau
         - u
@@ -56,13 +59,17 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - safe_depth
         - touched
         - slope
+        - force_lost
 
-    - `measured_force`: 𝔉_s (6) [N, N m], which the law takes.
-    - `fresh_force`: 𝔉_s (6) as the sensor gives it, not finite in a gap: the front learns from it,
-      and from an old value it would take for safe what nobody has felt.
+    - `measured_force`: 𝔉_s (6) [N, N m], which the law takes: through a `LastFinite` that lets go
+      by `force_lost`.
+    - `fresh_force`: 𝔉_s (6) as the sensor gives it, through a `ForceWatch` if its `repeats` are not
+      0; not finite in a gap. The front learns from it, and from an old value it would take for safe
+      what nobody has felt.
+    - `place`: where across n to press (3) in Σ_I [m]; else where y_des says.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
-    - `safe_depth`, `touched`, `slope`: what was felt, see `ExploredFront`.
+    - `safe_depth`, `touched`, `slope`, `force_lost`: what was felt, see `ExploredFront`.
     - the others: see `make_tube_mpc`.
 
     Args:
@@ -77,27 +84,23 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         speed: Largest speed of the planned tip along n [m/s].
         limits: Those of the real robot, which `u` and `tau` keep to; None: they are not cut.
     """
-    builder, n = DiagramBuilder(), walls.direction
+    require(largest + sensing.noise < sensing.largest, "largest", largest,
+            "a force that is read before the end of the sensor's range")
+    builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
 
     # What was felt, and where to press next.
     front = ExploredFront.AddToBuilder(
-        builder, ocp.model, walls, sensing, margin=margin, reach=reach, state=measured)
-    desired = DesiredForce.AddToBuilder(builder, n, force, largest)
-    press = PressTarget.AddToBuilder(builder, front, desired_force=desired.GetOutputPort("along"))
-    along = builder.AddNamedSystem("along", MatrixGain(n[:, None]))
-    across = builder.AddNamedSystem("across", ConstantVectorSource(
-        ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n))
-    target = builder.AddNamedSystem("target", Adder(2, 3))
-    builder.Connect(press.get_output_port(), along.get_input_port())
-    builder.Connect(along.get_output_port(), target.get_input_port(0))
-    builder.Connect(across.get_output_port(), target.get_input_port(1))
+        builder, ocp.model, walls, sensing.watched, margin=margin, reach=reach, state=measured)
+    desired = DesiredForce.AddToBuilder(builder, walls.direction, force, largest)
+    press = PressTarget.AddToBuilder(builder, front, walls.direction, ocp.y_des[:3],
+                                     desired_force=desired.GetOutputPort("along"))
 
     # The plan, and the feedback about it.
     mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
     approach = builder.AddNamedSystem("approach_speed", ConstantVectorSource(np.array([speed])))
-    for source, port in ((target.get_output_port(), "target"),
+    for source, port in ((press.get_output_port(), "target"),
                          (front.GetOutputPort("safe_depth"), "safe_depth"),
                          (approach.get_output_port(), "approach_speed")):
         builder.Connect(source, mpc.GetInputPort(port))
@@ -109,15 +112,16 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     builder.ExportInput(front.GetInputPort("measured_force"), "fresh_force")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")
+    builder.ExportInput(press.GetInputPort("place"), "place")
     for system, names in (
         (feedback, ("tau", "u", "lost", "limited", "pair")),
         (mpc, ("nominal_state", "nominal_input", "plan", "report", "solve_seconds")),
         (desired, ("accepted_force",)),
-        (front, ("safe_depth", "touched", "slope")),
+        (press, ("target",)),
+        (front, ("safe_depth", "touched", "slope", "force_lost")),
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), name)
-    builder.ExportOutput(target.get_output_port(), "target")
     diagram = builder.Build()
     diagram.set_name("tube_mpc")
     return diagram

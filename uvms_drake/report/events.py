@@ -28,7 +28,7 @@ GAP = 0.1
 """Shortest interruption of a logged signal that makes two events of it [s]."""
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
-            "solver_late", "sample_dropped", "state_lost", "input_limited")
+            "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited")
 """Kinds that are not as planned; the others are `contact`, `settled` and `force_refused`."""
 
 MPC_KINDS = {FAILED: "solver_failed", LATE: "solver_late", DROPPED: "sample_dropped"}
@@ -103,6 +103,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
                   lambda when: f"all that disturbs above its bound of {bound:.3g}, at most "
                                f"{np.max(d[when]):.3g}")
     yield _Signal("state_lost", record.state_lost > 0.0, lambda when: "the measured state is lost")
+    if "force_lost" in record.signals:
+        yield _Signal("force_lost", record.signals["force_lost"][:, 0] > 0.0,
+                      partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
                   lambda when: "the command is limited")
     for name, (signal, limit) in constraint_signals(record).items():
@@ -128,6 +131,13 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
         return f"{said}: {FIELDS[part]} at most {worst[part]:.3g} of its bound"
 
     return _Signal(kind, np.any(left, axis=1), text)
+
+
+def _retreat_text(record: Record, when: slice) -> str:
+    """Says how far the plan has gone from where it was at the beginning."""
+    place = record.chi_nominal[when, :3]
+    way = np.max(np.linalg.norm(place - place[0], axis=1))
+    return f"no reading of the force: it retreats, by at most {1e3 * way:.3g} mm"
 
 
 def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:

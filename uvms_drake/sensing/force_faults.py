@@ -1,4 +1,10 @@
-"""Faults of the sensor of the contact force, between it and the controller."""
+"""Faults of the sensor of the contact force, between it and the controller.
+
+Under those that are noticed a wall that nobody measured is pressed no harder than it may be, as
+long as its tube holds: what it is safe to press on is known for good, the plan goes no further
+without readings, and retreats if they stay away (`control.contact.target`). Until then, and while
+it retreats, the tube is not what it was: no certificate covers that.
+"""
 
 from dataclasses import dataclass, field
 
@@ -17,7 +23,11 @@ class ForceFault(SensorFault):
 
 @dataclass
 class LostForce(ForceFault):
-    """The measured force is not a number; the law goes on with the last one that was."""
+    """The measured force is not a number; the law goes on with the last one that was.
+
+    Pressing by what it feels, the tip retreats after as many readings as the sensor's `patience`,
+    without a force in the law, and goes on by itself when it feels again.
+    """
 
     def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Returns NaN."""
@@ -26,7 +36,13 @@ class LostForce(ForceFault):
 
 @dataclass
 class FrozenForce(ForceFault):
-    """The measured force stays what it was at `start`."""
+    """The measured force stays what it was at `start`.
+
+    Pressing by what it feels, this deceives: a force from before the touch, taken for new, lets the
+    tip press without end. After as many equal readings as a `ForceWatch` has `repeats`, it is
+    no reading any more, as if it were lost. Those before it are older than they look by less than
+    what the window W of the front is wider for them.
+    """
 
     def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Returns the measurement at the start."""
@@ -35,7 +51,11 @@ class FrozenForce(ForceFault):
 
 @dataclass
 class SaturatedForce(ForceFault):
-    """No component of the measured force is larger than `largest`."""
+    """No component of the measured force is larger than `largest`.
+
+    A `ForceWatch` notices, as with a sensor that froze: a component stands at the end of its range.
+    Where the range is declared, a force that long is no reading from the first one on.
+    """
 
     largest: float = 10.0
     """Largest component, either way [N, N m]."""
@@ -52,7 +72,12 @@ class SaturatedForce(ForceFault):
 
 @dataclass
 class JumpedForce(ForceFault):
-    """The measured force has a bias that was not there when it was tared."""
+    """The measured force has a bias that was not there when it was tared.
+
+    As part of the declared error of the force it is covered; beyond that it is outside: friction
+    and contact may change the force as fast, so nothing tells the jump from them, and a bias that
+    hides a part of the force lets the tip press harder by that part.
+    """
 
     jump: np.ndarray = field(default_factory=lambda: np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     """Bias of 𝔉_s, in Σ_I (6,) [N (3), N m (3)]."""

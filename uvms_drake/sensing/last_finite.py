@@ -22,10 +22,12 @@ class LastFinite(LeafSystem):
         name: LastFinite
         input_ports:
         - measured
+        - let_go (optional)
         output_ports:
         - finite
 
     - `measured`, `finite` (size).
+    - `let_go` (1): in a gap, zeros take the place of the last vector while it is above zero.
 
     The discrete state is the vector at the beginning of the last step of the simulation at which it
     was finite (size); NaN before there is one. Of a vector that is sampled and held, as that of a
@@ -39,6 +41,7 @@ class LastFinite(LeafSystem):
     def __init__(self, size: int):
         super().__init__()
         self._port = self.DeclareVectorInputPort("measured", size)
+        self._let_go_port = self.DeclareVectorInputPort("let_go", 1)
         self.DeclareDiscreteState(np.full(size, np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._remember)
         self.DeclareVectorOutputPort("finite", size, self._calc)
@@ -50,14 +53,20 @@ class LastFinite(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         measured = self._port.Eval(context)
-        output.SetFromVector(measured if np.isfinite(measured).all()
-                             else context.get_discrete_state_vector().value())
+        if np.isfinite(measured).all():
+            output.SetFromVector(measured)
+        elif self._let_go_port.HasValue(context) and self._let_go_port.Eval(context)[0] > 0.0:
+            output.SetFromVector(np.zeros_like(measured))
+        else:
+            output.SetFromVector(context.get_discrete_state_vector().value())
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
-                     name: str = "last_finite") -> "LastFinite":
-        """Adds the system behind the vector that `measured` gives."""
+                     let_go: OutputPort | None = None, name: str = "last_finite") -> "LastFinite":
+        """Adds the system behind the vector that `measured` gives; `let_go` may be None."""
         system = LastFinite(measured.size())
         builder.AddNamedSystem(name, system)
         builder.Connect(measured, system.GetInputPort("measured"))
+        if let_go is not None:
+            builder.Connect(let_go, system.GetInputPort("let_go"))
         return system

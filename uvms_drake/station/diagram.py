@@ -17,12 +17,14 @@ from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import MEASURED_FORCE, Signals
 from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.sensing.force_watch import ForceWatch
 from uvms_drake.sensing.last_finite import LastFinite
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import sensed_contact, sensing_of
 from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
@@ -60,12 +62,14 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
     true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
     signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
+    Where the contact is felt, a `ForceWatch` looks at it first, and while it is lost it is zero.
 
     .. pydrake_system::
 
         name: station
         input_ports:
         - desired_force (optional, with dynamic motion)
+        - place (optional, with a felt contact)
         output_ports:
         - state, force, u, tau, ... (each signal)
         - tube_deviation
@@ -76,8 +80,9 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         - tube_report
         - tube_alarm
 
-    `desired_force` (6) [N, N m] changes the task while it runs, see `NominalMpc`; unconnected, it
-    stays the scenario's. With kinematic motion the controller reads `configuration`, and its
+    `desired_force` (6) [N, N m] changes the task while it runs, see `NominalMpc`, and `place` (3)
+    [m] where it presses, see `make_sensed_tube_mpc`; unconnected, they stay the scenario's. With
+    kinematic motion the controller reads `configuration`, and its
     velocity ζ = u goes to the plant.
 
     Every signal of plant and controller that is a vector, of the parts, and `tube_deviation` and
@@ -107,6 +112,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
     motion.connect_outside(builder, scenario, uvms, controller, meshcat)
+    if controller.HasInputPort("place"):
+        builder.ExportInput(controller.GetInputPort("place"), "place")
     signals = Signals()
     for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
         for name in names:
@@ -129,9 +136,15 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
                 "a law that takes the measured force, such as resolved")
         fresh = add_chain(
             builder, model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed)
-        felt = LastFinite.AddToBuilder(builder, measured=fresh)
+        let_go = None
         if scenario.contact.felt:
+            sensing = sensing_of(sensed_contact(scenario))
+            fresh = ForceWatch.AddToBuilder(
+                builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
+                largest=sensing.largest, state=measured, measured_force=fresh).get_output_port()
             builder.Connect(fresh, controller.GetInputPort("fresh_force"))
+            let_go = signals["force_lost"] = controller.GetOutputPort("force_lost")
+        felt = LastFinite.AddToBuilder(builder, measured=fresh, let_go=let_go)
         signals["felt_force"] = felt.get_output_port()
         builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
     exerted = add_chain(

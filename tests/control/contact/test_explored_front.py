@@ -19,7 +19,8 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
 SENSING = ForceSensing(force_max=45.0, noise=1.0, period=0.1)
 MARGIN = 1e-3
-OUTPUTS = ("safe_depth", "apex", "touched", "reading", "slope", "contact_depth")
+PLACE = np.array([0.3, -5.0, 0.4])
+OUTPUTS = ("safe_depth", "apex", "touched", "reading", "slope", "contact_depth", "force_lost")
 
 
 def depth(time):
@@ -47,7 +48,7 @@ def pressing(measured=force, true=state, sensing=SENSING, **options):
     front = ExploredFront.AddToBuilder(
         builder, drill(), SURFACE, sensing, margin=MARGIN, state=script.GetOutputPort("state"),
         measured_force=script.GetOutputPort("force"), **options)
-    target = PressTarget.AddToBuilder(builder, front,
+    target = PressTarget.AddToBuilder(builder, front, SURFACE.direction, PLACE,
                                       desired_force=script.GetOutputPort("desired"))
     return Simulator(builder.Build()), front, target
 
@@ -78,18 +79,18 @@ def test_it_finds_where_the_wall_is_and_how_steep():
     (slope,), (begins,), (x, load) = values(simulator, front, "slope", "contact_depth", "reading")
     assert 1000.0 <= slope <= 1500.0
     assert begins == pytest.approx(0.01, abs=4e-3)
-    assert values(simulator, target, "target_depth")[0] == pytest.approx(
-        x + (20.0 - load) / slope)
+    assert values(simulator, target, "target")[0] == pytest.approx(
+        [0.3, x + (20.0 - load) / slope, 0.4])
 
 
 def test_before_the_first_update_it_knows_what_it_sees():
     simulator, front, target = pressing()
-    safe, apex, touched, reading, slope, begins = values(simulator, front, *OUTPUTS)
+    safe, apex, touched, reading, slope, begins, lost = values(simulator, front, *OUTPUTS)
     assert safe == pytest.approx((45.0 - 1.0) / 2000.0 - MARGIN)
     np.testing.assert_allclose(apex, [0.0, 0.022, 0.0])
-    assert (touched, *reading, slope) == (0.0, 0.0, 0.0, 2000.0)
+    assert (touched, *reading, slope, lost) == (0.0, 0.0, 0.0, 2000.0, 0.0)
     assert np.isnan(begins)
-    assert values(simulator, target, "target_depth")[0] == pytest.approx(safe + 1.0)
+    assert values(simulator, target, "target")[0][1] == pytest.approx(safe + 1.0)
     np.testing.assert_array_equal(
         front.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(2).value(),
         np.zeros(6))
@@ -108,14 +109,39 @@ def test_a_clone_goes_on_as_the_run_does():
 
 def test_a_reading_that_is_none_teaches_nothing():
     lost = partial(force, load=lambda time: np.nan if 1.95 < time < 3.95 else wall(time))
-    simulator, front, _ = pressing(lost)
+    simulator, front, target = pressing(lost)
     simulator.AdvanceTo(1.95)
     before = values(simulator, front, *OUTPUTS)
-    simulator.AdvanceTo(3.5)
-    for one, two in zip(before, values(simulator, front, *OUTPUTS), strict=True):
-        np.testing.assert_array_equal(one, two)
+    for time, is_lost in ((2.85, 0.0), (2.95, 1.0), (3.5, 1.0)):  # Ten looks from 2.0 s on.
+        simulator.AdvanceTo(time)
+        *known, (found,) = values(simulator, front, *OUTPUTS)
+        assert found == is_lost
+        for one, two in zip(before, known, strict=False):
+            np.testing.assert_array_equal(one, two)
+    begins, (x, _) = values(simulator, front, "contact_depth", "reading")
+    assert np.isnan(begins)
+    np.testing.assert_allclose(values(simulator, target, "target")[0], [0.3, x - 0.05, 0.4])
     simulator.AdvanceTo(4.05)
     assert values(simulator, front, "reading")[0] == pytest.approx([0.02, 10.0])
+    assert values(simulator, front, "force_lost")[0] == 0.0
+    assert values(simulator, target, "target")[0][1] > 0.02
+
+
+def test_where_it_presses_can_be_said_while_it_runs():
+    simulator, _, target = pressing()
+    simulator.AdvanceTo(3.0)
+    context = target.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    depth = values(simulator, target, "target")[0][1]
+    for place, expected in (([1.0, 7.0, 2.0], [1.0, depth, 2.0]),
+                            ([np.nan] * 3, [0.3, depth, 0.4])):
+        target.GetInputPort("place").FixValue(context, place)
+        np.testing.assert_allclose(values(simulator, target, "target")[0], expected)
+
+
+def test_readings_of_a_watched_sensor_may_be_older():
+    sensing = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.2, repeats=3)
+    assert sensing.watched.window == pytest.approx(0.5)
+    assert sensing.watched.readings == 6
 
 
 def test_a_wall_that_went_away_is_searched_for_again():
@@ -128,7 +154,7 @@ def test_a_wall_that_went_away_is_searched_for_again():
     safe, begins = values(simulator, front, "safe_depth", "contact_depth")
     assert np.isnan(begins)
     assert safe == pytest.approx(0.02 + 44.0 / 2000.0 - MARGIN)
-    assert values(simulator, target, "target_depth")[0] == pytest.approx(safe + 1.0)
+    assert values(simulator, target, "target")[0][1] == pytest.approx(safe + 1.0)
 
 
 LATE = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.3)
@@ -205,7 +231,8 @@ def test_what_has_no_meaning_is_refused(bad):
 
 
 @pytest.mark.parametrize("bad", [{"noise": 0.0}, {"period": -1.0}, {"window": -0.1},
-                                 {"force_max": np.inf}, {"memory": np.nan}])
+                                 {"force_max": np.inf}, {"memory": np.nan}, {"patience": 0},
+                                 {"repeats": 1}, {"tare": -1.0}, {"largest": 0.0}])
 def test_no_sensor_is_like_that(bad):
     with pytest.raises(InvalidParameter, match=next(iter(bad))):
         ForceSensing(**{"force_max": 45.0, "noise": 1.0, **bad})

@@ -13,7 +13,7 @@ from support.pressing import (
 )
 
 from uvms_drake.control.contact.approach import stopping_room
-from uvms_drake.control.contact.target import target_depth
+from uvms_drake.control.contact.target import retreat_depth, target_depth
 
 NOWHERE = np.nan
 
@@ -75,6 +75,12 @@ def test_it_searches_beyond_the_front_until_there_is_a_wall():
 def test_it_comes_back_to_a_wall_that_it_has_left_and_follows_one_that_yields():
     for x, expected in ((0.3, 0.51), (0.505, 0.515)):
         found = target_depth(20.0, np.array([x, 0.3]), False, 2000.0, 0.5, 0.6, 1.0)
+        assert found == pytest.approx(expected)
+
+
+def test_without_readings_it_goes_back_from_the_wall_or_from_where_it_felt_last():
+    for x, begins, expected in ((0.5, 0.49, 0.44), (0.3, 0.49, 0.25), (0.5, NOWHERE, 0.45)):
+        found = retreat_depth(np.array([x, 20.0]), begins, 0.05)
         assert found == pytest.approx(expected)
 
 

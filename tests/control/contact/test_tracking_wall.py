@@ -1,13 +1,17 @@
 """The whole chain on one robot: a wall that nobody measured is found, and pressed as asked for.
 
-The robot follows the plan exactly: what is tried is whether front, target and planner fit together.
+The robot follows the plan exactly: what is tried is whether front, target and planner fit together,
+and what they make of a force sensor that fails.
 """
+
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput, MatrixGain
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 from uvms_drake.control.contact.approach import approach_speed, stopping_room
@@ -18,9 +22,19 @@ from uvms_drake.control.nominal_mpc import FAILED, MPC_REPORT, NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
+from uvms_drake.sensing.faulty_sensor import FaultySensor
+from uvms_drake.sensing.force_faults import (
+    ForceFault,
+    FrozenForce,
+    JumpedForce,
+    LostForce,
+    SaturatedForce,
+)
+from uvms_drake.sensing.force_sensor import cut_noise
+from uvms_drake.sensing.force_watch import ForceWatch
 
 WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)
-SENSING = ForceSensing(force_max=20.0, noise=0.2, period=0.02)
+SENSING = ForceSensing(force_max=20.0, noise=0.2, period=0.02, window=0.02, tare=0.0)
 MARGIN = 1e-4  # m, how far the robot may be off the plan here
 DESIRED = 12.0  # N
 DECELERATION = 0.15  # m/s²
@@ -53,8 +67,26 @@ class FollowsExactly(LeafSystem):
         output.SetFromVector(np.append(size * DIRECTION, np.zeros(3)))
 
 
-def press(place: float, stiffness: float, duration: float) -> dict[str, np.ndarray]:
-    """Returns the MPC's reports, and of a run the time and the depth in the wall."""
+class Sampled(LeafSystem):
+    """The last sample of a force, with a noise up to `largest` that never repeats itself."""
+
+    def __init__(self, period: float, largest: float):
+        super().__init__()
+        self._period, self._largest = period, largest
+        self._port = self.DeclareVectorInputPort("force", 6)
+        state = self.DeclareDiscreteState(6)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
+        self.DeclareStateOutputPort("sample", state)
+
+    def _sample(self, context, state):
+        index = round(context.get_time() / self._period)
+        sigma = self._largest / np.sqrt(12.0) * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        state.set_value(self._port.Eval(context) + cut_noise(sigma, 2.0, 3, index))
+
+
+def press(place: float, stiffness: float, duration: float, fault: ForceFault | None = None,
+          sensing: ForceSensing = SENSING) -> dict[str, np.ndarray]:
+    """Returns the MPC's reports, and of a run time, depth in the wall, and if the force is lost."""
     ocp = tracking_ocp(force=1.2 * SENSING.force_max, overrides=(
         "mpc.horizon=5", "mpc.iterations=2"))
     start = at_rest(ocp, POSITION)
@@ -63,17 +95,20 @@ def press(place: float, stiffness: float, duration: float) -> dict[str, np.ndarr
     mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp),
                                   state=robot.GetOutputPort("state"))
     builder.Connect(mpc.GetOutputPort("nominal_acceleration"), robot.get_input_port())
+    sampled = builder.AddSystem(Sampled(sensing.period, 0.5 * sensing.noise))
+    builder.Connect(robot.GetOutputPort("force"), sampled.get_input_port())
+    given = sampled.get_output_port()
+    if fault is not None:
+        given = FaultySensor.AddToBuilder(builder, fault, true=given).get_output_port()
+    watch = ForceWatch.AddToBuilder(
+        builder, ocp.model, sensing.period, repeats=sensing.repeats,
+        state=robot.GetOutputPort("state"), measured_force=given)
     front = ExploredFront.AddToBuilder(
-        builder, ocp.model, WALLS, SENSING, margin=MARGIN, state=robot.GetOutputPort("state"),
-        measured_force=robot.GetOutputPort("force"))
+        builder, ocp.model, WALLS, sensing.watched, margin=MARGIN,
+        state=robot.GetOutputPort("state"), measured_force=watch.get_output_port())
     desired = builder.AddSystem(ConstantVectorSource([DESIRED]))
-    depth = PressTarget.AddToBuilder(builder, front, desired_force=desired.get_output_port())
-    along = builder.AddSystem(MatrixGain(D=DIRECTION[:, None]))
-    beside = builder.AddSystem(ConstantVectorSource(POSITION - POSITION @ DIRECTION * DIRECTION))
-    target = builder.AddSystem(Adder(2, 3))
-    builder.Connect(depth.get_output_port(), along.get_input_port())
-    builder.Connect(along.get_output_port(), target.get_input_port(0))
-    builder.Connect(beside.get_output_port(), target.get_input_port(1))
+    target = PressTarget.AddToBuilder(builder, front, DIRECTION, POSITION,
+                                      desired_force=desired.get_output_port())
     builder.Connect(target.get_output_port(), mpc.GetInputPort("target"))
     builder.Connect(front.GetOutputPort("safe_depth"), mpc.GetInputPort("safe_depth"))
     room = stopping_room(SENSING.force_max, SENSING.noise, WALLS.stiffness, MARGIN)
@@ -81,6 +116,7 @@ def press(place: float, stiffness: float, duration: float) -> dict[str, np.ndarr
         room, H, DECELERATION, SENSING.period + H)]))
     builder.Connect(speed.get_output_port(), mpc.GetInputPort("approach_speed"))
     logs = [LogVectorOutput(robot.GetOutputPort("state"), builder, SENSING.period),
+            LogVectorOutput(front.GetOutputPort("force_lost"), builder, SENSING.period),
             LogVectorOutput(mpc.GetOutputPort("report"), builder, H)]
     diagram = builder.Build()
     simulator = Simulator(diagram)
@@ -88,10 +124,10 @@ def press(place: float, stiffness: float, duration: float) -> dict[str, np.ndarr
         integration_scheme="runge_kutta3", max_step_size=SENSING.period,
         use_error_control=False), simulator)
     simulator.AdvanceTo(duration)
-    state, report = (log.FindLog(simulator.get_context()) for log in logs)
+    state, lost, report = (log.FindLog(simulator.get_context()) for log in logs)
     kinematics = ocp.model.kinematics(state.data()[:10].T)
     return {**dict(zip(MPC_REPORT, report.data(), strict=True)), "time": state.sample_times(),
-            "depth": kinematics.chi[:, :3] @ DIRECTION - place}
+            "depth": kinematics.chi[:, :3] @ DIRECTION - place, "lost": lost.data()[0] > 0.0}
 
 
 @pytest.mark.parametrize(("ahead", "share"), [(0.06, 1.0), (0.03, 0.3)])
@@ -102,8 +138,54 @@ def test_a_wall_that_nobody_measured_is_pressed_as_asked_for_and_never_harder(ah
     force = stiffness * np.maximum(run["depth"], 0.0)
     assert force[0] == 0.0, "it begins in the water"
     assert np.max(force) <= SENSING.force_max
-    settled = run["time"] > 10.0
-    assert np.all(np.abs(force[settled] - DESIRED) <= SENSING.noise + WALLS.stiffness * MARGIN)
+    assert_every_problem_was_feasible(run)
+    assert not np.any(run["lost"])
+    assert_it_presses(run, force, 10.0)
+
+
+def assert_every_problem_was_feasible(run):
     assert np.max(run["violation"]) <= 1e-6
     assert np.max(run["terminal_slack"]) <= 1e-6
     assert not np.any(run["status"] == FAILED)
+
+
+def assert_it_presses(run, force, since):
+    settled = run["time"] > since
+    assert np.all(np.abs(force[settled] - DESIRED) <= SENSING.noise + WALLS.stiffness * MARGIN)
+
+
+BEFORE, AT, WHILE = 1.0, 2.5, 5.0
+"""Instants before the touch, just before it, and while it presses [s]."""
+DURATION = 1.5  # s
+FAULTS = {"lost": LostForce, "frozen": FrozenForce,
+          "saturated": partial(SaturatedForce, largest=6.0),
+          "jumped": partial(JumpedForce, jump=-0.5 * SENSING.noise * np.eye(6)[0])}
+
+
+@pytest.mark.parametrize(("kind", "start"), [
+    pytest.param(kind, start, marks=[] if (kind, start) == ("frozen", AT) else pytest.mark.slow)
+    for kind in FAULTS for start in (BEFORE, AT, WHILE)])
+def test_a_sensor_that_fails_for_a_while_presses_no_harder_and_it_goes_on_afterwards(kind, start):
+    """It lets go of the wall, if what is read is none; what is covered changes nothing."""
+    run = press(POSITION @ DIRECTION + 0.03, WALLS.stiffness, 13.5, FAULTS[kind](start, DURATION))
+    force = WALLS.stiffness * np.maximum(run["depth"], 0.0)
+    assert np.max(force) <= SENSING.force_max
+    assert_every_problem_was_feasible(run)
+    assert_it_presses(run, force, 13.0)
+    while_lost, over = run["time"][run["lost"]], start + DURATION + 2.5 * SENSING.period
+    if kind == "jumped":
+        assert not len(while_lost)
+    elif (kind, start) != ("saturated", BEFORE):  # There is nothing to be cut yet.
+        found = start if kind != "saturated" else max(start, run["time"][np.argmax(force > 5.5)])
+        counted = (SENSING.patience + SENSING.repeats + 3) * SENSING.period
+        assert start < while_lost[0] <= found + counted
+        assert while_lost[-1] <= over
+        assert np.all(force[np.abs(run["time"] - over) < 0.1] < 0.6 * SENSING.force_max)
+
+
+def test_a_frozen_sensor_that_nobody_watches_makes_it_press_as_hard_as_it_can():
+    """So that the watch is what the tests above are about."""
+    run = press(POSITION @ DIRECTION + 0.03, WALLS.stiffness, 4.0, FrozenForce(BEFORE, 5.0),
+                replace(SENSING, repeats=0))
+    assert WALLS.stiffness * np.max(run["depth"]) > 2.0 * SENSING.force_max
+    assert not np.any(run["lost"])

@@ -37,6 +37,7 @@ class ExploredFront(LeafSystem):
         - reading
         - slope
         - contact_depth
+        - force_lost
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
@@ -46,6 +47,7 @@ class ExploredFront(LeafSystem):
     - `reading` (2): depth x [m] and force n·𝐅 [N] of the last reading.
     - `slope` (1): κ̂ [N/m], see `slope`.
     - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
+    - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, were none.
 
     The discrete state is `Felt`. Until the first update, outputs are those of the inputs as they
     are, so that a plan can be made at initialization. A reading that is not finite teaches
@@ -80,6 +82,7 @@ class ExploredFront(LeafSystem):
             ("slope", 1, lambda now: slope(Line(*now.line), surface.stiffness, sensing.noise)),
             ("contact_depth", 1, lambda now: surface_depth(
                 Line(*now.line), surface.stiffness, sensing.noise)),
+            ("force_lost", 1, lambda now: now.missing >= sensing.patience),
         ):
             self.DeclareVectorOutputPort(name, size, self._calc(calc))
 

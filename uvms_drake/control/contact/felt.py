@@ -1,7 +1,7 @@
 """What one reading of a force sensor adds to what is known of a wall."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,12 +26,29 @@ class ForceSensing:
     """W, how old the force may be that a reading shows [s]: hold, delay, filter; see `front`."""
     memory: float = 10.0
     """Change of the force over which a reading is forgotten in the slope [N]; see `slope`."""
+    patience: int = 10
+    """Number of readings in a row that may be missing; from then on the tip retreats."""
+    repeats: int = 3
+    """m, number of equal readings in a row that are none; 0: any are. See `ForceWatch`."""
+    tare: float = 0.5
+    """Time at the start in which the sensor may say zero, for nothing is touched then [s]."""
+    largest: float = np.inf
+    """Norm of a force at the end of the sensor's range, which is no reading [N]."""
 
     def __post_init__(self):
-        for key in ("force_max", "noise", "period", "memory"):
+        for key in ("force_max", "noise", "period", "memory", "patience"):
             value = getattr(self, key)
             require(0.0 < value < np.inf, key, value, "positive")
-        require(0.0 <= self.window < np.inf, "window", self.window, "zero or positive")
+        for key in ("window", "tare"):
+            value = getattr(self, key)
+            require(0.0 <= value < np.inf, key, value, "zero or positive")
+        require(self.repeats == 0 or self.repeats >= 2, "repeats", self.repeats, "0, or 2 or more")
+        require(self.largest > 0.0, "largest", self.largest, "positive")
+
+    @property
+    def watched(self) -> "ForceSensing":
+        """What is known of the readings that a `ForceWatch` lets pass: they may be older by mT."""
+        return replace(self, window=self.window + self.repeats * self.period)
 
     @property
     def readings(self) -> int:
@@ -51,12 +68,14 @@ class Felt(NamedTuple):
     past: np.ndarray
     """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `unseen`.
     NaN before the first one that was seen: there it is taken to have been where that was."""
+    missing: np.ndarray
+    """Number of readings in a row that were none (1,)."""
 
 
 def nothing(sensing: ForceSensing) -> Felt:
     """Returns what is known before any reading."""
     return Felt(np.full(3, np.nan), np.array([np.nan, np.nan, 0.0]), np.zeros(6),
-                np.full(6 * sensing.readings, np.nan))
+                np.full(6 * sensing.readings, np.nan), np.zeros(1))
 
 
 def unseen(before: Felt) -> np.ndarray:
@@ -83,8 +102,10 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Fel
     motion = np.vstack([before.past[6:].reshape(-1, 6), tip])
     motion[np.isnan(motion[:, 0])] = tip
     past, (points, velocities) = motion.ravel(), np.hsplit(motion, 2)
-    if not (np.all(np.isfinite(tip)) and np.all(np.isfinite(force))):
-        return before._replace(past=past)
+    known = np.all(np.isfinite(force))
+    missing = np.zeros(1) if known else before.missing + 1.0
+    if not (known and np.all(np.isfinite(tip))):
+        return before._replace(past=past, missing=missing)
     nu, most = sensing.noise, surface.stiffness
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
     if not replaces(surface, new, before.apex, reach):
@@ -95,10 +116,10 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Fel
                  for each in (velocities, tip[:3] - points))
     bound = np.max(surface.static_force_bound(force, velocities, nu))
     if not np.isfinite(bound):  # It may feel nothing of any wall, or was not seen.
-        return Felt(new, np.array([depth, pressed, touch]), before.line, past)
+        return Felt(new, np.array([depth, pressed, touch]), before.line, past, missing)
     way += between_readings(surface, velocities, sensing.period)
     error = nu + surface.dissipation * rate * bound + most * way
     line = Line(*before.line)
     line = (with_reading(line, depth, pressed, most, nu, sensing.memory, error) if touch else
             without_contact(line, depth, pressed, most, nu, error))
-    return Felt(new, np.array([depth, pressed, touch]), np.array(line), past)
+    return Felt(new, np.array([depth, pressed, touch]), np.array(line), past, missing)

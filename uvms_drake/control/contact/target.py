@@ -26,6 +26,17 @@ limits of speed and front let it. If it is lost, the law goes on with no force f
 should begin, or from where the tip is, if that is further: it comes back to a wall it has left, and
 follows one that yields. A wall that should be felt there and is not is forgotten
 (`slope.without_contact`), and the search begins again.
+
+*Without readings.* The wall stands still, so what was safe is safe for ever: the front stays where
+it is, plans behind it, and φ ≤ F_max as long as the tip is in its tube. But the law goes on with
+the last force, off by what it changes, and after n readings, the sensor's `patience`, nobody knows
+by more than nT sup|Ḟ| what the tube is. Then no force is asked for: the target is `retreat_depth`,
+and the law is told no force (`LastFinite`). What it then lacks is the force itself. It takes the
+tip back, for its acceleration J M⁻¹Jᵀ𝔉 has a part against an 𝔉 along n, J M⁻¹Jᵀ > 0; and as the
+rows of the law have impulse responses that are not negative, to first order the real tip is no
+deeper for it in its tube: φ ≤ F_max all the way. Once the wall is left nothing is lacked, and the
+tube is what it was. With the first reading that comes again the law takes it, and the target
+presses or searches as before.
 """
 
 import numpy as np
@@ -37,7 +48,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import require, vector
 from uvms_drake.control.contact.explored_front import ExploredFront
 
 
@@ -62,65 +73,108 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
     return np.where(np.isnan(pressing), safe_depth + ahead, pressing)
 
 
+def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray, clearance: float) -> np.ndarray:
+    """Returns the depth to steer for without readings [m]; see the module.
+
+    A distance before the wall, or before the last reading where it is less deep or there is none.
+
+    Args:
+        reading: Depth x [m] and force of the last reading (2, ...).
+        contact_depth: Where the wall begins [m]; NaN: nobody knows.
+        clearance: That distance [m].
+    """
+    return np.fmin(reading[0], contact_depth) - clearance
+
+
 class PressTarget(LeafSystem):
-    """Puts out the depth at which the wall should give the desired force.
+    """Puts out where the wall should give the desired force, and how far back to go without one.
 
     .. pydrake_system::
 
         name: PressTarget
         input_ports:
         - desired_force
+        - place (optional)
         - reading
         - touched
         - slope
         - contact_depth
         - safe_depth
+        - force_lost
         output_ports:
-        - target_depth
+        - target
 
     - `desired_force` (1): F_des along n [N].
+    - `place` (3): a point of the line along n on which to press, in Σ_I [m]; where it is not
+      connected, or not finite, the default.
     - The others: those of an `ExploredFront`.
-    - `target_depth` (1): see `target_depth` [m].
+    - `target` (3): the point of that line at `target_depth`, or at `retreat_depth` while the force
+      is lost, in Σ_I [m].
 
     It has no state.
 
     Args:
+        direction: n (3,).
+        place: The default (3,) [m].
         ahead: How far beyond the front the search aims [m].
         step: Largest step in contact [m].
+        clearance: How far the retreat goes back [m].
     """
 
-    def __init__(self, ahead: float = 1.0, step: float = np.inf):
+    def __init__(self, direction: np.ndarray, place: np.ndarray, *, ahead: float = 1.0,
+                 step: float = np.inf, clearance: float = 0.05):
         super().__init__()
-        require(0.0 < ahead < np.inf, "ahead", ahead, "positive")
+        for key, value in (("ahead", ahead), ("clearance", clearance)):
+            require(0.0 < value < np.inf, key, value, "positive")
         require(step > 0.0, "step", step, "positive")
-        self._ahead, self._step = ahead, step
+        self._direction, self._place = vector("direction", direction, 3), vector("place", place, 3)
+        self._ahead, self._step, self._clearance = ahead, step, clearance
         self._desired_port = self.DeclareVectorInputPort("desired_force", 1)
+        self._place_port = self.DeclareVectorInputPort("place", 3)
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
-            ("reading", 2), ("touched", 1), ("slope", 1), ("contact_depth", 1), ("safe_depth", 1))}
-        self.DeclareVectorOutputPort("target_depth", 1, self._calc)
+            ("reading", 2), ("touched", 1), ("slope", 1), ("contact_depth", 1), ("safe_depth", 1),
+            ("force_lost", 1))}
+        self.DeclareVectorOutputPort("target", 3, self._calc)
+
+    def _depth(self, context: Context) -> np.ndarray:
+        felt = {name: port.Eval(context) for name, port in self._ports.items()}
+        reading, (lost,) = felt.pop("reading"), felt.pop("force_lost")
+        if lost:
+            return retreat_depth(reading, felt["contact_depth"], self._clearance)
+        return target_depth(self._desired_port.Eval(context), reading, **felt,
+                            ahead=self._ahead, step=self._step)
+
+    def _line(self, context: Context) -> np.ndarray:
+        """Returns the place's part across n (3,)."""
+        place = self._place
+        if self._place_port.HasValue(context) and np.all(
+                np.isfinite(asked := self._place_port.Eval(context))):
+            place = asked
+        across: np.ndarray = place - (self._direction @ place) * self._direction
+        return across
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        reading = self._ports["reading"].Eval(context)
-        others = {name: port.Eval(context)[0] for name, port in self._ports.items()
-                  if name != "reading"}
-        output[0] = target_depth(self._desired_port.Eval(context)[0], reading, **others,
-                                 ahead=self._ahead, step=self._step)
+        output.SetFromVector(self._depth(context) * self._direction + self._line(context))
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, *, desired_force: OutputPort,
-                     ahead: float = 1.0, step: float = np.inf, name: str = "press_target"
+    def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, direction: np.ndarray,
+                     place: np.ndarray, *, desired_force: OutputPort, ahead: float = 1.0,
+                     step: float = np.inf, clearance: float = 0.05, name: str = "press_target"
                      ) -> "PressTarget":
-        """Adds the target and connects it.
+        """Adds the target and connects it, but for `place`.
 
         Args:
             builder: Where to add it.
             front: What was felt.
+            direction: n (3,).
+            place: Where to press if nobody says where [m].
             desired_force: Gives F_des along n.
             ahead: How far beyond the front the search aims [m].
             step: Largest step in contact [m].
+            clearance: How far the retreat goes back [m].
             name: Name of the system.
         """
-        system = PressTarget(ahead, step)
+        system = PressTarget(direction, place, ahead=ahead, step=step, clearance=clearance)
         builder.AddNamedSystem(name, system)
         builder.Connect(desired_force, system.GetInputPort("desired_force"))
         for port in system._ports:

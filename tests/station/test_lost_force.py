@@ -1,0 +1,58 @@
+"""A force sensor that fails while the robot presses by what it feels: the whole closed loop."""
+
+import numpy as np
+import pytest
+from support.unmeasured import close_to_the_wall
+
+from uvms_drake.report.events import events
+from uvms_drake.station.problem import true_surface
+from uvms_drake.station.sensed import sensed_contact
+from uvms_drake.station.simulation import simulate
+
+WALL = "surface.geometry.point.0=0.01"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "start", "end"), [
+    ("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0),
+    ("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5),
+    ("!SaturatedForce {start: 2.0, duration: 1.5, largest: 10.0}", 2.7, 3.5),
+])
+def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
+    """While it presses, before it touches, and where the force comes to the end of a range."""
+    scenario = close_to_the_wall(WALL, "log_period=0.01", f"faults=[{fault}]")
+    record = simulate(scenario)
+    contact, felt = sensed_contact(scenario), record.signals["felt_force"]
+    static = true_surface(scenario).static_force(record.chi)
+    assert static.max() <= contact.force
+    assert np.all(record.mpc_status == 0.0)
+    assert max(record.mpc_violation.max(), record.mpc_terminal_slack.max()) <= 1e-6
+    lost = record.signals["force_lost"][:, 0] > 0.0
+    assert start < record.time[lost][0] < start + 0.3
+    assert not np.any(lost[record.time > end + 0.05])
+    assert not np.any(felt[lost & (record.time < end - 0.5)])
+    retreats = [event for event in events(record) if event.kind == "force_lost"]
+    assert record.time[lost][0] == retreats[0].start
+    assert retreats[-1].end is not None
+    before = np.max(static[record.time < start])
+    assert static[-1] > max(before, 10.0), "it is back on its way to the desired force"
+
+
+def test_who_feels_nothing_any_more_has_no_force_in_the_law_and_goes_back():
+    """Soon after the tare, off the wall; and the front stays where it was."""
+    scenario = close_to_the_wall(
+        "duration=1.2", "log_period=0.01", "faults=[!FrozenForce {start: 0.6, duration: 9}]")
+    record = simulate(scenario)
+    lost = record.signals["force_lost"][:, 0] > 0.0
+    x = record.chi[:, 0]
+    at = np.argmax(lost)
+    assert record.time[at] == pytest.approx(0.6 + 0.01 * (3 + 10), abs=0.021)
+    assert np.all(lost[at:])
+    assert not np.any(record.signals["felt_force"][lost])
+    held = record.signals["felt_force"][(record.time > 0.61) & ~lost]
+    assert np.all(held == held[0]) and np.all(held[0] != 0.0)
+    assert np.ptp(record.signals["safe_depth"][lost]) == 0.0
+    target = record.signals["target"][lost, 0]
+    assert np.ptp(target) == 0.0
+    assert target[0] == pytest.approx(x[at] - 0.05, abs=4e-3)
+    assert record.nominal_zeta[-1, 0] < 0.0 < np.max(record.nominal_zeta[:, 0])

@@ -1,0 +1,19 @@
+"""The wall that nobody measured, from close by."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario import Scenario, load_scenario
+
+
+def close_to_the_wall(*overrides: str) -> Scenario:
+    """Returns the scenario for 6 s from 15 mm before x = 0, at the place and in the posture."""
+    scenario = load_scenario("girona500_unmeasured", ["duration=6.0", *overrides])
+    model = load_model(scenario)
+    y = np.concatenate([np.asarray(scenario.task.pose, dtype=float), scenario.task.posture])
+    y[0] = -0.015
+    config = model.configuration(y)
+    scenario.start = replace(scenario.start, eta=config[:6], q=config[6:])
+    return scenario
