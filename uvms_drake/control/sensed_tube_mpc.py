@@ -60,6 +60,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - touched
         - slope
         - force_lost
+        - contact_depth
 
     - `measured_force`: 𝔉_s (6) [N, N m], which the law takes: through a `LastFinite` that lets go
       by `force_lost`.
@@ -69,7 +70,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     - `place`: where across n to press (3) in Σ_I [m]; else where y_des says.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
-    - `safe_depth`, `touched`, `slope`, `force_lost`: what was felt, see `ExploredFront`.
+    - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: what was felt, see
+      `ExploredFront`.
     - the others: see `make_tube_mpc`.
 
     Args:
@@ -118,7 +120,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         (mpc, ("nominal_state", "nominal_input", "plan", "report", "solve_seconds")),
         (desired, ("accepted_force",)),
         (press, ("target",)),
-        (front, ("safe_depth", "touched", "slope", "force_lost")),
+        (front, ("safe_depth", "touched", "slope", "contact_depth", "force_lost")),
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), name)

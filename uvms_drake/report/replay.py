@@ -7,6 +7,7 @@ from pydrake.geometry import Meshcat
 
 from uvms_drake.station.record import Record
 from uvms_drake.station.setting import setting_of
+from uvms_drake.visual.knowledge import known_from
 from uvms_drake.visual.scene import Moment, Scene
 
 
@@ -51,7 +52,8 @@ def moment_of(record: Record, index: int) -> Moment:
     return Moment(state=record.state[index], nominal_state=record.nominal_state[index],
                   u=record.u[index], nominal_input=record.nominal_input[index],
                   desired_force=record.desired_force[index], path=path,
-                  force=record.force[index])
+                  force=record.force[index],
+                  known=known_from({name: x[index] for name, x in record.signals.items()}))
 
 
 def frame_indices(time: np.ndarray, rate: float) -> np.ndarray:

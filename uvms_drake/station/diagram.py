@@ -28,13 +28,14 @@ from uvms_drake.station.sensed import sensed_contact, sensing_of
 from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
+from uvms_drake.visual.knowledge import KNOWN
 
 SAMPLED = ("report", "solve_seconds")
 """Outputs of the MPC that are logged every sampling period."""
 
 ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
                "nominal_input": "nominal_input", "force": "force",
-               "desired_force": "accepted_force"}
+               "desired_force": "accepted_force", **{name: name for name in KNOWN}}
 """Signal for each port of an `Illustration`; those that a motion has not are left out."""
 
 MONITOR_SLACK = 0.01

@@ -71,7 +71,8 @@ class Record:
     """Instants at which the MPC planned (K,) [s]."""
     mpc_status: np.ndarray
     """Outcomes of the samples (K,): 0 solved; 1 the solver failed, or 2 was too late, and the last
-    plan was continued; 3 the sample was dropped and the last plan went on."""
+    plan was continued; 3 the sample was dropped and the last plan went on; 4 the last plan was
+    better than the new one and was kept."""
     mpc_cost: np.ndarray
     """Objectives of the plans (K,)."""
     mpc_terminal_slack: np.ndarray

@@ -32,7 +32,8 @@ class Sensed(Dynamic):
     """Forces move the robot under water, to a wall that it feels and does not know."""
 
     knows_force = False
-    controller_signals = (*Dynamic.controller_signals, "target", "safe_depth", "touched", "slope")
+    controller_signals = (*Dynamic.controller_signals, "target", "safe_depth", "touched", "slope",
+                          "contact_depth")
 
     def make_ocp(self, scenario: Scenario, model: ContactModel) -> TrackingOcp:
         """Returns the problem for every target, with inputs for all contact forces."""

@@ -7,6 +7,8 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import limits_of, motion_of
 from uvms_drake.station.problem import shown_surface
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import front_margin, sensed_contact
+from uvms_drake.visual.knowledge import Told
 from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting
 
@@ -28,4 +30,6 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         radius=float(resolved_radii(scenario.tube).position or 0.0),
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
-        has_forces=motion_of(scenario).has_forces)
+        has_forces=motion_of(scenario).has_forces,
+        told=Told(sensed_contact(scenario).direction, front_margin(scenario))
+        if scenario.contact.felt else None)

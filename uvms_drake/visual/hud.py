@@ -24,8 +24,11 @@ class Hud:
         camera, target: From where to where it is seen (3,) [m], in Meshcat's axes.
         unit: The scene's size [m].
         limits: Texts of the limits.
-        legend: Two lines.
+        legend: Some lines.
     """
+
+    board: str = "hud/board"
+    """Path of further numbers, in the plane and its measure."""
 
     def __init__(self, stage: Stage, camera: np.ndarray, target: np.ndarray, unit: float,
                  limits: Sequence[str], legend: str):
@@ -38,7 +41,10 @@ class Hud:
         stage.meshcat.SetTransform("hud/limits", frame_at([0.0, 0.0, 0.9]))
         self._time = Readout(stage, "hud/time", "t = ", " s", LONGEST, 0.085)
         stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, 0.52]))
-        stage.make("hud/legend", label(legend, 0.05), None, frame_at([0.0, 0.0, -0.87]))
+        stage.meshcat.SetTransform(self.board, frame_at([0.93, 0.0, -0.42]))
+        more = legend.count("\n") - 1  # lines than two
+        stage.make("hud/legend", label(legend, 0.05), None,
+                   frame_at([0.0, 0.0, -0.87 + 0.02 * more]))
         draw_axes(stage, self.placed("axes", -1.45, -0.58), 0.13 * unit, self.facing)
 
     def placed(self, path: str, x: float, z: float) -> str:

@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.visual.knowledge import KNOWN, known_from
 from uvms_drake.visual.scene import Moment, Scene, Setting
 
 
@@ -30,11 +31,14 @@ class Illustration(LeafSystem):
         - plan
         - force (optional)
         - desired_force (optional)
+        - felt_force, safe_depth, contact_depth, slope (optional)
 
     - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
     - `plan`: the current `Plan` (abstract).
     - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
     - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
+    - `felt_force` (6), `safe_depth`, `contact_depth`, `slope` (1): what is known of a wall that is
+      felt, see `Known`; nothing, unless all of them are connected.
 
     A picture is drawn at the end of the first step of the simulation in each period of the rate: an
     event of its own period would end an integration step, and so change the run that is watched.
@@ -55,7 +59,8 @@ class Illustration(LeafSystem):
         self._last_time = np.inf
         size = self._model.size
         for name, width in (("state", 2 * size), ("nominal_state", 2 * size), ("u", size),
-                            ("nominal_input", size), ("force", 6), ("desired_force", 6)):
+                            ("nominal_input", size), ("force", 6), ("desired_force", 6),
+                            *KNOWN.items()):
             self.DeclareVectorInputPort(name, width)
         self.DeclareAbstractInputPort("plan", Value(object()))
         self.DeclarePerStepPublishEvent(self._draw_if_due)
@@ -81,7 +86,9 @@ class Illustration(LeafSystem):
             nominal_input=value("nominal_input"),
             desired_force=value("desired_force") if given("desired_force") else self._task_force,
             path=self._model.task_pose(plan.config)[:, :3],
-            force=value("force") if given("force") else None), self._last_time)
+            force=value("force") if given("force") else None,
+            known=known_from({name: value(name) for name in KNOWN if given(name)})),
+            self._last_time)
         return EventStatus.Succeeded()
 
     @staticmethod

@@ -1,6 +1,6 @@
 """The picture of a run, live and recorded by the same code."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba
@@ -12,6 +12,7 @@ from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.drawn_robot import DrawnRobot
 from uvms_drake.visual.floor import Floor
 from uvms_drake.visual.hud import Hud
+from uvms_drake.visual.knowledge import DrawnKnowledge, Known, Told
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
 from uvms_drake.visual.pressing import Pressing
 from uvms_drake.visual.props import PLAN, REAL, Polyline, Trail
@@ -49,6 +50,8 @@ class Moment:
     """Points of the nominal end-effector's way from here on (N+1, 3) [m]."""
     force: np.ndarray | None = None
     """Force 𝔉 (6,) [N, N m]; None: the one that the surface's law gives for the pose at rest."""
+    known: Known = field(default_factory=Known)
+    """Knowledge of a wall that is felt."""
 
 
 @dataclass(frozen=True)
@@ -79,14 +82,16 @@ class Setting:
     """Whether the tube is that of a certificate that holds."""
     has_forces: bool = True
     """Whether anything is touched and pressed."""
+    told: Told | None = None
+    """What the robot is told of a wall that it feels; None: it does not go by feeling."""
 
 
 class Scene:
     """Draws moments of a run in Meshcat, and remembers the last one.
 
     The robot; an outline of the nominal one, its deviation enlarged; the end-effector's trail and
-    planned path; the tube at the tip, to scale and in an inset; what is pressed and how hard; a
-    level grid; the time; and a bar for each limit.
+    planned path; the tube at the tip, to scale and in an inset; what is pressed and how hard, and
+    what is known of it if it is felt; a level grid; the time; and a bar for each limit.
 
     Args:
         meshcat: Where to draw.
@@ -123,19 +128,23 @@ class Scene:
         self._look(meshcat)
         self._use = setting.limit_use
         self._hud = Hud(stage, self.camera, self.target, unit, self._use.names,
-                        self._legend(setting.has_forces, level))
+                        self._legend(setting, level))
         name = "certified tube" if setting.certified else "declared tube"
         size = f"enlarged {self._enlarged:g}×" if self._enlarged != 1.0 else "to scale"
         self._tube = DrawnTube(stage, f"{NED}/tube", self._hud.placed("inset", 1.22, 0.56), radius,
                                self._enlarged, f"{name}\n{size}", 0.055 * unit, self._hud.facing)
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
                                   self._hud.facing) if setting.has_forces else None
+        self._knowledge = DrawnKnowledge(
+            stage, self._hud.board, setting.told, self._goal, self._tip
+        ) if setting.told is not None else None
         self._time = np.inf
 
     def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
         """Returns the middle (3,) [m] in Meshcat's axes of what happens, and its size [m]."""
         vehicle = setting.start[:3]
         tip, self._goal = self._model.task_pose(setting.start)[:3], setting.goal[:3]
+        self._tip = tip
         points = UP * np.array([vehicle, vehicle + self._goal - tip, tip, self._goal])
         room = float(np.linalg.norm(tip - vehicle)) * 0.6
         low, high = points.min(axis=0) - room, points.max(axis=0) + room
@@ -150,15 +159,18 @@ class Scene:
         meshcat.SetCameraPose(self.camera, self.target)
         meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
 
-    def _legend(self, has_forces: bool, level: float) -> str:
+    def _legend(self, setting: Setting, level: float) -> str:
         """Returns the meaning of colours, bars and lines."""
+        has_forces = setting.has_forces
         forces = (("force and ", "     yellow: contact", "desired force, ") if has_forces
                   else ("", "", ""))
         is_wall = self._law.normal is not None or self._law.patch(self._goal, 1.0, 2) is not None
         walls = ", 0.1 m on the wall" if has_forces and is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
-        return (f"red: real {forces[0]}path{forces[1]}     white: {forces[2]}planned path, outline "
-                f"of the nominal robot{size}\n"
+        felt = ("green: up to here it is explored     yellow frame: here the wall should begin, by "
+                "what was felt\n" if setting.told is not None else "")
+        return (f"{felt}red: real {forces[0]}path{forces[1]}     white: {forces[2]}planned path, "
+                f"outline of the nominal robot{size}\n"
                 "bars: part of a limit that real or planned motion uses, red at the limit     "
                 f"level grid at z = {level:g} m, lines every {Floor.CELL:g} m{walls}")
 
@@ -179,5 +191,7 @@ class Scene:
         self._tube.show(tip, nominal_tip)
         if self._pressing is not None:
             self._pressing.show(chi, moment.force, moment.desired_force)
+        if self._knowledge is not None:
+            self._knowledge.show(moment.known)
         used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
         self._hud.show(time, used, used >= ACTIVE)

@@ -157,7 +157,8 @@ def test_a_run_with_them_has_their_signals_and_their_bars(scenario):
     assert bound == 3.0
     setting = setting_of(own, record.model)
     assert setting.limit_use.names[-7:-1] == [
-        "tip_x", "tip_y", "tip_z", *(f"tip_velocity[{i}]" for i in range(3))]
+        "tip_x", "tip_y", "tip_z", "tip speed x  ≤ 0.1 m/s", "tip speed y  ≤ 0.2 m/s",
+        "tip speed z  ≤ 0.2 m/s"]
     used = setting.limit_use(record.state[0], record.u[0], record.nominal_state[0],
                              record.nominal_input[0])
     assert used[-1] == pytest.approx(values[0] / 3.0, abs=0.05)

@@ -39,6 +39,12 @@ class TipVelocity(Limit):
         """Returns m/s."""
         return "m/s"
 
+    @property
+    def bars(self) -> list[str]:
+        """Names of the bars that show it."""
+        return [f"tip speed {axis}  ≤ {most:g} m/s"
+                for axis, most in zip("xyz", self.bound, strict=True)]
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns ∓bound."""
         return -np.asarray(self.bound), np.asarray(self.bound)
