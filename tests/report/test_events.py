@@ -149,6 +149,30 @@ def test_a_refused_force_is_an_event_that_does_not_alarm():
     assert "force_refused" not in ALARMING
 
 
+def test_a_plan_that_was_kept_is_an_event_that_does_not_alarm():
+    assert of_kind(changed("mpc_status", [3, 4, 6], 4.0), "plan_kept") == [
+        Event(pytest.approx(0.6), pytest.approx(1.0), "plan_kept",
+              "the last plan was better and was kept, 2 samples in a row"),
+        Event(pytest.approx(1.2), pytest.approx(1.4), "plan_kept",
+              "the last plan was better and was kept")]
+    assert "plan_kept" not in ALARMING
+
+
+def test_another_desired_force_is_an_event_when_it_comes():
+    record = changed("desired_force", slice(100, None), 25.0, channel=0)
+    assert of_kind(record, "retarget") == [Event(
+        pytest.approx(2.0), pytest.approx(2.02), "retarget", "from now on 25 N are desired")]
+    assert "retarget" not in ALARMING
+    assert of_kind(synthetic_record(4.0), "retarget") == []
+
+
+def test_a_desired_force_that_is_moved_is_one_event():
+    moved = 20.0 + np.clip(np.arange(201.0) - 100.0, 0.0, 50.0) / 10.0
+    (event,) = of_kind(changed("desired_force", slice(None), moved, channel=0), "retarget")
+    assert (event.start, event.end) == (pytest.approx(2.02), pytest.approx(3.02))
+    assert event.text == "from now on 25 N are desired"
+
+
 def test_events_are_in_order():
     record = changed("effective_disturbance", [10, 100, 190], 1.0)
     starts = [event.start for event in events(record)]

@@ -284,7 +284,7 @@ def test_failures_of_the_solver_are_counted():
     assert "97 solves, 2 failures, 1 late, 3 fallbacks, 3 dropped" in format_summary(summary)
 
 
-def test_a_plan_that_was_kept_because_it_is_sounder_is_no_failure_and_no_event():
+def test_a_plan_that_was_kept_because_it_is_sounder_is_no_failure_and_the_last_event_in_the_table():
     record = synthetic_record()
     status = np.zeros_like(record.mpc_status)
     status[[3, 4, 5]] = KEPT
@@ -292,7 +292,10 @@ def test_a_plan_that_was_kept_because_it_is_sounder_is_no_failure_and_no_event()
     mpc = summary["mpc"]
     assert (mpc["kept"], mpc["failures"], mpc["fallbacks"], mpc["solves"]) == (3, 0, 0, len(status))
     assert "0 dropped, 3 kept" in format_summary(summary)
-    assert summary["events"] == summarise(record)["events"]
+    kept, *others = summary["events"]
+    assert kept["kind"] == "plan_kept"
+    assert others == summarise(record)["events"]
+    assert format_summary(summary).splitlines()[-1].endswith(kept["text"])
 
 
 def test_step_times_are_in_milliseconds():

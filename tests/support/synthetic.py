@@ -71,6 +71,25 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
     return replace(Record(scenario=scenario, wall_time_s=10.0, **arrays), **changes)
 
 
+def synthetic_felt_record(duration: float = 4.0, **changes: object) -> Record:
+    """Returns the record as one of a wall at x = 0 that is felt: 25 mm ahead of the tip is safe.
+
+    It is believed to begin at x = 3 mm from 2.1 s on, and to be of 1000 N/m less 100 N/m each
+    second from then on.
+    """
+    scenario = load_scenario("girona500_unmeasured", [
+        f"duration={duration}", "task.force_tolerance=2", "surface.geometry.point=[0, 0, 0]",
+        "surface.geometry.normal=[-1, 0, 0]", "surface.law.stiffness=700"])
+    record = synthetic_record(duration)
+    known = record.time > 2.09
+    signals = {
+        "felt_force": record.force + 0.3 * np.sin(40.0 * record.time)[:, None],
+        "safe_depth": record.chi_nominal[:, :1] + 0.025,
+        "contact_depth": np.where(known, 0.003, np.nan)[:, None],
+        "slope": 1000.0 - 100.0 * np.maximum(record.time - 2.1, 0.0)[:, None]}
+    return replace(record, scenario=scenario, signals=signals, **changes)
+
+
 def desiring(wrench: list[float], record: Record) -> Record:
     """Returns the record with this 𝔉_des (6,) [N, N m], and a torque on the surface."""
     force = record.force.copy()

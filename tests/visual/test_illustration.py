@@ -35,14 +35,17 @@ def press(meshcat, name):
 @pytest.mark.parametrize(("name", "overrides"), [
     ("girona500_contact", ["visual.rate=30", "visual.magnification=7"]),
     ("girona500_bilateral", []),
+    ("girona500_unmeasured", []),
     ("paper_kinematic", [])])
 def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
     scenario = load_scenario(name, ["duration=0.5", *overrides])
     seen, unseen = simulate(scenario, meshcat=meshcat), simulate(scenario)
     for field in fields(seen):
-        if field.name not in ("scenario", "wall_time_s", "step_seconds"):
+        if field.name not in ("scenario", "wall_time_s", "step_seconds", "signals"):
             np.testing.assert_array_equal(
                 getattr(seen, field.name), getattr(unseen, field.name), err_msg=field.name)
+    for signal, values in unseen.signals.items():
+        np.testing.assert_array_equal(seen.signals[signal], values, err_msg=signal)
 
 
 def test_a_watched_run_shows_the_robot_where_it_is(meshcat, model):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, TROUBLE
+from uvms_drake.control.nominal_mpc import DROPPED, FAILED, KEPT, LATE, TROUBLE
 from uvms_drake.control.tube_monitor import FIELDS, SAID, beyond
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -29,10 +29,13 @@ GAP = 0.1
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited")
-"""Kinds that are not as planned; the others are `contact`, `settled` and `force_refused`."""
+"""Kinds that are not as planned; the others are `contact`, from a touch to where it is lost,
+`settled`, `retarget`, `force_refused` and `plan_kept`."""
 
-MPC_KINDS = {FAILED: "solver_failed", LATE: "solver_late", DROPPED: "sample_dropped"}
-"""Kind of event by the outcome of a sample of the MPC."""
+MPC_KINDS = {FAILED: ("solver_failed", TROUBLE[FAILED]), LATE: ("solver_late", TROUBLE[LATE]),
+             DROPPED: ("sample_dropped", TROUBLE[DROPPED]),
+             KEPT: ("plan_kept", "the last plan was better and was kept")}
+"""Kind and text of an event by the outcome of a sample of the MPC."""
 
 
 class Event(NamedTuple):
@@ -43,7 +46,7 @@ class Event(NamedTuple):
     end: float | None
     """End of the event [s]: `start` for an instant, None if it lasts to the end of the run."""
     kind: str
-    """Short and stable name: one of `ALARMING`, `contact`, `settled`, `force_refused`."""
+    """Short and stable name: one of `ALARMING` or of the others there."""
     text: str
     """Description in words and numbers."""
 
@@ -95,6 +98,9 @@ def _logged(record: Record) -> Iterator[_Signal]:
     if motion_of(record.scenario).has_forces:  # Without them nothing is touched.
         yield _Signal("contact", depth > 0.0,
                       lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
+    desired = record.desired_force
+    yield _Signal("retarget", np.any(np.diff(desired, axis=0, prepend=desired[:1]), axis=1),
+                  lambda when: _wanted_text(desired[when.stop - 1]))
     radii = set_wise_radii(record.scenario)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
@@ -144,11 +150,14 @@ def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
     return f"limit {name} violated, by at most {np.max(excess[when]):.3g}"
 
 
+def _wanted_text(desired: np.ndarray) -> str:
+    return f"from now on {np.linalg.norm(desired):.4g} {wrench_unit(desired)} are desired"
+
+
 def _sampled(record: Record) -> Iterator[_Signal]:
     """Yields the signals at the samples of the MPC."""
-    for status, kind in MPC_KINDS.items():
-        yield _Signal(kind, record.mpc_status == status,
-                      partial(_samples_text, TROUBLE[status]))
+    for status, (kind, said) in MPC_KINDS.items():
+        yield _Signal(kind, record.mpc_status == status, partial(_samples_text, said))
     yield _Signal("force_refused", record.mpc_refused != 0.0,
                   partial(_samples_text, "another desired force was refused"))
 

@@ -1,5 +1,6 @@
 """How the figures of this package look: column width, Okabe–Ito colours, one legend on top."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,8 @@ def tube_label(certified: bool) -> str:
     return "certified tube" if certified else "tube declared, not certified"
 
 
-def panels(rows: int, height: float, columns: int = 1, sharex: bool = True) -> tuple[Figure, Any]:
+def panels(rows: int, height: float, columns: int = 1, sharex: bool = True,
+           ratios: Sequence[float] | None = None) -> tuple[Figure, Any]:
     """Returns a figure with axes (rows, columns) over time, each column as wide as a paper's.
 
     Args:
@@ -68,9 +70,10 @@ def panels(rows: int, height: float, columns: int = 1, sharex: bool = True) -> t
         height: Of the figure [in].
         columns: Number of columns.
         sharex: Whether all axes show the same time.
+        ratios: Heights of the rows, relative; they are alike if left out.
     """
     figure = Figure(figsize=(COLUMN_WIDTH * columns, height), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False)
+    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=ratios)
     for axis in axes.flat:
         axis.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axis.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
@@ -110,6 +113,11 @@ def legend_above(figure: Figure, source: Axes, columns: int = 4) -> None:
     """Puts one legend for all panels on top; its entries come from the axes `source`."""
     entries = dict(zip(*reversed(source.get_legend_handles_labels()), strict=True))
     figure.legend(list(entries.values()), list(entries), ncols=columns, loc="outside upper center")
+
+
+def legend_over(axis: Axes, columns: int) -> None:
+    """Puts a legend of its own over an axis, on the right."""
+    axis.legend(ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0))
 
 
 def real_nominal_tube_above(figure: Figure, certified: bool) -> None:

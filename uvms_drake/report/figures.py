@@ -13,6 +13,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.nominal_mpc import KEPT, SOLVED
 from uvms_drake.model.euler import pose_difference
+from uvms_drake.report.felt_figure import draw_felt
 from uvms_drake.report.figure_style import (
     BLUE,
     DARKER,
@@ -23,6 +24,7 @@ from uvms_drake.report.figure_style import (
     VERMILION,
     XYZ,
     legend_above,
+    legend_over,
     log_ticks,
     panels,
     real_and_nominal,
@@ -56,7 +58,8 @@ def make_figures(record: Record, output_dir: Path, bounds: Mapping[str, float] |
         output_dir: Folder of the files.
         bounds: Ultimate bounds of the run's certificate, if it has one.
     """
-    figures = FIGURES | {"force.png": partial(draw_force, certified=(bounds or {}).get("force"))}
+    figures = FIGURES | {"force.png": partial(
+        draw_contact, certified=(bounds or {}).get("force"))}
     paths = []
     for name in figures_of(record.scenario):
         draw = figures[name]
@@ -75,6 +78,12 @@ def figures_of(scenario: Scenario) -> list[str]:
     special = {name for motion in MOTIONS.values() for name in motion.figures}
     own = motion_of(scenario).figures
     return [name for name in FIGURES if name in own or name not in special]
+
+
+def draw_contact(record: Record, certified: float | None = None) -> Figure:
+    """Draws the force on a surface; with what is known of the surface, if it is felt."""
+    draw = draw_felt if record.scenario.contact.felt else draw_force
+    return draw(record, certified)
 
 
 def draw_task_error(record: Record) -> Figure:
@@ -192,7 +201,7 @@ def draw_disturbance(record: Record) -> Figure:
     scaled = rf"\hat{{W}}^{{-1}}{symbol}" if np.size(declared.weights) else symbol
     axes[1].set_ylabel(rf"$\|{scaled}\|_2$ [{unit}]")
     room_above_zero(axes[1])
-    axes[1].legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    legend_over(axes[1], 3)
     legend_above(figure, axes[0])
     return figure
 
@@ -251,7 +260,7 @@ def _name_tube(axis: Axes, record: Record, taken: float | None = None) -> None:
 FIGURES: dict[str, Callable[[Record], Figure]] = {
     "robot.png": draw_robot,
     "task_error.png": draw_task_error,
-    "force.png": draw_force,
+    "force.png": draw_contact,
     "velocities.png": draw_velocities,
     "joints.png": draw_joints,
     "inputs.png": draw_inputs,

@@ -37,14 +37,14 @@ def draw_force(record: Record, certified: float | None = None) -> Figure:
     figure, axes = panels(rows, 0.6 + 1.2 * rows, sharex=False)
     whole = axes[: 2 + torque]
     _draw_wrench(whole[0], record, slice(0, 3), "$F_{}$")
-    _draw_tolerance(whole[0], record, slice(0, 3))
+    draw_tolerance(whole[0], record, wanted(record, slice(0, 3)))
     if certified is not None:
-        _draw_certified(whole[0], record, certified)
-    _draw_instants(whole[0], record)
+        draw_certified(whole[0], record, wanted(record, slice(0, 3)), certified)
+    draw_instants(whole[0], record)
     whole[0].set_ylabel("force [N]")
     if torque:
         _draw_wrench(whole[1], record, slice(3, 6), "$M_{}$")
-        _draw_tolerance(whole[1], record, slice(3, 6))
+        draw_tolerance(whole[1], record, wanted(record, slice(3, 6)))
         whole[1].set_ylabel("torque [N m]")
         whole[1].legend(ncols=4, loc="best")
     # Penetration, below everything of the whole run.
@@ -60,7 +60,7 @@ def draw_force(record: Record, certified: float | None = None) -> Figure:
         _draw_wrench(axes[-1], record, slice(0, 3), "$F_{}$")
         axes[-1].set_ylabel("force [N]")
         axes[-1].set_xlim(*_impact_window(record))
-        _draw_instants(axes[-1], record)
+        draw_instants(axes[-1], record)
         over = summarise_force(record)["overshoot"]
         axes[-1].set_title("\n" if over["percent"] is None else
                            f"overshoot {over['newton']:.2g} N, {over['percent']:.3g} %\n")
@@ -76,20 +76,32 @@ def _draw_wrench(axis: Axes, record: Record, part: slice, name: str) -> None:
         axis.plot(record.time, goal, **{**DESIRED, "label": "_" if i else "desired"})
 
 
-def _draw_certified(axis: Axes, record: Record, bound: float) -> None:
-    """Draws within what the force is certified to be from when on the plan is at the task."""
+def wanted(record: Record, part: slice) -> np.ndarray:
+    """Returns the components of 𝔉_des that are not zero all the time (T, K)."""
+    goals = record.desired_force[:, part]
+    return goals[:, np.any(goals, axis=0)]
+
+
+def draw_certified(axis: Axes, record: Record, goals: np.ndarray, bound: float) -> None:
+    """Draws within what the force is certified to be from when on the plan is at the task.
+
+    Args:
+        axis: Where to draw.
+        record: Record of the run.
+        goals: Desired forces (T, K) [N].
+        bound: The certified bound of their errors [N].
+    """
     error = np.linalg.norm(pose_difference(record.chi_nominal, record.chi_des), axis=1)
     start = settling_index(error, AT_TASK)
     if start is None:
         return
-    goals = record.desired_force[start:, :3]
-    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
+    for i, goal in enumerate(goals[start:].T):
         axis.fill_between(
             record.time[start:], goal - bound, goal + bound, color=GREEN, alpha=0.25, linewidth=0,
             label="_" if i else f"certified with the plan at the task, $\\pm${bound:.3g} N")
 
 
-def _draw_instants(axis: Axes, record: Record) -> None:
+def draw_instants(axis: Axes, record: Record) -> None:
     """Marks the first contact and the instant of settling."""
     first = {event.kind: event.start for event in reversed(events(record))}
     if first.get("contact", 0.0) > 0.0:
@@ -111,11 +123,10 @@ def _draw_deepest(axis: Axes, record: Record) -> None:
             axis.legend(loc="best")
 
 
-def _draw_tolerance(axis: Axes, record: Record, part: slice) -> None:
-    """Draws the band in which a component of 𝔉_des that is not zero counts as settled."""
+def draw_tolerance(axis: Axes, record: Record, goals: np.ndarray) -> None:
+    """Draws the bands about desired forces or torques (T, K) that count as settled."""
     tolerance, unit = record.scenario.task.force_tolerance, wrench_unit(record.desired_force[-1])
-    goals = record.desired_force[:, part]
-    for i, goal in enumerate(goals[:, np.any(goals, axis=0)].T):
+    for i, goal in enumerate(goals.T):
         axis.fill_between(record.time, goal - tolerance, goal + tolerance, color=BLUE, alpha=0.12,
                           linewidth=0, label="_" if i else
                           f"counts as settled, $\\pm${tolerance:g} {unit}")

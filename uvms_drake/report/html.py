@@ -65,6 +65,12 @@ CAPTIONS = {
     "orientation_errors.png": "Orientation errors, as in the paper.",
     "input_norms.png": "Norms of the inputs, as in the paper.",
 }
+FELT = {
+    "force.png": "Force along the direction into the wall, real and felt; how deep tip and plan "
+                 "are, what is explored, and where the wall begins, in truth and as believed; the "
+                 "slope that is learned; what happened; and the depths at the contact, enlarged.",
+}
+"""Captions of a contact that is felt, in place of those."""
 WIDE = (PORTRAIT, "task_error.png", "inputs.png")
 
 
@@ -111,7 +117,8 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
     scenario = record.scenario
     summary: dict[str, Any] = summarise(record)
     title = html.escape(scenario.name)
-    drawn = {path.name: _figure(path) for path in figures}
+    captions = CAPTIONS | (FELT if scenario.contact.felt else {})
+    drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
     portrait = drawn.pop(PORTRAIT, "")
     parts = [
         f"<h1>{title}</h1>",
@@ -149,9 +156,9 @@ def _verdict(certificate: Certificate | None) -> str:
             f"{finally_}</p>")
 
 
-def _figure(path: Path) -> str:
+def _figure(path: Path, caption: str | None) -> str:
     data = base64.b64encode(path.read_bytes()).decode()
-    caption = html.escape(CAPTIONS.get(path.name, path.stem.replace("_", " ")))
+    caption = html.escape(caption or path.stem.replace("_", " "))
     wide = ' class="wide"' if path.name in WIDE else ""
     return (f'<figure{wide}><img alt="{caption}" src="data:image/png;base64,{data}">'
             f"<figcaption>{caption}</figcaption></figure>")

@@ -6,11 +6,16 @@ import numpy as np
 
 from uvms_drake.control.limits import Limit, tighten
 from uvms_drake.control.points import Points
+from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.motions import limits_of
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
 """Relative and absolute excess [m/s², rad/s²] that is rounding of a disturbance of exactly d̃."""
+AROUND, HALVINGS = 0.5, 20
+"""Distance within which a surface is looked for [m], and how often 5 mm of it are halved."""
+STEP = 1e-5
+"""Step of the difference for the slope of a force [m]."""
 
 
 def disturbance_above(record: Record) -> np.ndarray:
@@ -55,6 +60,40 @@ def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
     """Returns the unit of 𝔉 and its errors by what 𝔉_des (6,) has: a force, a torque or both."""
     force, torque = np.any(desired[:3]), np.any(desired[3:])
     return "N, N m" if force and torque else "N m" if torque else "N"
+
+
+def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Returns n·𝔭 (T,) [m] where the tip would first touch the surface if it went on along n.
+
+    It is looked for from `AROUND` behind the tip to as far ahead; NaN where there is none.
+
+    Args:
+        surface: The surface.
+        chi: Poses of the end-effector (T, 6) [m, rad].
+        direction: Unit vector n into the surface (3,).
+    """
+    along, steps = np.pad(direction, (0, 3)), np.linspace(-AROUND, AROUND, 201)
+    inside = np.array([surface.penetration(chi + step * along) > 0.0 for step in steps])
+    first = np.argmax(inside, axis=0)
+    low, high = steps[first - 1], steps[first]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        deep = surface.penetration(chi + middle[:, None] * along) > 0.0
+        low, high = np.where(deep, low, middle), np.where(deep, middle, high)
+    return np.where(first > 0, chi[:, :3] @ direction + high, np.nan)
+
+
+def surface_slope(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Returns by how much the static force rises along n (T,) [N/m]; NaN without contact.
+
+    Args:
+        surface: The surface.
+        chi: Poses of the end-effector (T, 6) [m, rad].
+        direction: Unit vector n into the surface (3,).
+    """
+    ahead = STEP * np.pad(direction, (0, 3))
+    rise = (surface.static_force(chi + ahead) - surface.static_force(chi - ahead)) / (2.0 * STEP)
+    return np.where(surface.penetration(chi - ahead) > 0.0, rise, np.nan)
 
 
 def settling_index(error: np.ndarray, tolerance: float) -> int | None:

@@ -294,10 +294,11 @@ def _format_robustness(summary: dict) -> list[str]:
 
 
 def _format_events(events: list[dict], most: int | None) -> list[str]:
-    """Returns the lines of the events, alarms first and each part in order of time."""
+    """Returns the lines of the events: alarms, others, kept plans, each in order of time."""
     if not events:
         return [f"{'events':<14}none"]
-    ordered = sorted(events, key=lambda event: event["kind"] not in ALARMING)
+    ordered = sorted(events, key=lambda event: (event["kind"] not in ALARMING,
+                                                event["kind"] == "plan_kept"))
     shown = ordered if most is None or len(events) <= most else ordered[: most - 1]
     lines = [f"{_span(event):<18}  {event['text']}" for event in shown]
     if len(shown) < len(events):
