@@ -95,7 +95,7 @@ def test_what_happened_is_marked_and_named(record):
     status, depth, desired = (getattr(record, name).copy() for name in (
         "mpc_status", "penetration", "desired_force"))
     status[[3, 8]], depth[150:], desired[120:, 0] = 4.0, 0.0, 25.0
-    missing = np.where(abs(record.time - 3.5) < 0.2, 1.0, 0.0)[:, None]
+    missing = np.where(abs(record.time - 3.5) < 0.19, 1.0, 0.0)[:, None]
     eventful = replace(record, mpc_status=status, penetration=depth, desired_force=desired,
                        signals={**record.signals, "force_lost": missing})
     marks = marks_of(eventful)
