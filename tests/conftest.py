@@ -1,6 +1,7 @@
 """What several test files share: the robot, its model, its MPC problem and differences."""
 
 import os
+import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,25 +9,29 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # As the command line does.
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
+import yaml
+from support.quick import search_less
 
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
+from uvms_drake.model import contact_model
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.uvms import Uvms, add_uvms
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
+GIRONA = "girona500_arm5e"
 STIFFNESS = 1000.0  # N/m
 SLOW = (
     "tests/campaign/", "tests/errata/", "tests/test_examples.py", "certificate/test_certify.py",
-    "command/test_fuzz.py", "command/test_interrupt.py", "command/test_main.py",
-    "control/test_nlp.py", "control/test_scp.py", "station/test_retarget.py",
-    "station/test_sensed.py", "station/test_tube_in_contact.py", "studies/test_compare_laws.py",
-    "tube/test_constants.py", "tube/test_kinematic.py", "tube/test_terminal_set.py",
-    "visual/test_browser.py")
+    "command/test_certified.py", "command/test_fuzz.py", "command/test_interrupt.py",
+    "command/test_main.py", "control/test_nlp.py", "control/test_scp.py",
+    "station/test_retarget.py", "station/test_sensed.py", "station/test_tube_in_contact.py",
+    "studies/test_compare_laws.py", "tube/test_constants.py", "tube/test_kinematic.py",
+    "tube/test_terminal_set.py", "visual/test_browser.py")
 """Folders and files of tests that search or simulate for long: two thirds of the time."""
 
 
@@ -59,10 +64,38 @@ def cache(tmp_path_factory) -> Iterator[Path]:
 @pytest.fixture(scope="session")
 def uvms() -> Uvms:
     """The Girona 500 with its arm in a plant of its own."""
-    plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
-    uvms = add_uvms(plant, "girona500_arm5e")
-    plant.Finalize()
-    return uvms
+    return read_uvms(GIRONA)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def parsed_once(uvms: Uvms) -> Iterator[None]:
+    """What takes half of a short run is done once for all tests: to parse YAML and the robot."""
+    known: dict[tuple, bytes] = {}
+
+    def once(parse: Callable) -> Callable:
+        def parsed(stream, Loader):
+            text = stream if isinstance(stream, str | bytes) else stream.read()
+            if (key := (parse, text, Loader)) not in known:
+                if text is not stream:
+                    stream.seek(0)
+                known[key] = pickle.dumps(parse(stream, Loader=Loader))
+            return pickle.loads(known[key])
+        return parsed
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yaml, "load", once(yaml.load))
+        patch.setattr(yaml, "compose", once(yaml.compose))
+        patch.setattr(contact_model, "read_uvms",
+                      lambda model: uvms if model == GIRONA else read_uvms(model))
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_searches() -> Iterator[None]:
+    """Certificates with the settings `FEW` take fewer searches too, in all tests of a file."""
+    with pytest.MonkeyPatch.context() as patch:
+        search_less(patch)
+        yield
 
 
 @pytest.fixture(scope="session")

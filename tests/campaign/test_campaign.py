@@ -24,7 +24,7 @@ from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import MONITOR_SLACK
 from uvms_drake.station.simulation import simulate
 
-MANY = int(os.environ.get("UVMS_DRAKE_RUNS", "24"))
+MANY = int(os.environ.get("UVMS_DRAKE_RUNS", "18"))
 """Number of runs of the campaign with certificates."""
 
 

@@ -54,18 +54,12 @@ def test_the_workers_take_one_core_each_and_the_parent_is_left_as_it_was(monkeyp
 
 def test_a_worker_is_replaced_before_it_keeps_too_much_memory(monkeypatch):
     monkeypatch.setattr("uvms_drake.campaign.pool.run_one", process_id)
-    monkeypatch.setattr("uvms_drake.campaign.pool.RUNS_PER_WORKER", 3)
-    runs = dict(run_all(None, range(7), local_pool(1)))
-    assert list(runs) == list(range(7))
-    processes = [runs[index]["process"] for index in range(7)]
-    assert [len(set(processes[i: i + 3])) for i in (0, 3, 6)] == [1, 1, 1]
-    assert len(set(processes)) == 3
+    monkeypatch.setattr("uvms_drake.campaign.pool.RUNS_PER_WORKER", 2)
+    runs = dict(run_all(None, range(3), local_pool(1)))
+    assert list(runs) == list(range(3))
+    first, second, third = (runs[index]["process"] for index in range(3))
+    assert first == second != third
     assert RUNS_PER_WORKER * 8 < 300  # MB: a run leaves 8 MB behind.
-
-
-def test_two_workers_give_the_same_bytes(reference, tmp_path):
-    assert main([*SHORT, "--runs", str(RUNS), "--workers", "2", "--output", str(tmp_path)]) == 0
-    assert result_bytes(tmp_path) == result_bytes(reference)
 
 
 @linux
@@ -82,7 +76,7 @@ def test_killed_half_way_it_goes_on_and_leaves_no_worker(reference, tmp_path):
 
 
 @linux
-def test_a_killed_worker_is_replaced(reference, tmp_path):
+def test_a_killed_worker_is_replaced_and_two_give_the_bytes_of_one(reference, tmp_path):
     process = start(tmp_path, RUNS)
     os.kill(workers_of(process)[0], signal.SIGKILL)
     _, errors = process.communicate(timeout=90)

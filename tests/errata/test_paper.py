@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import RunFailed
@@ -58,13 +59,14 @@ def test_it_stays_within_the_bound_along_the_run(printed):
     ("!SinusoidalDisturbance {bound: 0.4898979485566356, frequency: 1.0}", 2.5, 0.9),
     ("!AdversarialDisturbance {bound: 0.4898979485566356, kind: along_task_error}", 2.5, 0.99),
 ])
-def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached):
+def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached, monkeypatch):
     """Whatever w does at the true bound; what reaches the bound shows that it is tight.
 
     The nominal motion is the same whatever w does, so that it has to arrive in one of the runs.
     """
+    search_less(monkeypatch)
     scenario = load_scenario("paper_kinematic_certified", [
-        f"disturbance={disturbance}", f"duration={duration}"])
+        *FEW, f"disturbance={disturbance}", f"duration={duration}"])
     assert scenario.disturbance.bound == pytest.approx(W_BOUND)
     certificate = certified_once(scenario)
     assert certificate.certified
@@ -78,9 +80,9 @@ def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached)
         assert np.linalg.norm(pose_difference(record.chi_nominal[-1], CHI_DES)) < 0.03
 
 
-@pytest.mark.parametrize("limit", [1.2, 1.45])
-def test_a_task_at_the_pitch_limit_is_held_by_the_limit(limit):
+def test_a_task_at_the_pitch_limit_is_held_by_the_limit():
     """The tip is asked to a pitch just inside the limit and pushed at; nothing is not a number."""
+    limit = 1.45
     pitch = limit - 0.06  # downwards, where the arm reaches with the vehicle level
     scenario = load_scenario("paper_kinematic", [
         f"task.force=[0, 0, 0, 0.3, {-pitch}, 0]", f"limits.tip_pitch={limit}",
@@ -105,7 +107,8 @@ def test_a_push_through_the_singular_pitch_stops_the_run_with_one_line():
 
 
 def test_the_papers_claim_holds_in_dynamics_with_this_projects_law():
-    record = simulate(load_scenario("paper_dynamic_resolved"))
+    record = simulate(load_scenario(
+        "paper_dynamic_resolved", ["simulator.max_step_size=0.05"]))
     summary = summarise(record)
     assert summary["task_error"]["final_norm"] < 0.01
     assert min(row["margin"] for row in summary["constraints"].values()) > 0.0
@@ -113,9 +116,10 @@ def test_the_papers_claim_holds_in_dynamics_with_this_projects_law():
     assert summary["mpc"]["fallbacks"] == 0
 
 
-def test_the_papers_own_law_corrected_is_certified_and_keeps_its_tube():
+def test_the_papers_own_law_corrected_is_certified_and_keeps_its_tube(monkeypatch):
     """At the gain that its conditions ask for; the implicit integrator carries it."""
-    scenario = load_scenario("paper_dynamic", ["duration=1.5"])
+    search_less(monkeypatch)
+    scenario = load_scenario("paper_dynamic", ["duration=1.2", *FEW])
     certificate = certified_once(scenario)
     assert certificate.certified, certificate.failed
     assert (certificate.law, certificate.k) == ("transpose", 10000.0)

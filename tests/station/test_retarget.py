@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from support.campaigns import CLOSE
+from support.quick import FEW
 
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
@@ -13,14 +15,16 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import make_record
 
-FORCES = ((10.0, 30.0), (16.0, 44.0), (17.0, 25.0))
+FORCES = ((4.0, 30.0), (9.5, 44.0), (10.5, 25.0))
 """From these times on [s] these forces are asked for [N]; the second is more than the tube leaves
 of `limits.static_force`."""
 
+pytestmark = pytest.mark.usefixtures("few_searches")
+
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    scenario = load_scenario("girona500_contact", ["duration=20"])
+def scenario(few_searches) -> Scenario:
+    scenario = load_scenario("girona500_contact", ["duration=13.5", CLOSE[1], *FEW])
     return certified_once(scenario).applied_to(scenario)
 
 
@@ -44,18 +48,18 @@ def during(record: Record, start: float, end: float) -> np.ndarray:
 
 def test_the_new_force_is_there_within_5_seconds(record):
     """To within 1 N, from 20 to 30 N and from 30 to 25 N."""
-    for start, end, force in ((15.0, 16.0, 30.0), (19.0, 20.0, 25.0)):
+    for start, end, force in ((8.5, 9.5, 30.0), (12.5, 13.5, 25.0)):
         pressed = record.force[during(record, start, end), 0]
         assert np.max(np.abs(pressed - force)) < 1.0
 
 
 def test_a_force_beyond_its_limit_is_refused_and_the_old_one_kept(record):
-    kept = during(record, 16.1, 16.9)
+    kept = during(record, 9.6, 10.4)
     np.testing.assert_array_equal(record.desired_force[kept, 0], 30.0)
     assert np.max(np.abs(record.force[kept, 0] - 30.0)) < 1.0
-    asked = (record.mpc_time > 16.1) & (record.mpc_time < 16.9)
+    asked = (record.mpc_time > 9.6) & (record.mpc_time < 10.4)
     assert np.all(record.mpc_refused[asked] == 1.0)
-    assert not np.any(record.mpc_refused[record.mpc_time < 15.9])
+    assert not np.any(record.mpc_refused[record.mpc_time < 9.4])
 
 
 def test_limits_and_tube_are_kept_and_no_plan_leaves_its_terminal_set(record):

@@ -6,9 +6,11 @@ from pathlib import Path
 from uvms_drake.campaign.store import RUNS_FILE
 from uvms_drake.command.main import main
 
-RUNS = 4
+RUNS = 3
 CLOSE = ["--set", "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"]
 """The tip starts a few centimetres off the wall, so that even a short run makes contact."""
+WALLS = ((1.25, 0.0), (1.0, 0.1))
+"""Stiffness over the scenario's and tilt [rad] of the surfaces that are certified."""
 SHORT = ["campaign", "--uncertified", "--set", "duration=0.6", *CLOSE, "--seed", "3"]
 
 

@@ -2,14 +2,34 @@
 
 import pytest
 
-FEW = ["certificate.constant_samples=50", "certificate.tube_samples=50",
-       "certificate.terminal_samples=50"]
+from uvms_drake.common.schema import read_yaml
+from uvms_drake.station import scenario
+
+SETTINGS = dict.fromkeys(("constant_samples", "tube_samples", "terminal_samples"), 50)
+FEW = [f"certificate.{name}={count}" for name, count in SETTINGS.items()]
 """Settings that belong to it: what is cached of a full search is under another key."""
 
 
-def search_less(patch: pytest.MonkeyPatch) -> None:
-    """Starts one local search per constant, and those of the terminal set that decide most."""
+def search_constants_less(patch: pytest.MonkeyPatch) -> None:
+    """Starts one local search per estimated constant; the law `resolved` has no use for them.
+
+    A scenario has to say `FEW[0]`, too.
+    """
     patch.setattr("uvms_drake.tube.constants.START_RANKS", (0,))
+
+
+def search_less(patch: pytest.MonkeyPatch) -> None:
+    """Starts one local search per constant, and those of the terminal set that decide most.
+
+    A scenario has to say `FEW`, too.
+    """
+    search_constants_less(patch)
     patch.setattr("uvms_drake.tube.kinematic.START_RANKS", (0,))
     patch.setattr("uvms_drake.tube.terminal_set.STARTS", 1)
     patch.setattr("uvms_drake.tube.terminal_set.NEAR", 0.0)
+
+
+def few_in_all_files(patch: pytest.MonkeyPatch) -> None:
+    """Lets `certify` search less, and every scenario file say `FEW`."""
+    search_less(patch)
+    patch.setattr(scenario, "read_yaml", lambda path: read_yaml(path) | {"certificate": SETTINGS})
