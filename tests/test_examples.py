@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.quick import few_in_all_files
 
@@ -109,6 +110,17 @@ def test_a_wall_that_is_felt_keeps_the_tube_wherever_it_is(run):
     text = run("felt_wall.py", 1.6)
     known, felt = (float(x) for x in re.findall(r"up to (\d+\.\d+) of the tube", text))
     assert felt < 0.5 < 2.0 < known
+
+
+def test_a_force_that_changes_is_followed_on_a_wall_that_nobody_measured(run):
+    text = run("changing_force.py", 4.0)
+    rows = np.array(table(text))
+    np.testing.assert_allclose(
+        rows[:, 1], 20.0 + 5.0 * np.sin(0.2 * np.pi * rows[:, 0]), atol=0.06)
+    assert rows[0, 2] == 0.0
+    assert abs(rows[-1, 2] - rows[-1, 1]) < 3.0
+    rms, worst = last_numbers(text)[1:]
+    assert 0.0 < rms < worst < 25.0
 
 
 def test_a_limit_of_ones_own_is_kept_by_the_plan(run):

@@ -223,7 +223,7 @@ def set_wise_radii(scenario: Scenario) -> dict[str, float]:
 
 
 def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
-    """Returns the logs so far: `time` (T,), each signal (T, size), and the MPC's samples.
+    """Returns the logs so far, from a root context: `time` (T,), signals (T, size), MPC's samples.
 
     The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
     `mpc_iterations`, `mpc_refused` (K,), see `MPC_REPORT`, and `step_seconds` (K,), wall time.
@@ -235,11 +235,12 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     logged = [name.removeprefix("log.") for name in sinks if name.startswith("log.")]
     logs = {name: log(name).data().T.copy() for name in logged if name not in SAMPLED}
     logs["time"] = log("state").sample_times().copy()
-    logs["tube_report"] = station.GetOutputPort("tube_report").Eval(context).copy()
+    own = station.GetMyContextFromRoot(context)
+    logs["tube_report"] = station.GetOutputPort("tube_report").Eval(own).copy()
     # A sink publishes before the update of the same instant: the last sample is in the Context.
     ports = [station.GetOutputPort(name) for name in SAMPLED]
     samples = np.vstack([
-        np.hstack([port.Eval(station.GetMyContextFromRoot(context)) for port in ports]),
+        np.hstack([port.Eval(own) for port in ports]),
         np.vstack([log(name).data() for name in SAMPLED]).T])
     _, first = np.unique(samples[:, 0], return_index=True)
     for i, field in enumerate(MPC_REPORT):

@@ -47,7 +47,10 @@ class ForceSensing:
 
     @property
     def watched(self) -> "ForceSensing":
-        """What is known of the readings that a `ForceWatch` lets pass: they may be older by mT."""
+        """What is known of the readings that a `ForceWatch` lets pass: they may be older by mT.
+
+        At a speed v the front of a tip that feels nothing is so mTv less far ahead of it.
+        """
         return replace(self, window=self.window + self.repeats * self.period)
 
     @property

@@ -1,0 +1,71 @@
+"""A force that changes while it is asked for, on a wall that nobody measured.
+
+A system of one's own says how hard to press: 20 N and 5 N up and down, ten seconds a period. The
+port `desired_force` of the station takes it, and for every force the plan has a feasible problem;
+`place` says likewise where to press. The wall is 5 cm ahead of the tip, to save the way there. What
+is left is the lag of a plan that does not know what will be asked for next.
+"""
+
+import argparse
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+
+import uvms_drake as uv
+from uvms_drake.station.diagram import make_station, read_logs
+
+MEAN, AMPLITUDE, FREQUENCY = 20.0, 5.0, 0.1  # N, N, Hz
+NEAR = "surface.geometry.point.0=-0.25"
+MORE = "contact.force=55"
+"""What the wall may be pressed with [N]: sensor, tube and tilt take 24 N of it."""
+QUICK = ["mpc.weight_y=[500, 500, 500, 10, 10, 10, 2, 2, 2, 2]",
+         "mpc.weight_zeta=[1, 1, 1, 5, 5, 5, 10, 10, 10, 10]"]
+"""Weights of a plan that hurries: half the lag of the scenario's, which swims as far as it presses.
+"""
+
+
+class ForceProfile(LeafSystem):
+    """Puts out 𝔉_des (6) [N, N m], which oscillates along a direction (3,)."""
+
+    def __init__(self, direction: np.ndarray):
+        super().__init__()
+        self._direction = direction
+        self.DeclareVectorOutputPort("desired_force", 6, self._calc)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        size = MEAN + AMPLITUDE * np.sin(2.0 * np.pi * FREQUENCY * context.get_time())
+        output.SetFromVector(np.append(size * self._direction, np.zeros(3)))
+
+
+def main() -> None:
+    """Presses by the profile, and says how well."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, default=30.0, help="simulated time [s]")
+    arguments = parser.parse_args()
+    scenario = uv.load_scenario("girona500_unmeasured", [NEAR, MORE, *QUICK])
+
+    builder = DiagramBuilder()
+    station = builder.AddSystem(make_station(scenario))
+    profile = builder.AddNamedSystem("profile", ForceProfile(scenario.contact.direction))
+    builder.Connect(profile.get_output_port(), station.GetInputPort("desired_force"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+    simulator.AdvanceTo(arguments.duration)
+
+    logs = read_logs(station, simulator.get_context())
+    force, desired = (logs[name][:, :3] @ scenario.contact.direction
+                      for name in ("force", "accepted_force"))
+    print(f"{'t [s]':>6}{'desired [N]':>13}{'force [N]':>11}")
+    for t in np.arange(0.0, arguments.duration + 1e-9, 1.0):
+        i = np.searchsorted(logs["time"], t - 1e-9)
+        print(f"{t:6.1f}{desired[i]:13.2f}{force[i]:11.2f}")
+    pressing = logs["time"] > arguments.duration - 1.0 / FREQUENCY
+    error = (force - desired)[pressing]
+    print(f"of the last {min(1.0 / FREQUENCY, arguments.duration):.1f} s: force off by "
+          f"{np.sqrt(np.mean(error**2)):.2f} N rms, by {np.max(np.abs(error)):.2f} N at most")
+
+
+if __name__ == "__main__":
+    main()
