@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shlex
 import shutil
 import signal
 import subprocess
@@ -13,13 +12,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from support.outputs import DATA, DATA_ONLY, broken_robot, written
 
-from uvms_drake.certificate.certificate import Certificate, read_certificate
 from uvms_drake.command.main import main
 from uvms_drake.command.progress import LINES
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.common.output import MANIFEST_FILE
-from uvms_drake.model.uvms import models_dir
 from uvms_drake.report.figures import figures_of
 from uvms_drake.report.summary import summarise
 from uvms_drake.station import simulation
@@ -28,18 +25,7 @@ from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario_file import shipped_scenarios
 from uvms_drake.studies import bench
 
-DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz"}
-DATA_ONLY = ["--no-figures", "--no-replay"]
 QUICK = [*DATA_ONLY, "--uncertified"]
-VOID = ["--set", "disturbance.bound=0.2"]
-"""Makes a tube that is larger than a limit of the shipped scenarios."""
-FEW = ["--set", "certificate.tube_samples=10", "--set", "certificate.terminal_samples=10"]
-"""So that a certificate of its own takes a test less time; the constants are those of the rest."""
-
-
-def written(folder):
-    """Returns the names of the files in a folder, without the manifest."""
-    return {path.name for path in folder.iterdir()} - {MANIFEST_FILE}
 
 
 def refusal(capsys, tmp_path, *args):
@@ -54,17 +40,6 @@ def refusal(capsys, tmp_path, *args):
     return err
 
 
-def broken_robot(tmp_path, old, new):
-    """Returns a copy of the shipped robot with one text in its hydrodynamics file replaced."""
-    folder = tmp_path / "girona500_arm5e"
-    shutil.copytree(models_dir() / folder.name, folder)
-    file = folder / "hydrodynamics.yaml"
-    text = file.read_text(encoding="utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new, 1), encoding="utf-8")
-    return folder
-
-
 @pytest.fixture(scope="module")
 def smoke(tmp_path_factory):
     """Runs half a second of the main scenario as users do, with all outputs."""
@@ -72,16 +47,6 @@ def smoke(tmp_path_factory):
     done = subprocess.run(
         [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--seed", "3",
          "--output", str(output), "--uncertified"], capture_output=True, text=True, check=False)
-    return output, done
-
-
-@pytest.fixture(scope="module")
-def certified(tmp_path_factory):
-    """Runs half a second of the main scenario with a certificate."""
-    output = tmp_path_factory.mktemp("certified") / "out"
-    done = subprocess.run(
-        [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--output", str(output),
-         *DATA_ONLY], capture_output=True, text=True, check=False)
     return output, done
 
 
@@ -223,9 +188,10 @@ def test_the_help_of_run_names_the_scenarios_and_keys_that_there_are(capsys):
     assert all(name in said for name in shipped_scenarios())
     keys = re.search(r"changed most.*?:\n(.*?)\n\n", said, re.DOTALL)[1].replace(",", " ").split()
     assert len(keys) > 10
+    assert main(["keys"]) == 0
+    all_keys = [re.sub(r"!\w+", "", line) for line in capsys.readouterr().out.splitlines()]
     for key in keys:
-        assert main(["keys", key]) == 0, key
-        capsys.readouterr()
+        assert any(line.startswith(key) for line in all_keys), key
 
 
 def test_quiet_says_nothing_but_the_result(tmp_path, capsys):
@@ -321,7 +287,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_pa
     assert len(line) < 400
 
 
-@pytest.mark.parametrize("kernel", ["Haswell", "SkylakeX", "Zen"])
+@pytest.mark.parametrize("kernel", ["Haswell", "SkylakeX"])
 def test_whether_input_is_bad_does_not_hang_on_rounding(kernel, tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "uvms_drake", "run", *QUICK, "--set", "surface.dissipation=900",
@@ -407,210 +373,6 @@ def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
 def test_the_log_holds_no_nan(smoke):
     with np.load(smoke[0] / "log.npz") as log:
         assert not any(np.any(np.isnan(log[name])) for name in log.files)
-
-
-# Certificates ------------------------------------------------------------------------------------
-
-
-def certificate_of(folder) -> Certificate:
-    return read_certificate(folder / "certificate.json")
-
-
-def run_in(folder, *args):
-    """Returns the status of a run of 0.1 s without --uncertified."""
-    return main(["run", "--duration", "0.1", "--output", str(folder), *DATA_ONLY, *args])
-
-
-@pytest.fixture
-def committed(certified, tmp_path, capsys):
-    """Returns a folder in which `certify` has left the certificate of the main scenario."""
-    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
-    capsys.readouterr()
-    return tmp_path / "out"
-
-
-def test_a_certified_run_writes_its_certificate_and_uses_its_tube(certified):
-    output, done = certified
-    assert done.returncode == 0, done.stderr
-    assert written(output) == DATA | {"certificate.json"}
-    assert "certified     yes" in done.stdout
-    certificate = certificate_of(output)
-    assert (certificate.certified, certificate.made_by) == (True, "run")
-    record = load_record(output)
-    assert record.certified
-    assert record.scenario.mpc.terminal_radius == certificate.terminal.radius
-    tube = summarise(record)["tube"]
-    assert (tube["bound_e"], tube["bound_z"]) == (certificate.tube.e, certificate.tube.z)
-    assert (tube["certified"], tube["exits"]) == (True, 0)
-    for name, value in vars(certificate.tube).items():
-        np.testing.assert_array_equal(getattr(record.scenario.tube, name), value, err_msg=name)
-
-
-def test_the_written_scenario_of_a_certified_run_runs_again_to_the_same_log(
-        certified, tmp_path, capsys):
-    output, _ = certified
-    assert main(["run", str(output / "scenario.yaml"), "--output", str(tmp_path),
-                 *DATA_ONLY]) == 0
-    for name in ("certificate.json", "log.npz", "scenario.yaml"):
-        assert (tmp_path / name).read_bytes() == (output / name).read_bytes(), name
-
-
-def test_a_certificate_from_the_cache_is_not_announced_as_computed(certified, tmp_path, capsys):
-    assert run_in(tmp_path / "elsewhere") == 0
-    assert capsys.readouterr().err.startswith("certified: ")
-
-
-def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
-    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
-    out, err = capsys.readouterr()
-    assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
-    assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
-    assert out.splitlines()[-1].startswith("certified: all ")
-    assert written(tmp_path / "out") == {"certificate.json"}
-    certificate = certificate_of(tmp_path / "out")
-    assert (certificate.certified, certificate.made_by) == (True, "certify")
-
-
-def test_the_certificate_goes_to_a_folder_named_after_the_scenario(
-        certified, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["certify"]) == 0
-    assert (tmp_path / "out" / "girona500_contact" / "certificate.json").is_file()
-
-
-def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tmp_path):
-    kept = {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")}
-    assert main(["certify", "--output", str(tmp_path)]) == 0
-    assert kept
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
-
-
-def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
-    assert main(["certify", *VOID, *FEW, "--output", str(tmp_path)]) == 1
-    out, err = capsys.readouterr()
-    assert err.splitlines()[-1] == f"written to {tmp_path}: certificate.json"
-    assert "DOES NOT HOLD" in out
-    assert out.splitlines()[-1].startswith("void: tube in limits.u[")
-    assert "what would help: " in out.splitlines()[-1]
-    certificate = certificate_of(tmp_path)
-    assert not certificate.certified
-    assert certificate.terminal is None
-
-
-def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
-    assert run_in(tmp_path / "out", *VOID, *FEW) == 1
-    out, err = capsys.readouterr()
-    assert out == ""
-    last = err.splitlines()[-1]
-    assert last.startswith("uvms-drake: error: ")
-    assert ": void: tube in limits.u[" in last
-    assert last.endswith("; --uncertified takes the scenario's declared tube")
-    assert not (tmp_path / "out").exists()
-    assert run_in(tmp_path / "out", *VOID, *FEW, "--uncertified") == 0
-
-
-@pytest.mark.parametrize("args", [
-    ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "limits.u.0=-1"],
-    ["--set", "limits.q_lower=[0]"], ["--set", "certificate.tube_samples=1"],
-    ["--set", "certificate.terminal_samples=1e12"],
-    ["--set", "model=girona501"], ["--set", "ancillary.k=0"], ["--set", "disturbance.bound=-0.1"],
-    ["--set", "task.force=[-5, 0, 0, 0, 0, 0]"]])
-def test_bad_input_is_refused_by_certify_too(args, capsys, tmp_path):
-    assert main(["certify", *args, "--output", str(tmp_path / "out")]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("uvms-drake: error: ")
-    assert err.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-def test_bad_input_of_a_certified_run_has_exit_status_2(capsys, tmp_path):
-    assert run_in(tmp_path / "out", "--set", "surface.stiffness=-1") == 2
-    assert "error: surface.stiffness = -1.0: must be positive (" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_run_uses_the_certificate_that_certify_left(committed, capsys):
-    assert run_in(committed) == 0
-    assert "certifying" not in capsys.readouterr().err
-    assert certificate_of(committed).made_by == "certify"
-    assert load_record(committed).certified
-
-
-def test_what_a_certificate_does_not_depend_on_can_change(committed, capsys):
-    assert run_in(committed, "--seed", "5", "--set", "task.force_tolerance=3",
-                  "--set", "tube.e=0.1", "--set", "mpc.terminal_radius=0.1") == 0
-    assert load_record(committed).scenario.tube.e == certificate_of(committed).tube.e
-
-
-def test_a_certificate_that_was_changed_by_hand_is_refused(committed, capsys):
-    path = committed / "certificate.json"
-    changed = path.read_text(encoding="utf-8").replace('"d_bound": 0.1', '"d_bound": 0.2')
-    for text in (changed, "{}", "[]", "", path.read_text(encoding="utf-8")[:-20]):
-        path.write_text(text, encoding="utf-8")
-        assert run_in(committed) == 1
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith(f"uvms-drake: error: {path}: its content does not match its SHA-256")
-        assert err.count("\n") == 1
-        assert written(committed) == {"certificate.json"}
-        assert path.read_text(encoding="utf-8") == text
-
-
-def test_a_stale_certificate_is_refused(committed, capsys):
-    path = committed / "certificate.json"
-    text = path.read_text(encoding="utf-8")
-    assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
-    assert capsys.readouterr().err == (
-        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
-        "another --output, or make it again: uvms-drake certify girona500_contact --set "
-        f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
-    assert written(committed) == {"certificate.json"}
-    assert path.read_text(encoding="utf-8") == text
-
-
-def test_the_command_that_the_refusal_names_makes_the_certificate_again(
-        certified, tmp_path, capsys):
-    file, folder = tmp_path / "my wall.yaml", tmp_path / "my run"
-    file.write_text(dump_scenario(load_scenario("girona500_contact")), encoding="utf-8")
-    assert main(["certify", str(file), "--output", str(folder)]) == 0
-    args = [str(file), *FEW, "--set", "disturbance=!RandomDisturbance {bound: 0.09, bandwidth: 2}"]
-    assert run_in(folder, *args) == 1
-    program, *words = shlex.split(capsys.readouterr().err.split(" make it again: ")[1])
-    assert program == "uvms-drake"
-    assert main(words) == 0
-    assert run_in(folder, *args) == 0
-
-
-def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
-        certified, tmp_path, capsys):
-    for args, bound, how in (([], 0.1, "certifying"), (["--set", "disturbance.bound=0.083"], 0.083,
-                                                       "certifying"),
-                             (["--set", "disturbance.bound=0.083"], 0.083, "certified: ")):
-        assert run_in(tmp_path, *FEW, *args) == 0
-        assert capsys.readouterr().err.startswith(how)
-        assert (certificate_of(tmp_path).d_bound, certificate_of(tmp_path).made_by) == (
-            bound, "run")
-        assert load_record(tmp_path).scenario.tube.e == certificate_of(tmp_path).tube.e
-
-
-def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
-    robot, output = broken_robot(tmp_path, "", ""), tmp_path / "out"
-    args = [*VOID, *FEW, "--set", f"model={robot}"]
-    assert main(["certify", *args, "--output", str(output)]) == 1  # void is enough for this
-    capsys.readouterr()
-    file = robot / "hydrodynamics.yaml"
-    file.write_text(file.read_text(encoding="utf-8") + "# touched\n", encoding="utf-8")
-    assert run_in(output, *args) == 1
-    err = capsys.readouterr().err
-    assert "certificate.json: stale, a file of the robot has changed" in err
-    assert err.count("\n") == 1
-
-
-def test_an_uncertified_run_takes_the_certificate_out_of_its_folder(certified, tmp_path, capsys):
-    assert run_in(tmp_path) == 0
-    assert run_in(tmp_path, "--uncertified") == 0
-    assert written(tmp_path) == DATA
 
 
 # Measurements ------------------------------------------------------------------------------------

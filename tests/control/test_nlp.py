@@ -73,14 +73,18 @@ def test_cost_and_limits_of_a_plan_are_those_of_the_problem(short_ocp, start_pla
 @pytest.mark.parametrize(("kind", "coordinate"), [("roll", 3), ("pitch", 4)])
 def test_the_attitude_is_bounded_at_every_knot_but_the_first(short_ocp, start_plans, kind,
                                                              coordinate):
-    """The start is given: a limit below it leaves no plan only if it cannot be returned to."""
+    """The start is given, and may be beyond the limit."""
     guess = start_plans["off"][0]
     start = abs(guess.config[0, coordinate])
     tight = with_limits(short_ocp, **{kind: 0.95 * start})
     solution = NonlinearSolver(tight, SnoptSolver()).solve(guess)
     assert solution.converged
     assert np.max(np.abs(solution.plan.config[1:, coordinate])) <= 0.95 * start + 1e-6
-    tight = with_limits(short_ocp, **{kind: 1e-3 * start})
+
+
+def test_a_limit_to_which_the_start_cannot_return_leaves_no_plan(short_ocp, start_plans):
+    guess = start_plans["off"][0]
+    tight = with_limits(short_ocp, pitch=1e-3 * abs(guess.config[0, 4]))
     assert NonlinearSolver(tight, SnoptSolver()).solve(guess).plan is None
 
 

@@ -1,0 +1,238 @@
+"""Tests of `certify`, and of `run` with a certificate: files, exit status, what is refused.
+
+All of them certify by few samples and searches: what decides here is what is done with it.
+"""
+
+import shlex
+from contextlib import redirect_stdout
+from io import StringIO
+
+import numpy as np
+import pytest
+from support.outputs import DATA, DATA_ONLY, broken_robot, written
+from support.quick import few_in_all_files
+
+from uvms_drake.certificate.certificate import Certificate, read_certificate
+from uvms_drake.command.main import main
+from uvms_drake.report.summary import summarise
+from uvms_drake.station.record import load_record
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+
+VOID = ["--set", "disturbance.bound=0.2"]
+"""Makes a tube that is larger than a limit of the shipped scenarios."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few():
+    with pytest.MonkeyPatch.context() as patch:
+        few_in_all_files(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def certified(few, tmp_path_factory):
+    """Runs half a second of the main scenario with a certificate: its folder, and what is said."""
+    output, said = tmp_path_factory.mktemp("certified") / "out", StringIO()
+    with redirect_stdout(said):
+        assert main(["run", "--duration", "0.5", "--output", str(output), *DATA_ONLY]) == 0
+    return output, said.getvalue()
+
+
+def certificate_of(folder) -> Certificate:
+    return read_certificate(folder / "certificate.json")
+
+
+def run_in(folder, *args):
+    """Returns the status of a run of 0.1 s without --uncertified."""
+    return main(["run", "--duration", "0.1", "--output", str(folder), *DATA_ONLY, *args])
+
+
+@pytest.fixture
+def committed(certified, tmp_path, capsys):
+    """Returns a folder in which `certify` has left the certificate of the main scenario."""
+    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    return tmp_path / "out"
+
+
+def test_a_certified_run_writes_its_certificate_and_uses_its_tube(certified):
+    output, said = certified
+    assert written(output) == DATA | {"certificate.json"}
+    assert "certified     yes" in said
+    certificate = certificate_of(output)
+    assert (certificate.certified, certificate.made_by) == (True, "run")
+    record = load_record(output)
+    assert record.certified
+    assert record.scenario.mpc.terminal_radius == certificate.terminal.radius
+    tube = summarise(record)["tube"]
+    assert (tube["bound_e"], tube["bound_z"]) == (certificate.tube.e, certificate.tube.z)
+    assert (tube["certified"], tube["exits"]) == (True, 0)
+    for name, value in vars(certificate.tube).items():
+        np.testing.assert_array_equal(getattr(record.scenario.tube, name), value, err_msg=name)
+
+
+def test_the_written_scenario_of_a_certified_run_runs_again_to_the_same_log(
+        certified, tmp_path, capsys):
+    output, _ = certified
+    assert main(["run", str(output / "scenario.yaml"), "--output", str(tmp_path),
+                 *DATA_ONLY]) == 0
+    for name in ("certificate.json", "log.npz", "scenario.yaml"):
+        assert (tmp_path / name).read_bytes() == (output / name).read_bytes(), name
+
+
+def test_a_certificate_from_the_cache_is_not_announced_as_computed(certified, tmp_path, capsys):
+    assert run_in(tmp_path / "elsewhere") == 0
+    assert capsys.readouterr().err.startswith("certified: ")
+
+
+def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
+    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    out, err = capsys.readouterr()
+    assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
+    assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
+    assert out.splitlines()[-1].startswith("certified: all ")
+    assert written(tmp_path / "out") == {"certificate.json"}
+    certificate = certificate_of(tmp_path / "out")
+    assert (certificate.certified, certificate.made_by) == (True, "certify")
+
+
+def test_the_certificate_goes_to_a_folder_named_after_the_scenario(
+        certified, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["certify"]) == 0
+    assert (tmp_path / "out" / "girona500_contact" / "certificate.json").is_file()
+
+
+def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tmp_path):
+    kept = {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")}
+    assert main(["certify", "--output", str(tmp_path)]) == 0
+    assert kept
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
+    assert main(["certify", *VOID, "--output", str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert err.splitlines()[-1] == f"written to {tmp_path}: certificate.json"
+    assert "DOES NOT HOLD" in out
+    assert out.splitlines()[-1].startswith("void: tube in limits.u[")
+    assert "what would help: " in out.splitlines()[-1]
+    certificate = certificate_of(tmp_path)
+    assert not certificate.certified
+    assert certificate.terminal is None
+
+
+def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
+    assert run_in(tmp_path / "out", *VOID) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    last = err.splitlines()[-1]
+    assert last.startswith("uvms-drake: error: ")
+    assert ": void: tube in limits.u[" in last
+    assert last.endswith("; --uncertified takes the scenario's declared tube")
+    assert not (tmp_path / "out").exists()
+    assert run_in(tmp_path / "out", *VOID, "--uncertified") == 0
+
+
+@pytest.mark.parametrize("args", [
+    ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "limits.u.0=-1"],
+    ["--set", "limits.q_lower=[0]"], ["--set", "certificate.tube_samples=1"],
+    ["--set", "certificate.terminal_samples=1e12"],
+    ["--set", "model=girona501"], ["--set", "ancillary.k=0"], ["--set", "disturbance.bound=-0.1"],
+    ["--set", "task.force=[-5, 0, 0, 0, 0, 0]"]])
+def test_bad_input_is_refused_by_certify_too(args, capsys, tmp_path):
+    assert main(["certify", *args, "--output", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("uvms-drake: error: ")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_input_of_a_certified_run_has_exit_status_2(capsys, tmp_path):
+    assert run_in(tmp_path / "out", "--set", "surface.stiffness=-1") == 2
+    assert "error: surface.stiffness = -1.0: must be positive (" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_uses_the_certificate_that_certify_left(committed, capsys):
+    assert run_in(committed) == 0
+    assert "certifying" not in capsys.readouterr().err
+    assert certificate_of(committed).made_by == "certify"
+    assert load_record(committed).certified
+
+
+def test_what_a_certificate_does_not_depend_on_can_change(committed, capsys):
+    assert run_in(committed, "--seed", "5", "--set", "task.force_tolerance=3",
+                  "--set", "tube.e=0.1", "--set", "mpc.terminal_radius=0.1") == 0
+    assert load_record(committed).scenario.tube.e == certificate_of(committed).tube.e
+
+
+def test_a_certificate_that_was_changed_by_hand_is_refused(committed, capsys):
+    path = committed / "certificate.json"
+    changed = path.read_text(encoding="utf-8").replace('"d_bound": 0.1', '"d_bound": 0.2')
+    for text in (changed, "{}", "[]", "", path.read_text(encoding="utf-8")[:-20]):
+        path.write_text(text, encoding="utf-8")
+        assert run_in(committed) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"uvms-drake: error: {path}: its content does not match its SHA-256")
+        assert err.count("\n") == 1
+        assert written(committed) == {"certificate.json"}
+        assert path.read_text(encoding="utf-8") == text
+
+
+def test_a_stale_certificate_is_refused(committed, capsys):
+    path = committed / "certificate.json"
+    text = path.read_text(encoding="utf-8")
+    assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
+    assert capsys.readouterr().err == (
+        f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
+        "another --output, or make it again: uvms-drake certify girona500_contact --set "
+        f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
+    assert written(committed) == {"certificate.json"}
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_the_command_that_the_refusal_names_makes_the_certificate_again(
+        certified, tmp_path, capsys):
+    file, folder = tmp_path / "my wall.yaml", tmp_path / "my run"
+    file.write_text(dump_scenario(load_scenario("girona500_contact")), encoding="utf-8")
+    assert main(["certify", str(file), "--output", str(folder)]) == 0
+    args = [str(file), "--set", "disturbance=!RandomDisturbance {bound: 0.09, bandwidth: 2}"]
+    assert run_in(folder, *args) == 1
+    program, *words = shlex.split(capsys.readouterr().err.split(" make it again: ")[1])
+    assert program == "uvms-drake"
+    assert main(words) == 0
+    assert run_in(folder, *args) == 0
+
+
+def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
+        certified, tmp_path, capsys):
+    other = ["--set", "disturbance.bound=0.083"]
+    for args, bound, how in (([], 0.1, "certified: "), (other, 0.083, "certifying"),
+                             (other, 0.083, "certified: ")):
+        assert run_in(tmp_path, *args) == 0
+        assert capsys.readouterr().err.startswith(how)
+        assert (certificate_of(tmp_path).d_bound, certificate_of(tmp_path).made_by) == (
+            bound, "run")
+        assert load_record(tmp_path).scenario.tube.e == certificate_of(tmp_path).tube.e
+
+
+def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
+    robot, output = broken_robot(tmp_path, "", ""), tmp_path / "out"
+    args = [*VOID, "--set", f"model={robot}"]
+    assert main(["certify", *args, "--output", str(output)]) == 1  # void is enough for this
+    capsys.readouterr()
+    file = robot / "hydrodynamics.yaml"
+    file.write_text(file.read_text(encoding="utf-8") + "# touched\n", encoding="utf-8")
+    assert run_in(output, *args) == 1
+    err = capsys.readouterr().err
+    assert "certificate.json: stale, a file of the robot has changed" in err
+    assert err.count("\n") == 1
+
+
+def test_an_uncertified_run_takes_the_certificate_out_of_its_folder(certified, tmp_path, capsys):
+    assert run_in(tmp_path) == 0
+    assert run_in(tmp_path, "--uncertified") == 0
+    assert written(tmp_path) == DATA
