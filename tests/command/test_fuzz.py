@@ -18,10 +18,10 @@ from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario_file import shipped_scenarios
 from uvms_drake.station.simulation import require_finite
 
-CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "200"))
+CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "120"))
 FIRST = int(os.environ.get("UVMS_DRAKE_FUZZ_FIRST", "0"))
 """Number of the first case: others than the usual ones are looked at by another one."""
-CHUNKS = 10
+CHUNKS = 6
 SECONDS = 20
 """A case that takes longer does not come back."""
 VALUES = (
@@ -228,7 +228,7 @@ def test_any_command_line_is_refused_in_one_line_or_goes_on(
                  "uvms_drake.command.campaign.local_pool"):
         monkeypatch.setattr(what, begin)
     failures = []
-    for number in range(FIRST, FIRST + CASES // 5):
+    for number in range(FIRST, FIRST + CASES // 3):
         folder = tmp_path / str(number)
         folder.mkdir()
         monkeypatch.chdir(folder)

@@ -65,7 +65,7 @@ def fresh(model, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return config, np.concatenate(blocks, axis=1)
 
 
-@pytest.mark.parametrize(("names", "count"), [(JACOBIAN, 100_000), (RATES, 30_000), (DRIFT, 8000)])
+@pytest.mark.parametrize(("names", "count"), [(JACOBIAN, 40_000), (RATES, 12_000), (DRIFT, 4000)])
 def test_no_fresh_sample_beats_a_constant(model, estimated, names, count):
     config, zeta = fresh(model, count, seed=7)
     for name, values in sampled_values(model, config, zeta, names).items():

@@ -71,7 +71,7 @@ def check_boxes_about_states(arm, bounds: ConstraintSet, block: str, seed: int,
     boxes = JacobianBoxes(arm, bounds, block, weights)
     _, x = coordinates(arm, bounds, boxes, 500)
     rng = np.random.default_rng(seed)
-    for _ in range(100):
+    for _ in range(40):
         half = 10.0 ** rng.uniform(-2.0, 0.0) * rng.uniform(0.2, 1.0, x.shape[1])
         half[boxes.lower == boxes.upper] = 0.0
         half[-1] = min(half[-1], 0.6)
