@@ -3,7 +3,7 @@
     uvms-drake run && python examples/screenshots.py out/girona500_contact
 
 It needs a Chromium on the path. The pictures go to the run's folder; `--output` names another one,
-`--times` other instants.
+`--times` other instants, and `--close` brings the camera near the end-effector.
 """
 
 import argparse
@@ -30,6 +30,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="where 'run' has written")
     parser.add_argument("--output", type=Path, metavar="DIR", help="default: the run's folder")
     parser.add_argument("--times", type=float, nargs=3, default=[0.6, 2.4, 15.0], metavar="S")
+    parser.add_argument("--close", action="store_true", help="of what is about the end-effector")
     arguments = parser.parse_args()
     record = load_record(arguments.folder)
     output = arguments.output or arguments.folder
@@ -37,7 +38,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         html = Path(folder) / "still.html"
         for name, time in zip(NAMES, arguments.times, strict=True):
-            write_still(record, time, html)
+            write_still(record, time, html, close=arguments.close)
             png = output / f"{name}.png"
             take_screenshot(html, png, SIZE)
             with Image.open(png) as image:

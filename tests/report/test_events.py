@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.synthetic import synthetic_record
+from support.synthetic import synthetic_felt_record, synthetic_record
 
 from uvms_drake.campaign import run
 from uvms_drake.campaign.campaign import make_campaign
@@ -164,6 +164,16 @@ def test_another_desired_force_is_an_event_when_it_comes():
         pytest.approx(2.0), pytest.approx(2.02), "retarget", "from now on 25 N are desired")]
     assert "retarget" not in ALARMING
     assert of_kind(synthetic_record(4.0), "retarget") == []
+
+
+def test_another_place_across_the_wall_is_an_event_and_another_depth_is_none():
+    record = synthetic_felt_record(4.0)
+    assert of_kind(record, "retarget") == []
+    target = record.signals["target"].copy()
+    target[100:, 1] = 0.05
+    assert of_kind(replace(record, signals={**record.signals, "target": target}), "retarget") == [
+        Event(pytest.approx(2.0), pytest.approx(2.02), "retarget",
+              "the tip is sent to another place across the wall")]
 
 
 def test_a_desired_force_that_is_moved_is_one_event():

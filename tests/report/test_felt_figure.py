@@ -91,7 +91,7 @@ def test_the_force_along_n_is_the_part_of_it_along_n(record):
 
 def test_what_happened_is_marked_and_named(record):
     assert marks_of(record) == {"first touch": [pytest.approx(2.02)], "contact lost": [],
-                                "force changed": [], "last plan kept": [], "sensor lost": []}
+                                "retargeted": [], "last plan kept": [], "sensor lost": []}
     status, depth, desired = (getattr(record, name).copy() for name in (
         "mpc_status", "penetration", "desired_force"))
     status[[3, 8]], depth[150:], desired[120:, 0] = 4.0, 0.0, 25.0
@@ -100,7 +100,7 @@ def test_what_happened_is_marked_and_named(record):
                        signals={**record.signals, "force_lost": missing})
     marks = marks_of(eventful)
     assert {name: np.round(times, 6).tolist() for name, times in marks.items()} == {
-        "first touch": [2.02], "contact lost": [3.0], "force changed": [2.4],
+        "first touch": [2.02], "contact lost": [3.0], "retargeted": [2.4],
         "last plan kept": [0.6, 1.6], "sensor lost": [3.32]}
     strip = axes_of(eventful)[3]
     assert [tick.get_text() for tick in strip.get_yticklabels()] == list(marks)

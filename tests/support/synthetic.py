@@ -84,6 +84,7 @@ def synthetic_felt_record(duration: float = 4.0, **changes: object) -> Record:
     known = record.time > 2.09
     signals = {
         "felt_force": record.force + 0.3 * np.sin(40.0 * record.time)[:, None],
+        "target": np.column_stack([2.0 * record.chi[:, 0], np.zeros((len(record.time), 2))]),
         "safe_depth": record.chi_nominal[:, :1] + 0.025,
         "contact_depth": np.where(known, 0.003, np.nan)[:, None],
         "slope": 1000.0 - 100.0 * np.maximum(record.time - 2.1, 0.0)[:, None]}

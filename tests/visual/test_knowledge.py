@@ -37,10 +37,12 @@ def meshcat():
     return Meshcat(MeshcatParams(host="localhost"))
 
 
-def drawn(meshcat, known, direction=ASLANT, goal=(0.3, 0.2, -0.4)):
-    knowledge = DrawnKnowledge(
-        Stage(meshcat), "hud/board", Told(direction, 0.004), np.array(goal), np.zeros(3))
-    knowledge.show(known)
+TIP = np.array([0.3, 0.2, -0.4])
+
+
+def drawn(meshcat, known, direction=ASLANT):
+    knowledge = DrawnKnowledge(Stage(meshcat), "hud/board", Told(direction, 0.004), np.zeros(3))
+    knowledge.show(known, TIP)
     return knowledge
 
 
@@ -64,12 +66,13 @@ def test_the_pane_is_across_n_at_the_safe_depth_and_the_margin(direction, meshca
         X = packed_transform(meshcat, path)
         corners = X[:3, :2] @ [[1.0, -1.0, 0.3], [1.0, 0.2, -1.0]] + X[:3, 3:]
         np.testing.assert_allclose(direction @ corners, depth, atol=1e-12)
+        np.testing.assert_allclose(np.cross(X[:3, 3] - TIP, direction), 0.0, atol=1e-12)
 
 
 def test_the_pane_goes_ahead_as_the_front_does(meshcat):
     knowledge = drawn(meshcat, Known(FORCE, -0.2, np.nan, 1000.0), NORTH)
     for safe in (-0.1, 0.0, 0.0871):
-        knowledge.show(Known(FORCE, safe, np.nan, 1000.0))
+        knowledge.show(Known(FORCE, safe, np.nan, 1000.0), TIP)
         place = packed_transform(meshcat, FRONT)[:3, 3]
         np.testing.assert_allclose(place, [safe + 0.004, 0.2, -0.4], atol=1e-12)
 
@@ -95,7 +98,7 @@ def test_nothing_is_explored_or_believed_before_it_is():
             (Known(FORCE, 0.1, np.nan, 1000.0), seen, hidden),
             (Known(FORCE, 0.1, 0.05, 1000.0), seen, seen),
             (Known(FORCE, 0.1, np.nan, 1000.0), seen, hidden)):
-        knowledge.show(known)
+        knowledge.show(known, TIP)
         assert scale(f"{FRONT}/size", sizes.given) == front
         assert scale(f"{WALL}/size", sizes.given) == wall
 
@@ -103,9 +106,8 @@ def test_nothing_is_explored_or_believed_before_it_is():
 def test_the_numbers_are_the_force_along_n_the_way_explored_and_the_slope():
     sizes = Sizes()
     start = np.array([-0.3, 0.1, 0.0])
-    knowledge = DrawnKnowledge(
-        Stage(sizes), "board", Told(ASLANT, 0.004), np.zeros(3), start)
-    knowledge.show(Known(FORCE * 10.0, 0.1, 0.05, 734.0))
+    knowledge = DrawnKnowledge(Stage(sizes), "board", Told(ASLANT, 0.004), start)
+    knowledge.show(Known(FORCE * 10.0, 0.1, 0.05, 734.0), TIP)
     for name, value in (
             ("felt", FORCE[:3] @ ASLANT * 10.0), ("slope", 734.0),
             ("explored", 1e3 * (0.1 + 0.004 - start @ ASLANT))):

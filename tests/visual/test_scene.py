@@ -1,6 +1,7 @@
 """Tests of `uvms_drake.visual`."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, Fo
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
 from uvms_drake.visual.props import PLAN, Mark
 from uvms_drake.visual.readout import Readout
-from uvms_drake.visual.scene import Scene
+from uvms_drake.visual.scene import CLOSE, Scene
 from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, frame_at
 from uvms_drake.visual.tube import round_magnification
 
@@ -147,6 +148,22 @@ def test_the_tube_is_where_the_nominal_tip_is(meshcat, record, model):
     Scene(meshcat, setting_of(record.scenario, record.model)).show(moment_of(record, 100), 0.0)
     nominal = model.task_pose(record.nominal_config[100])[:3]
     np.testing.assert_allclose(packed_transform(meshcat, "ned/tube")[:3, 3], nominal, atol=1e-9)
+
+
+def test_a_close_look_is_from_the_same_side(record, monkeypatch):
+    seen = []
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    scene = Scene(meshcat, setting_of(record.scenario, record.model))
+    monkeypatch.setattr(
+        scene, "_stage", SimpleNamespace(meshcat=SimpleNamespace(SetCameraPose=lambda *pose:
+                                                                 seen.append(pose))))
+    scene.look_closely(np.array([0.1, 0.2, 0.3]))
+    ((camera, target),) = seen
+    np.testing.assert_allclose(target, [0.1, -0.2, -0.3])
+    assert np.linalg.norm(camera - target) == pytest.approx(CLOSE)
+    np.testing.assert_allclose(
+        np.cross(camera - target, scene.camera - scene.target), 0.0, atol=1e-9)
+    assert (camera - target) @ (scene.camera - scene.target) > 0.0
 
 
 def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):

@@ -23,7 +23,10 @@ from uvms_drake.report.signals import (
 from uvms_drake.station.diagram import MONITOR_SLACK, monitor_floor, set_wise_radii
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.record import Record
+from uvms_drake.station.sensed import sensed_contact
 
+ROUNDING = 1e-9
+"""Change of a place [m], a force [N] or a torque [N m] that is none."""
 GAP = 0.1
 """Shortest interruption of a logged signal that makes two events of it [s]."""
 
@@ -99,8 +102,11 @@ def _logged(record: Record) -> Iterator[_Signal]:
         yield _Signal("contact", depth > 0.0,
                       lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
     desired = record.desired_force
-    yield _Signal("retarget", np.any(np.diff(desired, axis=0, prepend=desired[:1]), axis=1),
-                  lambda when: _wanted_text(desired[when.stop - 1]))
+    yield _Signal("retarget", _changed(desired), lambda when: _wanted_text(desired[when.stop - 1]))
+    if record.scenario.contact.felt:
+        n, target = sensed_contact(record.scenario).direction, record.signals["target"]
+        yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
+                      lambda when: "the tip is sent to another place across the wall")
     radii = set_wise_radii(record.scenario)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
@@ -148,6 +154,11 @@ def _retreat_text(record: Record, when: slice) -> str:
 
 def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
     return f"limit {name} violated, by at most {np.max(excess[when]):.3g}"
+
+
+def _changed(values: np.ndarray) -> np.ndarray:
+    """Returns where values (T, size) are not what they were at the sample before (T,)."""
+    return np.any(np.abs(np.diff(values, axis=0, prepend=values[:1])) > ROUNDING, axis=1)
 
 
 def _wanted_text(desired: np.ndarray) -> str:

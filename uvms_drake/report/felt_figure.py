@@ -29,7 +29,7 @@ from uvms_drake.station.sensed import front_margin, sensed_contact
 WALL: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "label": "wall"}
 BELIEVED: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
                             "label": "wall as believed"}
-MARKS = ("first touch", "contact lost", "force changed", "last plan kept", "sensor lost")
+MARKS = ("first touch", "contact lost", "retargeted", "last plan kept", "sensor lost")
 """Names of the marks on the time axis."""
 BEFORE, AROUND = 1.5, 8.0
 """Time before the first touch [s], and depth beside all else [mm], in the enlarged panel."""

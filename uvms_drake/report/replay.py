@@ -24,13 +24,22 @@ def write_replay(record: Record, path: Path) -> None:
     path.write_text(meshcat.StaticHtml(), encoding="utf-8")
 
 
-def write_still(record: Record, time: float, path: Path) -> None:
-    """Writes the picture at `time` [s], with the trail up to there."""
+def write_still(record: Record, time: float, path: Path, *, close: bool = False) -> None:
+    """Writes the picture at `time` [s], with the trail up to there.
+
+    Args:
+        record: Record of the run.
+        time: Instant [s].
+        path: File to write.
+        close: Whether only what is about the end-effector is in it.
+    """
     meshcat = Meshcat()
     scene = _scene(record, meshcat)
     so_far = record.time[record.time <= time + 1e-9]
     for i in frame_indices(so_far, record.scenario.visual.rate):
         scene.show(moment_of(record, i), record.time[i])
+    if close:
+        scene.look_closely(record.chi[i, :3])
     path.write_text(meshcat.StaticHtml(), encoding="utf-8")
 
 

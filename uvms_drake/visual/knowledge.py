@@ -59,13 +59,12 @@ class DrawnKnowledge:
     """A pane at the end of what is explored, a frame where the wall should begin, three numbers.
 
     The pane is where n·𝔭 = x_safe + E: as far as the real tip may be. Pane and frame are across n,
-    beside the goal; each is hidden as long as there is none.
+    in front of the tip or behind it; each is hidden as long as there is none.
 
     Args:
         stage: Where to draw.
         board: Path of the numbers on the stage, in the xz-plane, seen from −y.
         told: What the robot was told.
-        goal: Where the end-effector is to be (3,) [m].
         start: Where it is at t = 0 (3,) [m]: from there on explored depths are counted.
     """
 
@@ -73,8 +72,8 @@ class DrawnKnowledge:
     """Paths of the pane and the frame, by which they are hidden in Meshcat's controls."""
     SIDE, ROD = 0.6, 0.003  # m
 
-    def __init__(self, stage: Stage, board: str, told: Told, goal: np.ndarray, start: np.ndarray):
-        self._stage, self._told, self._goal = stage, told, goal
+    def __init__(self, stage: Stage, board: str, told: Told, start: np.ndarray):
+        self._stage, self._told = stage, told
         self._origin = float(told.direction @ start)
         half, long = 0.5 * self.SIDE, self.SIDE + self.ROD
         corners = half * np.array([[-1.0, -1.0, 0], [1.0, -1.0, 0], [1.0, 1.0, 0], [-1.0, 1.0, 0]])
@@ -86,27 +85,27 @@ class DrawnKnowledge:
                        frame_at(end + 0.5 * along, along))
         self._numbers = {}
         for i, (name, after, color) in enumerate((
-                ("felt", " N felt", FELT), ("slope", " N/m steep at most", FELT),
+                ("felt", " N felt", FELT), ("slope", " N/m at most", FELT),
                 ("explored", " mm explored", EXPLORED))):
             path = f"{board}/{name}"
             stage.meshcat.SetTransform(path, frame_at([0.0, 0.0, -1.3 * LINE * i]))
             self._numbers[name] = Readout(
                 stage, f"{path}/number", "", after, LARGEST, LINE, color, tenths=False)
 
-    def show(self, known: Known) -> None:
-        """Draws what is known."""
+    def show(self, known: Known, tip: np.ndarray) -> None:
+        """Draws what is known with the tip at a place (3,) in Σ_I."""
         explored = known.safe_depth + self._told.margin
-        self._show_at(self.FRONT, explored)
-        self._show_at(self.WALL, known.contact_depth)
+        self._show_at(self.FRONT, tip, explored)
+        self._show_at(self.WALL, tip, known.contact_depth)
         self._numbers["felt"].show(float(self._told.direction @ known.felt_force[:3]))
         self._numbers["explored"].show(1e3 * max(explored - self._origin, 0.0))
         self._numbers["slope"].show(known.slope)
 
-    def _show_at(self, path: str, depth: float) -> None:
+    def _show_at(self, path: str, tip: np.ndarray, depth: float) -> None:
         """Shows an object across n at a depth [m], or hides it if that is not finite."""
         if np.isfinite(depth):
             self._stage.move(path, frame_at(
-                at_depth(self._goal, depth, self._told.direction), -self._told.direction))
+                at_depth(tip, depth, self._told.direction), -self._told.direction))
         self._stage.show(f"{path}/size", bool(np.isfinite(depth)))
 
 

@@ -26,6 +26,8 @@ ZOOM = 2.3
 """Zoom of a camera that is far away, so that parallels look like it."""
 BELOW = 0.55
 """Smallest distance of the level grid below the middle, as a fraction of the scene's size."""
+CLOSE = 1.7
+"""Distance of a camera that looks closely [m]."""
 ASIDE = 0.3
 """Distance of the start in y from which on the camera changes sides, likewise."""
 UP = np.array([1.0, -1.0, -1.0])
@@ -136,7 +138,7 @@ class Scene:
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
                                   self._hud.facing) if setting.has_forces else None
         self._knowledge = DrawnKnowledge(
-            stage, self._hud.board, setting.told, self._goal, self._tip
+            stage, self._hud.board, setting.told, self._tip
         ) if setting.told is not None else None
         self._time = np.inf
 
@@ -158,6 +160,12 @@ class Scene:
             meshcat.SetProperty(path, "visible", False)
         meshcat.SetCameraPose(self.camera, self.target)
         meshcat.SetProperty("/Cameras/default/rotated/<object>", "zoom", ZOOM)
+
+    def look_closely(self, point: np.ndarray) -> None:
+        """Brings the camera near a point (3,) [m] in Σ_I; the texts stay behind."""
+        away = self.camera - self.target
+        near = UP * point
+        self._stage.meshcat.SetCameraPose(near + CLOSE * away / np.linalg.norm(away), near)
 
     def _legend(self, setting: Setting, level: float) -> str:
         """Returns the meaning of colours, bars and lines."""
@@ -192,6 +200,6 @@ class Scene:
         if self._pressing is not None:
             self._pressing.show(chi, moment.force, moment.desired_force)
         if self._knowledge is not None:
-            self._knowledge.show(moment.known)
+            self._knowledge.show(moment.known, tip)
         used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
         self._hud.show(time, used, used >= ACTIVE)
