@@ -54,6 +54,15 @@ def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class
         assert found == pytest.approx(contact.wrench(accepted))
 
 
+def test_a_place_that_is_said_while_it_runs_is_where_it_presses():
+    station = make_station(close_to_the_wall())
+    context = station.CreateDefaultContext()
+    target = station.GetOutputPort("target").Eval(context)
+    station.GetInputPort("place").FixValue(context, [9.0, 0.08, -0.06])
+    assert station.GetOutputPort("target").Eval(context) == pytest.approx(
+        [target[0], 0.08, -0.06])
+
+
 def test_the_controller_is_told_nothing_of_the_surface():
     """Its model is the same for any surface of the world."""
     models = [load_model(load_scenario("girona500_unmeasured", [f"surface.law.stiffness={k}"]))
