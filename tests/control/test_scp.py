@@ -17,7 +17,7 @@ from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario
 
 ITERATIONS, TOLERANCE = 300, 1e-10  # at most, and of the merit, for a converged solution
-COMPARED = {"off": 6, "on": 6, "before": 3}
+COMPARED = {"off": 6, "on": 4, "before": 2}
 """Of the states of `start_plans`, those from which SNOPT solves the problem too."""
 TIGHT = SolverOptions()
 """SNOPT's own tolerances are about as large as what is asked for here."""
@@ -76,7 +76,7 @@ def same_optimum(ocp: Ocp, one: Solution, other: Solution) -> bool:
 
 
 def test_the_converged_cost_is_that_of_the_nonlinear_program(short_ocp, fast, reference):
-    """In 12 states; on the wall there is one optimum, off it sometimes another one close by."""
+    """In 10 states; on the wall there is one optimum, off it sometimes another one close by."""
     same = {where: [same_optimum(short_ocp, one, other) for one, other in zip(
         fast[where], reference[where], strict=False)] for where in ("off", "on")}
     assert all(same["on"])
@@ -169,7 +169,7 @@ def forces(ocp: Ocp, plan: Plan) -> np.ndarray:
                             np.concatenate([begin, end])))
 
 
-@pytest.mark.parametrize(("where", "i"), [("off", 2), ("on", 0), ("on", 2)])
+@pytest.mark.parametrize(("where", "i"), [("off", 2), ("on", 0)])
 def test_limits_on_forces_are_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, fast, where, i):
     """With 4/5 of the forces that the plan without such limits takes, in all channels."""
@@ -307,10 +307,10 @@ def closed_loop(ocp: Ocp, first: Plan, solve, samples: int) -> tuple[float, np.n
 
 
 def test_one_iteration_a_sample_costs_what_the_reference_costs(short_ocp, solver, start_plans):
-    """On the wall, over 4 samples, from the same first plan: 0.1 %, and the same states."""
+    """On the wall, over 3 samples, from the same first plan: 0.1 %, and the same states."""
     first = solver.solve(start_plans["on"][1], ITERATIONS, TOLERANCE).plan
     reference = NonlinearSolver(short_ocp, SnoptSolver(), TIGHT)
-    cost, states = closed_loop(short_ocp, first, lambda guess: solver.solve(guess, 1).plan, 4)
-    best, expected = closed_loop(short_ocp, first, lambda guess: reference.solve(guess).plan, 4)
+    cost, states = closed_loop(short_ocp, first, lambda guess: solver.solve(guess, 1).plan, 3)
+    best, expected = closed_loop(short_ocp, first, lambda guess: reference.solve(guess).plan, 3)
     assert cost == pytest.approx(best, rel=1e-3)
     np.testing.assert_allclose(states, expected, atol=1e-3)
