@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from support.quick import FEW
 
 from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.station.scenario import load_scenario
@@ -10,8 +11,8 @@ from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
 
 @pytest.fixture(scope="module")
-def rows(model):
-    return compare_laws(load_scenario("girona500_contact"), model,
+def rows(model, few_searches):
+    return compare_laws(load_scenario("girona500_contact", FEW), model,
                         [Resolved(k=20.0, sigma=5.0), Transpose(k=40.0, sigma=5.0)])
 
 
