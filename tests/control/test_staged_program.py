@@ -59,9 +59,9 @@ def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | 
             A, np.concatenate([[terminal.radius], terminal.value]), np.concatenate([x[N], s]))
     if terminal.room is not None:
         A = np.zeros((1 + len(terminal.T), nx + 1))
-        A[0, nx], A[0, :nx], A[1:, :nx] = 1.0, terminal.room.row, terminal.T
+        A[0, nx], A[0, :nx], A[1:, :nx] = 1.0, terminal.room.rows[0], terminal.T
         prog.AddLorentzConeConstraint(
-            A, np.concatenate([[terminal.room.size], terminal.value]), np.concatenate([x[N], s]))
+            A, np.concatenate([terminal.room.size, terminal.value]), np.concatenate([x[N], s]))
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None
@@ -135,7 +135,8 @@ def test_the_end_has_to_be_where_there_is_room_for_it(size):
     for seed in range(12):
         program = random_program(seed, 1.0)
         row = np.random.default_rng(seed).normal(size=4)
-        inside = replace(program, terminal=program.terminal._replace(room=Room(size, row)))
+        room = Room(np.array([size]), row[None])
+        inside = replace(program, terminal=program.terminal._replace(room=room))
         compare(inside)
         one, other = solve_staged(program), solve_staged(inside)
         mattered += one is not None and other is not None and not np.allclose(

@@ -236,7 +236,8 @@ def test_what_is_not_the_same_everywhere_is_refused(ocp, model):
         with pytest.raises(InvalidParameter, match=key):
             TrackingOcp(ocp.model, other, ocp.y_des, ocp.limits, DIRECTION)
     with pytest.raises(InvalidParameter, match="slope"):
-        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, DIRECTION, OffsetCost(slope=0.0))
+        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, DIRECTION,
+                    offset=OffsetCost(slope=0.0))
     with pytest.raises(InvalidParameter, match="speed"):
         ocp.aimed(Aim(POSITION, 1.0, 0.0))
 

@@ -113,7 +113,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         at, moving = real[:, None, None] * ALONG, rate[:, None, None] * ALONG
         new = apex(surface, at, moving, force[:, None] * ALONG, FORCE_MAX, NOISE)
         tip = np.where(replaces(surface, new, tip, 0.0)[:, None], new, tip)
-        safe = safe_depth(surface, tip, at[:, 0], 0.0, margin)
+        safe = safe_depth(surface, tip, at[:, 0], margin)
         touched = np.abs(force) > NOISE
         bound = surface.static_force_bound(force[:, None] * ALONG, moving[:, 0], NOISE)
         sure = NOISE + surface.dissipation * np.abs(rate) * bound

@@ -35,7 +35,7 @@ def tracking_ocp(force: float = 20.0, model: UvmsModel | None = None,
     del limits["static_force"]  # There is no surface.
     limits["u"] = UnderContact(limits["u"], ForceCone.of_surface(SURFACE, force))
     y = np.concatenate([POSITION, np.zeros(3), scenario.task.posture])
-    return TrackingOcp(model, scenario.mpc, y, limits, DIRECTION, offset)
+    return TrackingOcp(model, scenario.mpc, y, limits, DIRECTION, offset=offset)
 
 
 def at_rest(ocp: TrackingOcp, position: np.ndarray) -> np.ndarray:

@@ -1,13 +1,20 @@
 """What a felt contact costs the tube, against the dynamics themselves."""
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.tube import sensed
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.push import Push
 from uvms_drake.tube.sensed import (
+    FeltForce,
     contact_gain,
     contact_input_rest,
-    sensor_share,
+    push_of,
     supremum_over_joints,
 )
 
@@ -40,21 +47,109 @@ def test_the_gain_is_that_of_the_inverse_dynamics(model):
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-def test_an_error_of_the_sensor_takes_no_more_than_its_share_and_nearly_so(model):
-    weight = np.array([0.03] * 6 + [0.4] * 4)
-    share = sensor_share(model, LOWER, UPPER, weight, 0.5, 0.02)
-    gain = contact_gain(model, poses(4000, 4)[:, 6:]) / weight[:, None]
-    worst = [np.linalg.svd(gain[..., part])[2][:, 0] for part in (slice(0, 3), slice(3, 6))]
-    both = np.stack([np.concatenate([0.5 * worst[0], sign * 0.02 * worst[1]], axis=1)
-                     for sign in (-1.0, 1.0)])
-    taken = np.linalg.norm((gain @ both[..., None])[..., 0], axis=-1)
-    assert 0.93 * share < taken.max() <= share
+FORCE = FeltForce(size=50.0, rate=80.0, ripple=5.0, aside_rate=40.0, aside_ripple=2.0, error=2.7,
+                  torque_error=0.05, lag=0.02, period=0.01, tool_angle=0.25)
+DECLARED = ConstraintSet(q_lower=LOWER, q_upper=UPPER, roll=0.15, pitch=0.15, tip_pitch=0.4,
+                         nu1=0.15, nu2=0.1, qdot=0.3)
+K, SIGMA, STEP = 50.0, 40.0, 2.5e-4
 
 
-def test_the_share_is_linear_in_the_errors_and_inverse_in_the_weights(model):
-    weight = np.array([0.03] * 6 + [0.4] * 4)
-    share = sensor_share(model, LOWER, UPPER, weight, 0.5, 0.02)
-    assert sensor_share(model, LOWER, UPPER, 2.0 * weight, 1.5, 0.06) == pytest.approx(1.5 * share)
+@pytest.fixture(scope="module", autouse=True)
+def searched_once(model) -> Iterator[None]:
+    """Suprema of DECLARED and the tool's angle of FORCE, which do not depend on the forces."""
+    found = sensed._suprema(model, DECLARED, FORCE.tool_angle, 0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sensed, "_suprema", lambda *_: found)
+        yield
+
+
+@pytest.fixture(scope="module")
+def push(model, searched_once) -> Push:
+    return push_of(model, DECLARED, FORCE, K, SIGMA, J_dot=0.0)
+
+
+def held_readings(force: np.ndarray) -> np.ndarray:
+    """Returns what a sensor with the lag and the period of FORCE makes of a signal (T, ...)."""
+    kept, every = np.exp(-STEP / FORCE.lag), round(FORCE.period / STEP)
+    seen, held, out = force[0], force[0], np.empty_like(force)
+    for i, now in enumerate(force):
+        held = seen if i % every == 0 else held
+        out[i] = held
+        seen = kept * seen + (1.0 - kept) * now
+    return out
+
+
+def rows_after(delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns e, ė and 𝔯 (T, ...) of the cascade 𝔯̇ = −k𝔯 + δ, ė = −σe + 𝔯, from zero."""
+    e, r, out = np.zeros_like(delta[0]), np.zeros_like(delta[0]), []
+    grow, fade = np.exp(-SIGMA * STEP), np.exp(-K * STEP)
+    for now in delta:
+        steady = now / K
+        r_next = steady + (r - steady) * fade
+        e = e * grow + (1.0 - grow) / SIGMA * 0.5 * (r + r_next)
+        r = r_next
+        out.append((e, r - SIGMA * e, r))
+    return tuple(map(np.array, zip(*out, strict=True)))
+
+
+def adversarial(A: np.ndarray, n: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Returns errors e (T, 3) of a force that does its worst to one row of A (3, 3).
+
+    Ripples by the sign of the row's response to them; slow parts and errors in one direction.
+    """
+    time = STEP * np.arange(round(0.8 / STEP))
+    pulses = np.eye(160)[np.minimum(np.arange(len(time)) // 20, 159)]
+    late = rows_after(held_readings(pulses) - pulses)[0][-1]  # of a unit force in each 5 ms
+    sign = np.repeat(np.sign(late), 20)[: len(time), None]
+    along, across = row @ n, row - (row @ n) * n
+    normal = np.sign(along) * (FORCE.ripple * sign) * n
+    aside = FORCE.aside_ripple * sign * across / np.linalg.norm(across)
+    ramp = time[:, None] * (-np.sign(along) * FORCE.rate * n
+                            - FORCE.aside_rate * across / np.linalg.norm(across))
+    force = normal + aside + ramp
+    return held_readings(force) - force + FORCE.error * row / np.linalg.norm(row)
+
+
+def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_so_far(model, push):
+    """Robots that stand still, so that nothing but the sensor's errors pushes."""
+    rng, worst = np.random.default_rng(7), np.zeros(3)
+    for q in rng.uniform(LOWER, UPPER, (20, 4)):
+        config = np.concatenate([np.zeros(6), q])
+        J_E = model.kinematics(config).J_links[-1]
+        A = (J_E @ contact_gain(model, q))[:3, :3]
+        off, about = FORCE.tool_angle * np.sqrt(rng.uniform()), rng.uniform(0.0, 2.0 * np.pi)
+        n = np.array([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)])
+        e, speed, _ = rows_after(adversarial(A, n, n @ A) @ A.T)
+        worst = np.maximum(worst, [np.max(np.abs(e @ n)), np.max(np.abs(speed @ n)),
+                                   np.max(np.linalg.norm(e, axis=1))])
+    bounds = np.array([push.depth, push.depth_speed, push.position])
+    assert np.all(worst <= bounds)
+    assert worst[0] > 0.6 * bounds[0], worst / bounds
+
+
+def test_the_joints_are_pushed_as_far_as_their_own_bounds_say(model, push):
+    rng, worst = np.random.default_rng(8), np.zeros(3)
+    for q in rng.uniform(LOWER, UPPER, (8, 4)):
+        B = contact_gain(model, q)[6:, :3]
+        row = B[2]
+        e, speed, r = rows_after(adversarial(B[:3], np.array([1.0, 0.0, 0.0]), row) @ B.T)
+        worst = np.maximum(worst, [np.max(np.linalg.norm(each, axis=1)) for each in (e, speed, r)])
+    bounds = np.array([push.p[2], push.z[2], push.r[2]])
+    assert np.all(worst <= bounds)
+    assert worst[0] > 0.5 * bounds[0], worst / bounds
+
+
+def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
+    quiet = replace(FORCE, rate=0.0, ripple=0.0, aside_rate=0.0, aside_ripple=0.0, size=0.0)
+    still = push_of(model, DECLARED, quiet, K, SIGMA, J_dot=0.0)
+    for parts, total in ((still.budget["depth"], still.depth),
+                         (still.budget["position"], still.position)):
+        assert sum(parts.values()) == pytest.approx(total)
+        assert parts["the reading in rest"] == pytest.approx(total)
+    nothing = push_of(model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA,
+                      J_dot=1.0)
+    assert nothing.position == nothing.orientation == nothing.tip_speed == 0.0
+    assert not np.any(np.concatenate([nothing.r, nothing.p, nothing.z, nothing.u, nothing.w]))
 
 
 def test_the_input_of_a_contact_differs_by_no_more_than_its_rest(model):

@@ -79,6 +79,8 @@ class Certificate:
     constants: tuple[Constant, ...] = ()
     conditions: tuple[Condition, ...] = ()
     tube: TubeRadii | None = None
+    budget: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Parts of some radii by their source; not in the file, if there are none."""
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
@@ -111,6 +113,8 @@ class Certificate:
         data = jsonable(dataclasses.asdict(self), names=True) | {"certified": self.certified}
         if self.weights is None:
             del data["weights"]
+        if not self.budget:
+            del data["budget"]
         return data | {"sha256": _digest(data)}
 
     @staticmethod
@@ -148,6 +152,8 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
+    if scenario.contact.felt:  # A sensor drifts until the end.
+        relevant["duration"] = scenario.duration
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)
     relevant["task"].pop("force_tolerance")

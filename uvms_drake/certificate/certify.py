@@ -66,7 +66,9 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         found = motion.in_contact(motion.tubes[type(law)](law, basis), scenario, basis)
         draft = replace(
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
-            tube=found.radii, conditions=(*found.conditions, *assumptions(scenario)))
+            tube=found.radii, budget={
+                name: dict(parts) for name, parts in found.budget.items()},
+            conditions=(*found.conditions, *assumptions(scenario)))
         if not draft.certified:
             return draft
         draft = draft.adding(room_of(scenario, found.radii, model))
@@ -95,7 +97,8 @@ def assumptions(scenario: Scenario) -> list[Condition]:
                  for i, term in enumerate(mpc.terms)]
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
-                     for i, part in enumerate(parts) if part.assumption() is not None]
+                     for i, part in enumerate(parts) if part.assumption() is not None
+                     and not (scenario.contact.felt and part.reading(0.0) is not None)]
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 
@@ -176,12 +179,18 @@ def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSe
 
 
 def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
-    """Returns the basis of a scenario's tube, its constants from the cache if they are there."""
-    declared = declared_set(scenario, model)
+    """Returns the basis of a scenario's tube, its constants from the cache if they are there.
+
+    ζ̄̇ is constant between two knots, at which the speeds are within limits.
+    """
+    declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
+    speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
         d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
-        u_limit=np.asarray(scenario.limits.u, dtype=float), settings=scenario.certificate)
+        u_limit=np.asarray(scenario.limits.u, dtype=float), settings=scenario.certificate,
+        contact=contact,
+        largest_rate=np.inf if contact is None else 2.0 * speeds / scenario.mpc.time_step)
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
@@ -224,8 +233,9 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
     if not draft.certified:
         return draft
     progress("first plan", plan)
-    ocp = make_ocp(draft.applied_to(scenario), model)  # With the terminal set.
-    return draft.adding(first_plan(ocp, start)[1])
+    applied = draft.applied_to(scenario)  # With the terminal set.
+    first = motion_of(scenario).first_problem(applied, model, make_ocp(applied, model), start)
+    return draft.adding(first_plan(first, start)[1])
 
 
 def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
@@ -258,7 +268,7 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
     as tightened, and can be left by h²/8 times their second derivative.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
-    times = plan.start_time + np.add.outer(np.arange(len(plan.decision)) * plan.time_step, inside)
+    times = plan.start_time + np.add.outer(np.arange(len(plan.config) - 1) * plan.time_step, inside)
     config, zeta = (np.array(each) for each in zip(
         *(plan.at(float(time))[:2] for time in times.ravel()), strict=True))
     at = Points(ocp.model, config, ocp.model.task_pose(config), zeta)

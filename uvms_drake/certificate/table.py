@@ -11,6 +11,11 @@ from uvms_drake.tube.constants import Constant
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
           "limits.static_force, up to which the tube is taken")
 HELP = {
+    "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
+    "front, room": "a softer tool (contact.stiffness), larger gains or a larger contact.force",
+    "task.force": "a smaller force, a softer tool (contact.stiffness) or larger gains",
+    "tube in limits.contact_speed": "a larger contact.speed, contact.speed_across or larger gains, "
+        "or less contact.dissipation, contact.force_rate and contact.force_ripple",
     "tube in limits.u": INPUTS,
     "tube in limits.tau": INPUTS,
     "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
@@ -52,7 +57,8 @@ UNITS = {
     "L_2": "1/s",
     "e": "m, rad", "position": "m", "orientation": "rad", "joints": "rad", "z": "m/s, rad/s",
     "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "tip_speed": "m/s",
-    "roll": "rad", "pitch": "rad", "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
+    "depth": "m", "depth_speed": "m/s", "between_knots": "m", "roll": "rad", "pitch": "rad",
+    "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
     "printed radius": "m, rad", "corrected radius": "m, rad", "comparison system radius": "m, rad",
     "radius of resolved": "m, rad", "smallest k": "1/s", "at σ": "1/s", "smallest σ": "1/s"}
 """Units of constants, radii, ultimate bounds and numbers of the paper's Lemma; metres and radians
@@ -67,6 +73,7 @@ def format_certificate(certificate: Certificate) -> str:
         "", "constants", *(_constant_row(item) for item in certificate.constants),
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
         "", "tube", *_tube_rows(certificate),
+        *_budget_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
         "", "the paper's Lemma with these constants",
@@ -135,6 +142,18 @@ def _radius(value: float | np.ndarray) -> str:
     if isinstance(value, float):
         return f"{value:>12.4g}"
     return "  " + ", ".join(f"{x:.3g}" for x in value)
+
+
+def _budget_rows(certificate: Certificate) -> list[str]:
+    """Returns what each source takes of a radius, in a row, and their sum."""
+    if not certificate.budget:
+        return []
+    sources = list(next(iter(certificate.budget.values())))
+    return ["", "budget: what takes how much of the tube", *(
+        f"  {source:<24}" + "".join(f"{1e3 * parts[source]:>12.4g}"
+                                    for parts in certificate.budget.values())
+        for source in sources),
+        f"  {'':<24}" + "".join(f"{name:>12}" for name in certificate.budget) + "   [mm, mm/s]"]
 
 
 def _terminal_rows(certificate: Certificate) -> list[str]:

@@ -94,15 +94,16 @@ def _terminal(terminal: TerminalLimit, s: float, x: np.ndarray) -> tuple[np.ndar
         x: ∂x_N/∂w (nx, N nw).
 
     Returns:
-        Values (1,) or (3,), and their derivatives by w and s.
+        Values (1,), or two more for each of the rooms, and their derivatives by w and s.
     """
+    more: list[float] = []
+    by_more: list[np.ndarray] = []
     square, end = terminal.value @ terminal.value, 2.0 * terminal.value @ (terminal.T @ x)
     if terminal.room is not None:
-        room, row = terminal.room.size + s, terminal.room.row @ x
-        more = [square - room**2, -room]
-        by_more = [np.append(end - 2.0 * room * row, -2.0 * room), np.append(-row, -1.0)]
-    else:
-        more, by_more = [], []
+        rooms, rows = terminal.room.size + s, terminal.room.rows @ x
+        for room, row in zip(rooms, rows, strict=True):
+            more += [square - room**2, -room]
+            by_more += [np.append(end - 2.0 * room * row, -2.0 * room), np.append(-row, -1.0)]
     if np.isinf(terminal.radius):
         return np.array([0.0, *more]), np.array([np.zeros(len(end) + 1), *by_more])
     radius = terminal.radius + s

@@ -165,10 +165,6 @@ class Ocp(ABC, Generic[P]):
     """Whether every plan has to be sound, from the first on, so that each later problem has one."""
     tolerance: ClassVar[float] = FEASIBLE
     """Largest violation of a sound plan."""
-    inputs_given: ClassVar[dict[str, int]] = {}
-    """Sizes of what changes the problem while it runs, by the names of ports."""
-    reach_names: ClassVar[tuple[str, ...]] = ()
-    """Names of the values that `reached` returns."""
     task_cost: TaskCost
     terminal: Terminal
 
@@ -278,6 +274,16 @@ class Ocp(ABC, Generic[P]):
         """
         return (value is not None and value.violation <= self.tolerance
                 and value.terminal_slack <= (self.tolerance if slack is None else slack))
+
+    @property
+    def inputs_given(self) -> dict[str, int]:
+        """Sizes of what changes the problem while it runs, by the names of ports."""
+        return {}
+
+    @property
+    def reach_names(self) -> tuple[str, ...]:
+        """Names of the values that `reached` returns."""
+        return ()
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
         """Returns the problem for other values of `inputs_given`, by name; some may be missing."""

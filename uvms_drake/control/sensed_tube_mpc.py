@@ -1,8 +1,7 @@
 """The controller for a wall that nobody measured: it presses where it feels."""
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, PassThrough
+from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.ancillary import AncillaryFeedback
@@ -20,7 +19,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass,
                          sensing: ForceSensing, *, force: float, largest: float, margin: float,
-                         reach: float, speed: float, limits: Limits | None = None) -> Diagram:
+                         reach: float, limits: Limits | None = None) -> Diagram:
     """Returns the tube-based NMPC that presses on a wall of a class, as a Diagram named "tube_mpc".
 
     ::
@@ -29,7 +28,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
                                   ▲ what was felt  │ target
                                   │                ▼
         fresh_force ──────▶ explored_front ──▶ nominal_mpc
-                                  ▲   safe_depth   │ nominal state, ...
+                                  ▲      front     │ nominal state, ...
                            state ─┴──────────▶ ancillary ──▶ tau, u
         measured_force ─────────────────────────▲
 
@@ -86,7 +85,6 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         largest: Largest force along n that may be asked for [N].
         margin: E, how far the real tip may be beyond the planned one; see `ExploredFront` [m].
         reach: ℓ, how far from the tip across n a plan can go; see `ExploredFront` [m].
-        speed: Largest speed of the planned tip along n [m/s].
         limits: Those of the real robot, which `u` and `tau` keep to; None: they are not cut.
     """
     require(largest + sensing.noise < sensing.largest, "largest", largest,
@@ -104,10 +102,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
 
     # The plan, and the feedback about it.
     mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
-    approach = builder.AddNamedSystem("approach_speed", ConstantVectorSource(np.array([speed])))
     for source, port in ((press.get_output_port(), "target"),
-                         (front.GetOutputPort("safe_depth"), "safe_depth"),
-                         (approach.get_output_port(), "approach_speed")):
+                         (front.GetOutputPort("front"), "safe_depth")):
         builder.Connect(source, mpc.GetInputPort(port))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)

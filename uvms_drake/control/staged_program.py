@@ -66,12 +66,12 @@ class NormLimit(NamedTuple):
 
 
 class Room(NamedTuple):
-    """size + rowᵀx_N."""
+    """The least of size + rows x_N."""
 
-    size: float
-    """At the plan."""
-    row: np.ndarray
-    """How it changes with x_N (nx,)."""
+    size: np.ndarray
+    """At the plan (m,)."""
+    rows: np.ndarray
+    """How it changes with x_N (m, nx)."""
 
 
 class TerminalLimit(NamedTuple):
@@ -85,12 +85,12 @@ class TerminalLimit(NamedTuple):
 
     def excess(self, x: np.ndarray) -> float:
         """Returns how far the end is outside for x_N (nx,); negative inside."""
-        room = np.inf if self.room is None else self.room.size + self.room.row @ x
+        room = np.inf if self.room is None else np.min(self.room.size + self.room.rows @ x)
         return float(np.linalg.norm(self.value + self.T @ x) - min(self.radius, room))
 
     def near(self) -> bool:
         """Returns whether the plan has nearly reached the boundary."""
-        room = np.inf if self.room is None else self.room.size
+        room = np.inf if self.room is None else np.min(self.room.size)
         return bool(np.linalg.norm(self.value) > (1.0 - NEAR) * min(self.radius, room))
 
 
@@ -302,7 +302,7 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
     if active.terminal:
         rows.append(terminal.T @ response[-1, :nx])
         if terminal.room is not None:
-            rows.append(terminal.room.row[None] @ response[-1, :nx])
+            rows.append(terminal.room.rows @ response[-1, :nx])
     basis, triangle = np.linalg.qr(np.concatenate(rows).T)
     G = np.ascontiguousarray(triangle.T)
 
@@ -335,10 +335,12 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
         prog.AddLorentzConeConstraint(
             A, np.concatenate([[terminal.radius], value]), np.concatenate([p, s]))
         if terminal.room is not None:
-            A[0, :-1] = G[last]
-            size = terminal.room.size + terminal.room.row @ z[-1, :nx]
-            prog.AddLorentzConeConstraint(
-                A, np.concatenate([[size], value]), np.concatenate([p, s]))
+            # (Lorentz cones with the same vector: its norm is at most the least of the rooms.)
+            sizes = terminal.room.size + terminal.room.rows @ z[-1, :nx]
+            for row, size in zip(G[last: last + len(sizes)], sizes, strict=True):
+                A[0, :-1] = row
+                prog.AddLorentzConeConstraint(
+                    A, np.concatenate([[size], value]), np.concatenate([p, s]))
 
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():

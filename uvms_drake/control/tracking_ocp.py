@@ -7,21 +7,25 @@ position rows of y = (𝔭, 𝔬, q), a plan has an artificial translation a ∈
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R) + ‖ξ_N‖²_P + V_o(E ᵀy_des + a − target) + ρ s,
          ξ = (y − y_des − E a, ζ)                                             (Limon et al. 2018)
     s.t. what `DynamicOcp` asks for, inputs for all contact forces if the limits are `UnderContact`,
-         n·𝔭 ≤ x_safe and n·𝔭̇ ≤ v at all times                               (see `limits.front`)
-         ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, v/r_v, (x_safe − n·(E ᵀy_des + a))/r_x).
+         N·𝔭 ≤ x_N for all facets N, and n·𝔭̇ ≤ v, at all times                (see `limits.front`)
+         ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, v/r_v, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
-x_safe, v and the target, the `Aim`, may be others at every sample. r_x and r_v are such that in
-F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at most r_x‖ξ‖_P beyond the reference, and
-not faster than r_v‖ξ‖_P (`tube.terminal_set` looks for a ξ where that is not so).
+The x_N, v and the target, the `Aim`, may be others at every sample; the facets are n alone, or the
+sides of a pyramid whose apex may move (`contact.front`), which is why the x_N may fall where no
+plan goes. r_x and r_v are such that in F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at
+most r_x‖ξ‖_P beyond the reference along each N, and not faster than r_v‖ξ‖_P
+(`tube.terminal_set` looks for a ξ where that is not so).
 
 *Every problem is feasible.* Let the last plan keep all limits and end within ρ(a), and continue it
 by the terminal controller with the same a. F is what `tube.terminal_set` makes it: there the inputs
 are within limits on the whole next interval, for all forces; so is the state; and ‖ξ‖_P does not
 grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖ξ_{N+1}‖_P ≤ ‖ξ_N‖_P ≤ ρ(a), and
-n·𝔭_{N+1} ≤ n·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_safe, likewise half an interval ahead, and
-n·𝔭̇_{N+1} ≤ r_v‖ξ_{N+1}‖_P ≤ v. So it is feasible for this `Aim`. The target is in no limit, and ρ
-does not fall where neither x_safe nor v does: it is feasible for every later `Aim` with such. A
-fixed set, kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
+N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval ahead, and
+n·𝔭̇_{N+1} ≤ r_v‖ξ_{N+1}‖_P ≤ v. So it is feasible for this `Aim`. The target is in no limit: it is
+feasible for every later `Aim` that leaves room for it, as a v that does not fall does, x_N that do
+not, and a pyramid that takes another's place by `front.replaces`: within ℓ of the tip it has all of
+the old one, with the reference, for that is in reach. A fixed set,
+kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
 could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
 
 *It goes where it is asked to.* Let `Aim` be constant and a° the best admissible place, the least of
@@ -74,8 +78,8 @@ class Aim:
 
     target: np.ndarray
     """Where the end-effector is to be, 𝔭 (3,) in Σ_I [m]."""
-    safe_depth: float = np.inf
-    """x_safe, largest n·𝔭 [m], less what the tube takes; it must never fall."""
+    safe_depth: np.ndarray | float = np.inf
+    """x_N, largest N·𝔭 of each facet (m,) [m], less what the tube takes; see `TrackingOcp`."""
     speed: float = np.inf
     """v > 0, largest n·𝔭̇ [m/s], less what the tube takes; it must never fall."""
 
@@ -90,16 +94,16 @@ class TrackingOcp(DynamicOcp):
         limits: Those that are left to the nominal trajectory, by name, the same everywhere; on the
             input, `UnderContact` if there may be any.
         direction: Unit vector n (3,) in Σ_I, into the surface.
+        facets: N (m, 3); n alone if None.
         offset: V_o.
     """
 
     strict: ClassVar[bool] = True
     tolerance: ClassVar[float] = 1e-6
-    inputs_given: ClassVar[dict[str, int]] = {"target": 3, "safe_depth": 1, "approach_speed": 1}
-    reach_names: ClassVar[tuple[str, ...]] = ("front", "front_ahead", "approach")
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
-                 limits: dict[str, Limit], direction: np.ndarray, offset: OffsetCost | None = None):
+                 limits: dict[str, Limit], direction: np.ndarray, facets: np.ndarray | None = None,
+                 offset: OffsetCost | None = None):
         super().__init__(model, mpc, y_des, limits)
         for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
                             ("terms", not mpc.terms)):
@@ -108,6 +112,7 @@ class TrackingOcp(DynamicOcp):
         self.direction = vector("direction", direction, 3)
         require(bool(abs(np.linalg.norm(self.direction) - 1.0) < 1e-9), "direction", direction,
                 "a unit vector")
+        self.facets = self.direction[None] if facets is None else np.asarray(facets, dtype=float)
         self.offset = offset or OffsetCost()
         self.offset.check()
         self._require_the_same_everywhere()
@@ -134,30 +139,50 @@ class TrackingOcp(DynamicOcp):
     def _reaches(self) -> tuple[float, float]:
         """Returns r_x [m] and r_v [m/s]."""
         size = self.model.size
-        n = np.pad(self.direction, (0, 2 * size - 3))
-        v = np.zeros(2 * size)
         J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
-        v[size:] = self.direction @ J_x[:3]
+        rows = np.concatenate([self.direction[None], self.facets])
+        depths = np.pad(rows, ((0, 0), (0, 2 * size - 3)))
+        speeds = np.pad(rows @ J_x[:3], ((0, 0), (size, 0)))
         inverse = np.linalg.inv(self.terminal.P)
-        here, ahead, speed = (HEADROOM * float(np.sqrt(row @ inverse @ row))
-                              for row in (n, n + 0.5 * self.time_step * v, v))
-        return max(here, ahead), speed
+        here, ahead, speed = (
+            HEADROOM * np.sqrt(np.sum(each @ inverse * each, axis=1))
+            for each in (depths, depths + 0.5 * self.time_step * speeds, speeds))
+        return float(np.max([here[1:], ahead[1:]])), float(speed[0])
+
+    @property
+    def inputs_given(self) -> dict[str, int]:
+        """Sizes of the parts of an `Aim`, by the names of ports."""
+        return {"target": 3, "safe_depth": len(self.facets), "approach_speed": 1}
+
+    @property
+    def reach_names(self) -> tuple[str, ...]:
+        """Those of `Front` and `Approach`."""
+        depths = [f"{name}[{i}]" for name in ("front", "front_ahead")
+                  for i in range(len(self.facets))]
+        return (*depths, "approach")
+
+    @property
+    def place_reach(self) -> float:
+        """Bound of ‖𝔭 − E ᵀ(y_des + E a)‖₂ where ‖ξ‖_P ≤ ε [m]."""
+        inverse = np.linalg.inv(self.terminal.P)[:3, :3]
+        return self.terminal.radius * float(np.sqrt(np.linalg.eigvalsh(inverse)[-1]))
 
     def aimed(self, aim: Aim) -> Self:
         """Returns the problem of another aim; it shares all that does not depend on it."""
         require(aim.speed > 0.0, "speed", aim.speed, "positive")
         out, n = copy(self), self.direction
         out.aim = aim
+        depths = np.broadcast_to(np.asarray(aim.safe_depth, dtype=float), (len(self.facets),))
         out.limits = {
-            **self._lasting, "front": Front(n, aim.safe_depth),
-            "approach": Approach(n, aim.safe_depth, aim.speed, self.time_step)}
+            **self._lasting, "front": Front(self.facets, depths),
+            "approach": Approach(n, self.facets, depths, aim.speed, self.time_step)}
         return out
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
         """Returns the problem of what is asked for: target, safe depth and approach speed."""
-        return self.aimed(Aim(values.get("target", self.aim.target), **{
-            key: float(values[name][0]) for key, name in (
-                ("safe_depth", "safe_depth"), ("speed", "approach_speed")) if name in values}))
+        speed = values.get("approach_speed", np.array([np.inf]))
+        return self.aimed(Aim(values.get("target", self.aim.target),
+                              values.get("safe_depth", np.inf), float(speed[0])))
 
     @property
     def lasting_limits(self) -> dict[str, Limit]:
@@ -166,11 +191,11 @@ class TrackingOcp(DynamicOcp):
 
     def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns how deep the tip is, here and half an interval ahead, and how fast; r_x, r_v."""
-        here = self.direction @ self.y_des[:3]
-        depth = Front(self.direction, np.inf).values(at) - here
-        ahead = Approach(self.direction, np.inf, np.inf, self.time_step).values(at) - [here, 0.0]
-        return (np.concatenate([depth, ahead], axis=-1),
-                np.array([self.depth_reach, self.depth_reach, self.speed_reach]))
+        here, nowhere = self.facets @ self.y_des[:3], np.full(len(self.facets), np.inf)
+        depth = Front(self.facets, nowhere).values(at) - here
+        ahead = Approach(self.direction, self.facets, nowhere, np.inf, self.time_step).values(at)
+        return (np.concatenate([depth, ahead - np.append(here, 0.0)], axis=-1),
+                np.append(np.full(2 * len(here), self.depth_reach), self.speed_reach))
 
     def resting_plan(self, time: float, state: np.ndarray) -> TrackingPlan:
         """Returns a first guess: come to rest from (𝔮, ζ) (2(6+n),), with the reference there."""
@@ -189,17 +214,16 @@ class TrackingOcp(DynamicOcp):
 
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns ρ(a)."""
-        return float(min(self._largest_radius, self._room(plan)))
+        return float(min(self._largest_radius, *self._rooms(plan)))
 
     @property
     def _largest_radius(self) -> float:
         """min(ε, v/r_v)."""
         return min(self.terminal.radius, self.aim.speed / self.speed_reach)
 
-    def _room(self, plan: DynamicPlan) -> float:
-        """Returns (x_safe − n·(E ᵀy_des + a))/r_x."""
-        place = self.direction @ self.reference(plan)[:3]
-        return (self.aim.safe_depth - place) / self.depth_reach
+    def _rooms(self, plan: DynamicPlan) -> np.ndarray:
+        """Returns (x_N − N·(E ᵀy_des + a))/r_x of each facet (m,)."""
+        return (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
 
     def _stage_cost(self, plan: DynamicPlan) -> TaskCost:
         return replace(self.task_cost, y_des=self.reference(plan))
@@ -217,7 +241,7 @@ class TrackingOcp(DynamicOcp):
         """Returns the convex program about a plan; its w are the changes of a and of ζ̄̇."""
         program, room = super().staged_program(plan), None
         program = replace(program, terminal=program.terminal._replace(radius=self._largest_radius))
-        if np.isfinite(self.aim.safe_depth):
-            row = np.pad(-self.direction / self.depth_reach, (2 * self.model.size, 0))
-            room = Room(self._room(plan), row)
+        if np.any(np.isfinite(self.aim.safe_depth)):
+            rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (2 * self.model.size, 0)))
+            room = Room(self._rooms(plan), rows)
         return with_place(program, *self.offset.quadratic(self._missing(plan)), room)

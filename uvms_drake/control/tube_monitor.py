@@ -128,6 +128,7 @@ class TubeMonitor(LeafSystem):
         radii: Set-wise bounds by the names of `FIELDS`; others are not checked.
         weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
         kinematic: Whether the velocity is the input and w, not d, the disturbance.
+        along_run: Whether the law's bound along the run is watched: not where more than d pushes.
         period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
             which leaves the steps as they are.
         slack: An exit is a deviation above (1 + slack) bound + floor. A disturbance of constant
@@ -140,8 +141,8 @@ class TubeMonitor(LeafSystem):
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, d_bound: float,
                  radii: Mapping[str, float], *, weights: np.ndarray | float = 1.0,
-                 kinematic: bool = False, period: float = 0.01, slack: float = 1e-6,
-                 floor: float = FLOOR):
+                 kinematic: bool = False, along_run: bool = True, period: float = 0.01,
+                 slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
         law.check(kinematic=kinematic)
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
@@ -154,8 +155,10 @@ class TubeMonitor(LeafSystem):
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
         require(not np.any(self._radii < 0.0), "radii", self._radii, "zero or positive")
         self._weights = weights * np.ones(6 if kinematic else model.size)
-        self._along = (law.kinematic_run_bound(d_bound) if kinematic
-                       else law.run_bound(d_bound, self._weights))
+        self._along = None
+        if along_run:
+            self._along = (law.kinematic_run_bound(d_bound) if kinematic
+                           else law.run_bound(d_bound, self._weights))
         self._declare_ports(len(self._weights))
         never = np.full(len(ALARMS), np.inf)
         none = np.zeros(len(ALARMS))

@@ -5,7 +5,7 @@ the loop.
 """
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -49,6 +49,23 @@ class Component:
         return "nothing is proven about it"
 
 
+class ForceReading(NamedTuple):
+    """What is known of a measured force: F̂ = HF + e, H a lag that is sampled and held."""
+
+    error: np.ndarray
+    """Bound of each component of e (6,) in axes of the tip, about it [N, N m]."""
+    lag: float
+    """T [s]."""
+    period: float
+    """h [s]."""
+
+    def missing(self, delay: float) -> float:
+        """Returns the largest weight that forces older than `delay` [s] have in a reading."""
+        if self.lag == 0.0:
+            return 0.0 if delay >= self.period else 1.0
+        return float(np.exp(-max(delay - self.period, 0.0) / self.lag))
+
+
 class Part(Component, ABC):
     """A part of a chain from plant to controller (sensing) or from controller to plant (actuation).
 
@@ -69,6 +86,10 @@ class Part(Component, ABC):
                 one.
             seed: Seed of random numbers, zero or positive.
         """
+
+    def reading(self, time: float) -> ForceReading | None:
+        """Returns what is known of the force that it measures, up to a time [s]; None: nothing."""
+        return None
 
 
 class Fault(Component):

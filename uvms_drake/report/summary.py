@@ -27,6 +27,7 @@ from uvms_drake.report.signals import (
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
+from uvms_drake.tube.ripple import ripple
 
 LAST_SECONDS = 5.0
 """Length of the window at the end over which the force is averaged [s]."""
@@ -124,7 +125,21 @@ def summarise_contact(record: Record) -> dict[str, object]:
     surface = check_surface(true_surface(scenario))
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
             "losses": np.count_nonzero(np.diff(touching[settled:].astype(int)) < 0),
-            "largest_static_force": np.max(surface.static_force(record.chi))}
+            "largest_static_force": np.max(surface.static_force(record.chi)),
+            **_summarise_class(record)}
+
+
+def _summarise_class(record: Record) -> dict[str, object]:
+    """Returns by how much the force across the direction rippled, and by how much it may.
+
+    Nothing if the contact is not felt. At the instants of the log, so at least by that.
+    """
+    told = record.model.surface.contact
+    if told is None:
+        return {}
+    across = record.force[:, :3] @ told.walls.axes[1:].T
+    return {"ripple": ripple(record.time, across, told.force_rate),
+            "ripple_told": told.force_ripple}
 
 
 def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
@@ -257,7 +272,15 @@ def _format_contact(contact: dict) -> list[str]:
     if contact["first_touch_s"] is None:
         return []
     return [f"{'':<14}first touch at {contact['first_touch_s']:.2f} s, static force at most "
-            f"{contact['largest_static_force']:.4g} N, contact lost {contact['losses']} times"]
+            f"{contact['largest_static_force']:.4g} N, contact lost {contact['losses']} times",
+            *_format_class(contact)]
+
+
+def _format_class(contact: dict) -> list[str]:
+    if contact.get("ripple", 0.0) <= contact.get("ripple_told", 0.0):
+        return []
+    return [f"{'':<14}OUT OF ITS CLASS: a ripple of the force aside of {contact['ripple']:.3g} N, "
+            f"contact.force_ripple is {contact['ripple_told']:.3g} N: nothing is promised"]
 
 
 def _format_constraints(constraints: dict) -> list[str]:

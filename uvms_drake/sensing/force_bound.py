@@ -1,10 +1,22 @@
 """How far a `ForceSensor` is off at most, line by line."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from uvms_drake.sensing.force_sensor import ForceSensor, transfer
+from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.spatial import block_diagonal, skew
+
+if TYPE_CHECKING:
+    from uvms_drake.sensing.force_sensor import ForceSensor
+
+
+def transfer(mounting: np.ndarray) -> np.ndarray:
+    """Returns X (6, 6) with F_E = X F_S, for a wrench and the pose (6,) of S in E [m, rad]."""
+    R_ES = rotation_matrix(mounting[3:])
+    X = block_diagonal(R_ES, R_ES)
+    X[3:, :3] = skew(mounting[:3]) @ R_ES
+    return X
 
 
 class ForceError(NamedTuple):
@@ -30,7 +42,7 @@ class ForceError(NamedTuple):
         return total
 
 
-def error_bound(sensor: ForceSensor, time: float, rate: np.ndarray, turning: float = 0.0,
+def error_bound(sensor: "ForceSensor", time: float, rate: np.ndarray, turning: float = 0.0,
                 gravity: float = 9.81) -> ForceError:
     """Returns the bound of F̂ − F_S at a time after the tare.
 
@@ -75,6 +87,6 @@ def error_bound(sensor: ForceSensor, time: float, rate: np.ndarray, turning: flo
         hold=period * rate)
 
 
-def in_tip_axes(sensor: ForceSensor, bound: np.ndarray) -> np.ndarray:
+def in_tip_axes(sensor: "ForceSensor", bound: np.ndarray) -> np.ndarray:
     """Returns the bound (6,) of A(𝔬)ᵀ(𝔉_s − 𝔉), in Σ_E, for a bound (6,) of F̂ − F_S."""
     return np.abs(transfer(np.asarray(sensor.mounting, dtype=float))) @ bound

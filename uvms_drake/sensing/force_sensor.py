@@ -40,22 +40,13 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.model.euler import rotation_matrix
-from uvms_drake.model.part import MEASURED_FORCE, Part, Signals
-from uvms_drake.model.spatial import block_diagonal, skew
+from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, transfer
 from uvms_drake.sensing.tool import Tool
 
 STREAM = 1
 """Key of a force sensor's random numbers, which keeps them apart from those of others."""
-
-
-def transfer(mounting: np.ndarray) -> np.ndarray:
-    """Returns X (6, 6) with F_E = X F_S, for a wrench and the pose (6,) of S in E [m, rad]."""
-    R_ES = rotation_matrix(mounting[3:])
-    X = block_diagonal(R_ES, R_ES)
-    X[3:, :3] = skew(mounting[:3]) @ R_ES
-    return X
 
 
 class Imperfection(NamedTuple):
@@ -156,6 +147,11 @@ class ForceSensor(Part):
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""
         return "the proofs know the contact force by the surface's law"
+
+    def reading(self, time: float) -> ForceReading:
+        """Returns what is known of it up to a time at most; see `force_bound.error_bound`."""
+        still = error_bound(self, time, np.zeros(6)).total
+        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate)
 
     @property
     def tare_samples(self) -> int:

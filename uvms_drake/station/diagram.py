@@ -167,7 +167,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         nominal_state=signals["nominal_state"],
         disturbance=signals["disturbance"],
         pair=controller.GetOutputPort("pair") if shared else None,
-        kinematic=not motion.has_forces, period=scenario.log_period, slack=MONITOR_SLACK,
+        kinematic=not motion.has_forces, along_run=motion.along_run,
+        period=scenario.log_period, slack=MONITOR_SLACK,
         floor=monitor_floor(scenario))
     for name in ("deviation", "bound"):
         signals[f"tube_{name}"] = monitor.GetOutputPort(name)

@@ -19,6 +19,7 @@ from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.sensed import FeltForce
 from uvms_drake.tube.settings import CertificateSettings
 
 AnyOcp = TypeVar("AnyOcp", bound=Ocp)
@@ -39,6 +40,8 @@ class Motion(ABC, Generic[AnyOcp]):
     knows_force: ClassVar[bool]
     """Whether the controller's model has the force of the surface, whose constants then hold up to
     a limit of it."""
+    along_run: ClassVar[bool] = True
+    """Whether the law's bound along the run holds, which knows of nothing but d."""
     measured: ClassVar[str]
     """Name of the port of plant and controller that carries the measured motion."""
     command: ClassVar[str]
@@ -99,6 +102,15 @@ class Motion(ABC, Generic[AnyOcp]):
     def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with those fields of a `Record` that this motion alone has."""
+
+    def contact_force(self, scenario: Scenario) -> FeltForce | None:
+        """Returns the forces of a contact that is felt; None, as by default: they are modelled."""
+        return None
+
+    def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
+                      ) -> Ocp:
+        """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if it does not move."""
+        return ocp
 
     def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
         """Returns the tube of a law with what a contact adds that is not in the model: nothing."""

@@ -1,37 +1,43 @@
 """Dynamic motion against a wall that nobody measured: the contact is felt."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 from pydrake.systems.framework import Diagram
 
 from uvms_drake.common.errors import InvalidParameter, require, within
-from uvms_drake.control.contact.felt import ForceSensing
+from uvms_drake.control.contact.approach import off_parabola, stopping_room
+from uvms_drake.control.contact.felt import ForceSensing, felt, nothing
+from uvms_drake.control.contact.front import bounds, safe_depth
 from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.limits import Limit, resolved_radii
+from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
-from uvms_drake.control.ocp import MpcConfig
+from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
-from uvms_drake.control.tracking_ocp import TrackingOcp
+from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.part import ForceReading
 from uvms_drake.model.surface import SensedContact
-from uvms_drake.station.dynamic import Dynamic, command_limits
+from uvms_drake.station.dynamic import Dynamic, command_limits, effective_disturbance
 from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.law_tube import Basis, LawTube
-from uvms_drake.tube.sensed import contact_input_rest, sensor_share
+from uvms_drake.tube.sensed import FeltForce, contact_input_rest
+from uvms_drake.tube.tip_jerk import tip_jerk
 
-SPEED_LIMIT = "tip_velocity"
-"""Name of the limit that says how fast the tip may be."""
+SEARCH = 1.0
+"""How far ahead of the front the target is where nothing has been felt [m]."""
+SAFETY_OF_JERK = 1.5
+"""Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 
 
 class Sensed(Dynamic):
     """Forces move the robot under water, to a wall that it feels and does not know."""
 
-    knows_force = False
+    knows_force = along_run = False
     controller_signals = (*Dynamic.controller_signals, "target", "safe_depth", "touched", "slope",
                           "contact_depth")
 
@@ -39,50 +45,84 @@ class Sensed(Dynamic):
         """Returns the problem for every target, with inputs for all contact forces."""
         contact = sensed_contact(scenario)
         y_des, limits = posed_task(scenario, model, accelerations=True)
-        speed = float(np.linalg.norm(limits_of_tip(scenario).bounds()[1]))
-        cone = ForceCone.of_surface(
-            contact.walls, contact.peak(contact.force, speed) + contact.force_error)
+        cone = ForceCone.of_surface(contact.walls, largest_normal_force(contact))
         limits = {name: UnderContact(limit, cone) if isinstance(limit, InputLimit) else limit
                   for name, limit in limits.items()}
         with within("mpc"):
-            return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction)
+            return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
+                               contact.walls.facets)
 
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
         """Returns the tube-based NMPC that presses where it feels."""
         assert isinstance(ocp, TrackingOcp)
         contact, margin = sensed_contact(scenario), front_margin(scenario)
-        reach = plan_reach(scenario, ocp)
-        force, largest = pressing_force(scenario), largest_force(contact, margin, reach)
+        force, largest = pressing_force(scenario), largest_force(scenario)
         require(force < largest, "task.force", scenario.task.force, f"less than {largest:.3g} N: "
                 "contact.force less what sensor, tube, angle and stiffness take of it")
         with within("ancillary"):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(contact),
-                force=force, largest=largest, margin=margin,
-                reach=reach, speed=float(np.linalg.norm(
-                    ocp.lasting_limits[SPEED_LIMIT].upper)),
+                force=force, largest=largest, margin=margin, reach=plan_reach(scenario, ocp),
                 limits=command_limits(scenario))
 
+    def contact_force(self, scenario: Scenario) -> FeltForce:
+        """Returns the forces of all walls of the class, and how they are felt."""
+        contact, reading = sensed_contact(scenario), reading_of(scenario)
+        speed = contact.largest_advance
+        return FeltForce(
+            size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
+            rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
+            aside_rate=contact.force_rate, aside_ripple=contact.force_ripple,
+            error=float(np.linalg.norm(reading.error[:3])),
+            torque_error=float(np.linalg.norm(reading.error[3:])),
+            lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
 
     def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
-        """Returns the tube with what the contact's part of the input may differ, and a condition.
+        """Returns the tube with what the contact's part of the input may differ, and conditions.
 
-        The sensor's errors are part of d: they have to fit into the share of its bound that is left
-        to what the controller does not know. Both numbers are estimates, with the safety factor.
+        These are that readings are off by no more than what the front is told, and that the front
+        lets the tip press as hard as is asked.
         """
-        contact, radii, settings = sensed_contact(scenario), tube.radii, basis.settings
-        box = basis.declared.q_lower, basis.declared.q_upper
-        share = sensor_share(basis.model, *box, scenario.disturbance.axes(basis.model.size),
-                             contact.force_error, contact.torque_error, settings.seed)
-        fastest = float(np.linalg.norm(limits_of_tip(scenario).bounds()[1]))
-        largest = np.hypot(1.0, contact.friction) * (
-            contact.peak(contact.force, fastest) + contact.force_error)
-        rest = contact_input_rest(basis.model, *box, largest, radii.joints or radii.e,
-                                  radii.orientation or radii.e, settings.seed)
-        return LawTube(replace(radii, u=radii.u + settings.safety_factor * rest), (
+        contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
+        radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
+        assert radii.joints is not None and radii.orientation is not None  # they are filled in
+        largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
+        rest = contact_input_rest(
+            basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
+            radii.orientation, settings.seed)
+        aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
+        jerk = SAFETY_OF_JERK * np.hypot(1.0, aside) * tip_jerk(
+            basis.model, slower(declared, radii), scenario.mpc.time_step,
+            contact.tool_angle + np.arctan(aside), settings.constant_samples, settings.seed)
+        radii = replace(tube.radii, u=tube.radii.u + settings.safety_factor * rest,
+                        between_knots=off_parabola(jerk, scenario.mpc.time_step))
+        with_tube = replace(scenario, tube=radii)
+        margin = front_margin(with_tube)
+        off = felt.error + felt.size * reading_of(scenario).missing(contact.delay)
+        room = stopping_room(contact.force, contact.force_error, contact.stiffness, margin,
+                             retreat=contact.dissipation * contact.largest_advance)
+        return LawTube(radii, (
             *tube.conditions,
-            Condition("contact, what the sensor's errors take of d̃", settings.safety_factor * share,
-                      "<=", scenario.model_error.share)))
+            Condition("contact.force_error, not less than the sensor's error",
+                      contact.force_error, ">=", off),
+            Condition("front, room from a reading without touch [m]", room, ">", 0.0),
+            Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
+                      largest_force(with_tube))), tube.budget)
+
+    def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
+                      ) -> Ocp:
+        """Returns the problem at t = 0: nothing is felt at the start, and the target is ahead."""
+        assert isinstance(ocp, TrackingOcp)
+        contact, n = sensed_contact(scenario), ocp.direction
+        before, sensing = nothing(sensing_of(contact)), sensing_of(contact)
+        tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
+        reach = plan_reach(scenario, ocp)
+        known = felt(contact.walls, sensing, reach, before, tip, np.zeros(3))
+        margin = front_margin(scenario)
+        depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
+        across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
+        return ocp.aimed(Aim(across + (depth + SEARCH) * n,
+                             bounds(contact.walls, known.apex, margin)))
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
              ) -> np.ndarray:
@@ -90,10 +130,11 @@ class Sensed(Dynamic):
         pose = super().goal(scenario, model, logs)
         return np.concatenate([logs["target"][-1], pose[3:]])
 
-    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
-        """Returns the assumptions about the MPC, and what the proofs of a felt contact lack yet."""
-        return [*super().given_up(mpc),
-                ("contact, felt: friction may change as fast as it likes", 1.0)]
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with the effective disturbance, which the sensor's errors are not in."""
+        return logs | {"effective_disturbance": effective_disturbance(
+            model, logs["state"], logs["u"], logs["acceleration"], logs["force"])}
 
 
 def sensed_contact(scenario: Scenario) -> SensedContact:
@@ -103,35 +144,45 @@ def sensed_contact(scenario: Scenario) -> SensedContact:
         return scenario.contact.checked()
 
 
-def limits_of_tip(scenario: Scenario) -> Limit:
-    """Returns the limit that says how fast the tip may be."""
-    for limit in scenario.limits.more:
-        if limit.name == SPEED_LIMIT:
-            return limit
-    raise InvalidParameter("limits.more", [], "with a !TipVelocity: the force of a wall that "
-                           "nobody measured changes as fast as the tip moves")
+def reading_of(scenario: Scenario) -> ForceReading:
+    """Returns what is known of the measured force, until the end."""
+    for part in scenario.sensing:
+        reading = part.reading(scenario.duration)
+        if reading is not None:
+            return reading
+    raise InvalidParameter("sensing", scenario.sensing, "with a part that measures the force, such "
+                           "as !ForceSensor, for a contact that is felt")
 
 
 def sensing_of(contact: SensedContact) -> ForceSensing:
-    """Returns what is known of the sensor."""
-    return ForceSensing(force_max=contact.force, noise=contact.force_error, period=contact.period)
+    """Returns what the front is told of the sensor."""
+    return ForceSensing(force_max=contact.force, noise=contact.force_error, period=contact.period,
+                        window=contact.delay)
+
+
+def largest_normal_force(contact: SensedContact) -> float:
+    """Returns the largest normal force that is read [N]: that of damping, and the error, too."""
+    return contact.peak(contact.force, contact.largest_advance) + contact.force_error
 
 
 def front_margin(scenario: Scenario) -> float:
-    """Returns E = E_n + tan α E_t [m], how far the real tip may be beyond the planned one."""
-    position = resolved_radii(scenario.tube).position or 0.0
-    return position * float(np.hypot(1.0, np.tan(sensed_contact(scenario).angle)))
+    """Returns E = E_n + √2 αE_t [m], how far the real tip may be beyond the planned one."""
+    tube, walls = resolved_radii(scenario.tube), sensed_contact(scenario).walls
+    parts = tube.depth, np.sqrt(2.0) * walls.tilt * (tube.position or 0.0), tube.between_knots
+    return float(sum(part or 0.0 for part in parts))
 
 
 def plan_reach(scenario: Scenario, ocp: TrackingOcp) -> float:
-    """Returns ℓ [m], how far from the tip across n a plan can go: no faster than its limit, for T.
+    """Returns ℓ [m], how far from the tip across n a plan can go, with its reference.
 
+    In the norm of `SurfaceClass.around`, to which the axes of `ContactSpeed` belong: no faster than
+    these say, for T, and as far again as the end may be from the reference.
     The plan may be a sampling period old, and the tip as far from it as the tube says.
     """
-    n, position = ocp.direction, resolved_radii(scenario.tube).position or 0.0
-    corners = ocp.lasting_limits[SPEED_LIMIT].upper * np.array(list(product((-1.0, 1.0), repeat=3)))
-    fastest = float(np.max(np.linalg.norm(corners - np.outer(corners @ n, n), axis=1)))
-    return fastest * (ocp.horizon + 1) * ocp.time_step + position
+    tube, contact, mpc = resolved_radii(scenario.tube), sensed_contact(scenario), scenario.mpc
+    fastest = 2.0 * max(contact.speed_across - (tube.tip_speed or 0.0), 0.0)
+    return float(fastest * (mpc.horizon + 1) * mpc.time_step
+                 + np.sqrt(2.0) * ((tube.position or 0.0) + ocp.place_reach))
 
 
 def pressing_force(scenario: Scenario) -> float:
@@ -139,11 +190,21 @@ def pressing_force(scenario: Scenario) -> float:
     return float(np.asarray(scenario.task.force)[:3] @ sensed_contact(scenario).direction)
 
 
-def largest_force(contact: SensedContact, margin: float, reach: float) -> float:
+def largest_force(scenario: Scenario) -> float:
     """Returns the largest force that may be asked for [N].
 
     The front lets the planned tip press on at F as long as (F_max − F − 2ν)/κ₊ is more than 2E, see
-    `control.contact.target`, and 2αℓ, which `safe_depth` takes off for what is across n.
+    `control.contact.target`, and α times what the tip, where it was felt and where it is planned to
+    be, may be off across n: 2√2 E_t.
     """
-    lost = 2.0 * (margin + float(np.tan(contact.angle)) * reach)
+    contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
+    aside = contact.walls.tilt * 2.0 * float(np.sqrt(2.0)) * (tube.position or 0.0)
+    lost = 2.0 * front_margin(scenario) + aside
     return contact.force - 2.0 * contact.force_error - contact.stiffness * lost
+
+
+def slower(declared: ConstraintSet, radii: TubeRadii) -> ConstraintSet:
+    """Returns the set of the planned motion, as far as speeds go."""
+    keys = "nu1", "nu2", "qdot"
+    return replace(declared, **{
+        key: max(getattr(declared, key) - (getattr(radii, key) or 0.0), 1e-6) for key in keys})

@@ -6,6 +6,7 @@ for a law that is derived from it.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditio
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.kinematic import attitude_radii, undetermined_joints
 from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.push import Push
+from uvms_drake.tube.sensed import push_of
 from uvms_drake.tube.tube_image import tube_image
 from uvms_drake.tube.tubes import (
     resolved_tube,
@@ -63,22 +66,36 @@ def transpose_task_radius(law: Transpose, basis: Basis) -> float:
 
 
 def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
-    """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`."""
+    """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`.
+
+    With a felt contact, d and the sensor's errors push the rows together: their parts add up.
+    """
     k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
     gains = gain(basis, "position"), gain(basis, "orientation")
     position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
+    push = Push() if basis.contact is None else push_of(
+        basis.model, basis.declared, basis.contact, k, sigma, J_dot=basis.value("J_dot_max"),
+        safety_factor=settings.safety_factor, seed=settings.seed)
     image = tube_image(
         basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
         k=k, sigma=sigma, samples=settings.tube_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed)
+        seed=settings.seed, push=push, largest_rate=basis.largest_rate)
+    tip_speed = 2.0 * sigma * position
+    pushed = float(np.linalg.norm([push.position, push.orientation, push.p[2]]))
     tube = TubeRadii(
-        e=resolved_task_radius(law, basis), position=position, orientation=orientation,
-        joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e,
+        e=resolved_task_radius(law, basis) + pushed, position=position + push.position,
+        orientation=orientation + push.orientation,
+        joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
+        + float(push.p[2]),
         z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
-        qdot=image.qdot, tip_speed=2.0 * sigma * position, roll=image.roll, pitch=image.pitch,
+        qdot=image.qdot, tip_speed=tip_speed + push.tip_speed, roll=image.roll, pitch=image.pitch,
         u=image.u, tau=image.tau)
+    if basis.contact is not None:
+        tube = replace(tube, depth=position + push.depth, depth_speed=tip_speed + push.depth_speed)
+    by_d = {"depth": position, "depth_speed": tip_speed, "position": position}
+    budget = {name: {"d": by_d[name], **parts} for name, parts in push.budget.items()}
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
-    return LawTube(tube, (condition,))
+    return LawTube(tube, (condition,), budget)
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:

@@ -1,6 +1,8 @@
 """The tube of an ancillary law, and the data that it is computed from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +12,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.sensed import FeltForce
 from uvms_drake.tube.settings import CertificateSettings
 
 
@@ -31,6 +34,10 @@ class Basis:
     """Limits of |uᵢ| (6+n,); empty with kinematic motion."""
     settings: CertificateSettings
     """Numbers of samples, safety factor and seed."""
+    contact: FeltForce | None = None
+    """The forces of a contact that is felt, which are not in the model."""
+    largest_rate: np.ndarray | float = np.inf
+    """Bounds of |ζ̄̇ᵢ| of a plan (6+n,), where inputs for the contact force leave too much."""
 
     def value(self, name: str) -> float:
         """Returns a constant."""
@@ -42,3 +49,5 @@ class LawTube(NamedTuple):
 
     radii: TubeRadii
     conditions: tuple[Condition, ...]
+    budget: Mapping[str, Mapping[str, float]] = MappingProxyType({})
+    """Parts of radii by their source: who takes how much."""

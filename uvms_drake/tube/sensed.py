@@ -13,17 +13,22 @@ a declared factor, and called estimates.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.push import Push
+from uvms_drake.tube.row_gains import instant_gains, lagged_gains
 
-SPLITS = np.linspace(0.05, 0.95, 10)
-"""Trial values of θ in `sensor_share`."""
+SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "the robot's motion")
+"""Sources of the terms of (3)."""
 GRID_POINTS = 6000
 """Largest number of points of the grid."""
-ROUNDS, ROUND_POINTS, SHRINK = 12, 64, 0.6
-"""Rounds of random points about the worst one, points in each, and each round's size over the last
+ROUNDS, ROUND_POINTS, SHRINK = 12, 600, 0.6
+"""Rounds of random points about the worst ones, points in each, and each round's size over the last
 one's."""
 
 
@@ -44,15 +49,15 @@ def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np
     values = function(lower + unit * (upper - lower))
     worst = np.argmax(values, axis=0)
     best, where = values.max(axis=0), unit[worst]
-    for column in range(len(best)):
-        reach = 1.0 / (along - 1)
-        for _ in range(ROUNDS):
-            near = np.clip(where[column] + reach * rng.uniform(-1.0, 1.0, (ROUND_POINTS, size)),
-                           0.0, 1.0)
-            found = function(lower + near * (upper - lower))[:, column]
-            if found.max() > best[column]:
-                best[column], where[column] = found.max(), near[np.argmax(found)]
-            reach *= SHRINK
+    each, reach = max(8, ROUND_POINTS // len(best)), 1.0 / (along - 1)
+    for _ in range(ROUNDS):
+        steps = reach * rng.uniform(-1.0, 1.0, (len(best), each, size))
+        near = np.clip(where[:, None] + steps, 0.0, 1.0).reshape(-1, size)
+        found = function(lower + near * (upper - lower))
+        better = found.max(axis=0) > best
+        best = np.maximum(best, found.max(axis=0))
+        where[better] = near[np.argmax(found, axis=0)[better]]
+        reach *= SHRINK
     return best
 
 
@@ -61,40 +66,188 @@ def contact_gain(model: UvmsModel, q: np.ndarray) -> np.ndarray:
 
     It takes a wrench of the tip in the tip's own axes, (force, torque), to an acceleration.
     """
+    return _tip_jacobian_and_gain(model, q)[1]
+
+
+def _tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns J_E (..., 6, 6+n) and M⁻¹J_Eᵀ (..., 6+n, 6)."""
     config = np.concatenate([np.zeros((*q.shape[:-1], 6), dtype=q.dtype), q], axis=-1)
     kinematics = model.kinematics(config)
     J_E = kinematics.J_links[..., -1, :, :]
-    gain: np.ndarray = np.linalg.solve(model.mass_matrix(kinematics), J_E.swapaxes(-1, -2))
-    return gain
+    return J_E, np.linalg.solve(model.mass_matrix(kinematics), J_E.swapaxes(-1, -2))
 
 
-def sensor_share(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray,
-                 force_error: float, torque_error: float, seed: int = 0) -> float:
-    """Returns the largest ‖W⁻¹M⁻¹J_Eᵀe‖₂ that was found: the share of the set of d that e takes.
+@dataclass(frozen=True)
+class FeltForce:
+    """The forces of a class of walls on the tip, and what a sensor makes of them.
 
-    Of (1), with ‖e_force‖ ≤ ε_f = `force_error` and ‖e_torque‖ ≤ ε_τ = `torque_error`. For every θ
-    in (0, 1) θ‖e_force/ε_f‖² + (1 − θ)‖e_torque/ε_τ‖² ≤ 1, so that at every q it is at most
-    ‖W⁻¹M⁻¹[J_fᵀ ε_f/√θ  J_τᵀ ε_τ/√(1 − θ)]‖₂; the best θ of `SPLITS` is taken.
+    A force is F_N n + 𝔣, n the same at all times; F_N and 𝔣 are each the sum of a slow part, which
+    changes at no more than a rate, and of a ripple of no more than a size, as fast as it likes. The
+    reading has a first-order lag, is held for a period, and is off by no more than `error` and
+    `torque_error` however long the force stands still.
+    """
+
+    size: float
+    """Largest ‖F_N n + 𝔣‖ [N]."""
+    rate: float
+    """Rate of F_N's slow part [N/s]."""
+    ripple: float
+    """Size of the rest of it [N]."""
+    aside_rate: float
+    """Rate of 𝔣's slow part [N/s]."""
+    aside_ripple: float
+    """Size of the rest of it [N]."""
+    error: float
+    """Bound of ‖F̂ − F‖ in rest: noise, bias, drift, tool [N]."""
+    torque_error: float
+    """Bound of the torque's, about the tip [N m]."""
+    lag: float
+    """T [s]."""
+    period: float
+    """h [s]."""
+    tool_angle: float
+    """Largest angle between n and the tip's x-axis [rad]."""
+
+    @property
+    def age(self) -> float:
+        """T + h, the largest mean age of a reading [s]."""
+        return self.lag + self.period
+
+
+def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: float, sigma: float, *,
+            J_dot: float, safety_factor: float = 1.0, seed: int = 0) -> Push:
+    """Returns what the errors of a force sensor do to the law `resolved`.
+
+    By (1), δ = A(q)(F̂ − F) drives the rows, A = J_bM⁻¹J_Eᵀ in axes of the tip or the rows of
+    M⁻¹J_Eᵀ. With the `Gains` γ of anything and γ′ of what a sensor misses, F̂ − F being an error in
+    rest, a lagging slow part, at most its rate times T + h, and what the sensor misses of the
+    ripples a, a′,
+
+        |row| ≤ γ [‖A_f‖(ε_f + (ρ′ + ωF̄)(T + h)) + ‖A_f n‖ρ(T + h) + ‖A_τ‖ε_τ + J̃‖𝔯‖
+                   + (T + h) Ȧ (a + a′)] + γ′(‖A_f n‖ a + ‖A_f‖ a′).                         (3)
+
+    Ȧ = sup‖dA_f/dt‖ is the price of taking A out of the integral over what the sensor misses,
+    ∫∫g(t − s)H(s, u)[A(s) − A(u)]F(u), H averaging over ages of T + h at most; J̃‖𝔯‖ that of
+    taking J_b under the same filter, d/dt(J_b𝔯) = −kJ_b𝔯 + δ + J̇_b𝔯. The tip's axes, in which
+    the sensor holds the force, turn at ω, and the rows of its position with them. The rows of Euler
+    rates are E(𝔬) times those of the angular velocity, ‖E‖ = (1 − |sin θ|)^−½, and
+    ‖∂E/∂φ‖ = ‖E‖, ‖∂E/∂θ‖ = √(1 + sin²θ)/cos²θ at the largest θ.
 
     Args:
         model: The controller's.
-        lower: Smallest joint angles (n,) [rad].
-        upper: Largest joint angles (n,) [rad].
-        weight: Diagonal of W (6+n,), ‖W⁻¹d‖₂ ≤ 1 [m/s² (3), rad/s² (3+n)].
-        force_error: Bound of the sensor's error of force [N].
-        torque_error: Bound of its error of torque [N m].
+        declared: The set that the suprema are over; A depends on q alone.
+        force: The forces.
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+        J_dot: J̃, supremum of ‖J̇‖ [1/s].
+        safety_factor: Factor of suprema, which are searched for.
         seed: Seed of the search.
     """
-    scale = np.stack([np.repeat([force_error / np.sqrt(split), torque_error / np.sqrt(1.0 - split)],
-                                3) for split in SPLITS])
+    found = _suprema(model, declared, force.tool_angle, seed)
+    turning = declared.nu2 + safety_factor * found.turning * declared.qdot
+    instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
 
-    def share(q: np.ndarray) -> np.ndarray:
-        gain = contact_gain(model, q) / weight[:, None]
-        norms = np.linalg.norm(gain[:, None] * scale[:, None, :], 2, axis=(-2, -1))
-        out: np.ndarray = norms.min(axis=-1, keepdims=True)
-        return out
+    def parts(gain: str, A: _Sizes, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+        """Returns the terms of (3) by source (number of `SOURCES`, ...)."""
+        known, late = getattr(instant, gain), getattr(missed, gain)
+        A_rate = A.by_joints * declared.qdot + turned
+        return np.array([safety_factor * part for part in (
+            known * (A.force * force.error + A.torque * force.torque_error),
+            known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
+            known * A.force * force.aside_rate * force.age + late * A.force * force.aside_ripple,
+            known * (A.force * turning * force.size * force.age + moving / safety_factor
+                     + force.age * A_rate * (force.ripple + force.aside_ripple)))])
 
-    return float(supremum_over_joints(share, lower, upper, seed)[0])
+    r = np.sum(parts("error", found.zeta), axis=0)
+    J_r, turned = J_dot * float(np.linalg.norm(r)), turning * float(found.position.force)
+    sine = float(np.sin(declared.tip_pitch))
+    euler = 1.0 / np.sqrt(1.0 - sine)
+    euler_rate = euler * turning * np.hypot(euler, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
+    position = parts("position", found.position, J_r, turned)
+    depth = parts("position", found.depth, J_r, turned)
+    speed = parts("velocity", found.depth, J_r, turned)
+    orientation = parts("position", _Sizes(*(euler * size for size in found.rotation)), J_r,
+                        euler_rate * float(found.rotation.force))
+    return Push(
+        depth=float(np.sum(depth)), depth_speed=float(np.sum(speed)),
+        position=float(np.sum(position)), orientation=float(np.sum(orientation)),
+        tip_speed=float(np.sum(parts("velocity", found.position, J_r, turned))),
+        r=r, p=np.sum(parts("position", found.zeta), axis=0),
+        z=np.sum(parts("velocity", found.zeta), axis=0),
+        u=np.sum(parts("input", found.rows), axis=0),
+        w=np.sum(parts("input", found.zeta), axis=0),
+        budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
+            ("depth", depth), ("depth_speed", speed), ("position", position))})
+
+
+class _Sizes(NamedTuple):
+    """Suprema of norms of matrices A(q), one or several of them."""
+
+    force: np.ndarray | float
+    """Of the columns of the force, A_f."""
+    normal: np.ndarray | float
+    """Of A_f n."""
+    torque: np.ndarray | float
+    """Of the columns of the torque."""
+    by_joints: np.ndarray | float
+    """(Σᵢ‖∂A_f/∂qᵢ‖²)^½, which times ‖q̇‖ bounds ‖dA_f/dt‖."""
+
+
+class _Suprema(NamedTuple):
+    """Those of the matrices of (3)."""
+
+    turning: float
+    """‖J_ω,q‖, of the tip's angular velocity by the joints' rates."""
+    depth: _Sizes
+    """Of n·𝔭̇."""
+    position: _Sizes
+    """Of the tip's velocity, in its axes."""
+    rotation: _Sizes
+    """Of its angular velocity, likewise."""
+    zeta: _Sizes
+    """Of ν₁, ν₂ and q̇, (3,) each."""
+    rows: _Sizes
+    """Of each row of ζ̇ (6+n,)."""
+
+
+def _suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float, seed: int) -> _Suprema:
+    """Returns the suprema over the joints, and over n in the cone about the tip's x-axis."""
+    size, num_joints = model.size, model.num_joints
+    blocks = (slice(0, 3), slice(3, 6), slice(6, size))
+
+    def matrices(q: np.ndarray, n: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """Returns the matrices (..., rows, 6), and J_ω,q (..., 3, n)."""
+        J_E, gain = _tip_jacobian_and_gain(model, q)
+        at_tip = J_E @ gain
+        return [n[..., None, :] @ at_tip[..., :3, :], at_tip[..., :3, :], at_tip[..., 3:, :],
+                *(gain[..., block, :] for block in blocks),
+                *(gain[..., i: i + 1, :] for i in range(size))], J_E[..., 3:, 6:]
+
+    def sizes(at: np.ndarray) -> np.ndarray:
+        q, (off, about) = at[:, :num_joints], at[:, num_joints:].T
+        n = np.stack([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)], -1)
+        moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(num_joints)
+        here, turning = matrices(q, n)
+        slopes = [each.imag / COMPLEX_STEP for each in matrices(moved, n[:, None])[0]]
+        columns = [_norm(turning)]
+        for A, slope in zip(here, slopes, strict=True):
+            columns += [_norm(A[..., :3]), _norm(A[..., :3] @ n[..., None]), _norm(A[..., 3:]),
+                        np.linalg.norm(_norm(slope[..., :3]), axis=-1)]
+        return np.stack(columns, axis=-1)
+
+    worst = supremum_over_joints(sizes, np.append(declared.q_lower, [0.0, 0.0]),
+                                 np.append(declared.q_upper, [tool_angle, 2.0 * np.pi]), seed)
+    table = worst[1:].reshape(-1, 4).T
+    return _Suprema(float(worst[0]), *(_Sizes(*table[:, part]) for part in (
+        0, 1, 2, slice(3, 6), slice(6, None))))
+
+
+def _norm(A: np.ndarray) -> np.ndarray:
+    """Returns spectral norms (...) of matrices (..., r, c); zero if one has no rows or columns."""
+    if 0 in A.shape[-2:]:
+        return np.zeros(A.shape[:-2])
+    out: np.ndarray = np.linalg.norm(A, 2, axis=(-2, -1))
+    return out
 
 
 def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,

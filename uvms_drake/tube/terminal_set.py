@@ -163,6 +163,8 @@ def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
     both support points ±P⁻¹a/‖a‖_{P⁻¹} of each of the linear functions aᵀξ in `rows` (r, size).
     """
     axes = np.linalg.eigh(P).eigenvectors.T
+    if rows is not None:  # A value that is largest at the task has no direction there.
+        rows = rows[np.any(rows != 0.0, axis=1)]
     ends = axes if rows is None else np.concatenate([axes, np.linalg.solve(P, rows.T).T])
     scatter = rng.normal(size=(count, len(P))) @ np.linalg.inv(np.linalg.cholesky(P))
     states = np.concatenate([scatter, ends, -ends])

@@ -42,6 +42,7 @@ from uvms_drake.model.euler import wrap_angle
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.push import Push
 from uvms_drake.tube.tubes import joint_rate_radius, preimage_shift
 
 CLOSING_ROUNDS = 3
@@ -95,6 +96,8 @@ class _Errors:
     """Diagonal of Ŵ (6+n,)."""
     shift: float
     """Of 𝔭, in the vehicle's components: in those of the joints, J_x⁻¹J̇_x has no rows."""
+    push: Push
+    """What a felt contact adds, beyond 𝔢_p and 𝔢_o."""
 
     def of_blocks(self) -> list[tuple[np.ndarray, float]]:
         """Returns a ball for each block."""
@@ -102,7 +105,18 @@ class _Errors:
         axes = np.diag(np.concatenate([np.ones(6), self.weights[6:], self.weights]))
         blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
         return [(axes[None, :, block], radius)
-                for block, radius in zip(blocks, self.radii, strict=True)]
+                for block, radius in zip(blocks, self.radii, strict=True)
+                ] + self._pushed(np.eye(2 * size)[None], (0.0, 0.0, self.push.p[2]))
+
+    def _pushed(self, axes: np.ndarray, p: tuple[float, ...] | np.ndarray
+                ) -> list[tuple[np.ndarray, float]]:
+        """Returns balls in the blocks of 𝔭 and 𝔯, of the radii `p` and those of the push."""
+        size = len(self.weights)
+        eye, blocks = np.eye(2 * size)[None], _blocks(size)
+        found = [(axes[:, :, block], radius) for block, radius in zip(blocks, p, strict=True)] + [
+            (eye[:, :, size:][:, :, block], radius)
+            for block, radius in zip(blocks, self.push.r, strict=True)]
+        return [(matrix, radius) for matrix, radius in found if radius > 0.0]
 
     def of_preimage(self, J: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """Returns those of 𝔭₀, δ and Ŵ⁻¹𝔯, by J_x(𝔮̄) (m, 6+n, 6+n)."""
@@ -110,7 +124,13 @@ class _Errors:
         *_, radius, r = self.radii
         both = np.concatenate([J, np.zeros_like(J)], axis=1)
         return [(both * self.weights, radius), (both[:, :, :6], self.shift),
-                (np.eye(2 * size)[None, :, size:] * self.weights, r)]
+                (np.eye(2 * size)[None, :, size:] * self.weights, r)
+                ] + self._pushed(both, self.push.p)
+
+
+def _blocks(size: int) -> tuple[slice, slice, slice]:
+    """Returns the components of ν₁, ν₂ and q̇."""
+    return slice(0, 3), slice(3, 6), slice(6, size)
 
 
 def input_gain(k: float, sigma: float) -> float:
@@ -186,7 +206,8 @@ def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,
                d_bound: float, gains: tuple[float, float], k: float, sigma: float,
                samples: int, safety_factor: float, seed: int,
-               weights: np.ndarray | float = 1.0) -> TubeImage:
+               weights: np.ndarray | float = 1.0, push: Push | None = None,
+               largest_rate: np.ndarray | float = np.inf) -> TubeImage:
     """Returns the deviations over the constraint set; infinite if σ ≤ ω.
 
     Args:
@@ -201,13 +222,19 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         safety_factor: Factor of estimated suprema.
         seed: Seed of the samples.
         weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
+        push: What the errors of a force sensor add, if the contact is felt.
+        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,) beside those that |ūᵢ| gives.
     """
+    push = push or Push()
     rng = np.random.default_rng(seed)
     weights = weights * np.ones(model.size)
     def draw(count: int) -> _Nominal:
         """Returns random nominal motions within the limits."""
         config, zeta = constraint_set.sample(model, count, rng)
         u = u_limits * np.clip(1.5 * rng.uniform(-1.0, 1.0, zeta.shape), -1.0, 1.0)
+        if np.any(np.isfinite(largest_rate)):
+            f = model.drift(config, zeta)
+            u = np.clip(u + f, -largest_rate, largest_rate) - f
         return _Nominal(config, zeta, u)
 
     # Samples of the whole set, then of ever smaller neighbourhoods of the worst ones.
@@ -216,9 +243,12 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     weighted_motion, weighted_inertia = _motion_and_inertia(model, nominal, weights)
     omega, alpha = safety_factor * motion, safety_factor * weighted_motion
     shift = preimage_shift(k, sigma, d_bound, omega, alpha)
+    if np.any(push.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
+        drift = omega * float(np.linalg.norm(push.p))
+        shift += drift / (sigma - omega) if omega < sigma else np.inf
     radius = d_bound / (k * sigma)
-    errors = _Errors(
-        (gains[0] * radius, gains[1] * radius, radius, d_bound / k), weights, shift)
+    errors = _Errors((gains[0] * radius + push.position, gains[1] * radius + push.orientation,
+                      radius, d_bound / k), weights, shift, push)
     values = _support(model, nominal, errors, k, sigma)
     total, spread = samples, 1.0
     for _ in range(CLOSING_ROUNDS):
@@ -238,11 +268,13 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         for block in (slice(0, 3), slice(3, 6), slice(6, None)))
     u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift
     u_rest, tau_rest = np.split(worst[4:], 2)
+    nu1, nu2, qdot = np.array([nu1, nu2, qdot]) + push.z
     return TubeImage(
         nu1=float(worst[0] + (nu1 + sigma * shift)), nu2=float(worst[1] + (nu2 + sigma * shift)),
-        qdot=qdot, roll=float(worst[2]), pitch=float(worst[3]),
-        u=u_rest + (weights * u + extra),
-        tau=tau_rest + safety_factor * inertia * (weighted_inertia / inertia * u + extra),
+        qdot=float(qdot), roll=float(worst[2]), pitch=float(worst[3]),
+        u=u_rest + (weights * u + extra + push.u),
+        tau=(tau_rest + safety_factor * inertia * (weighted_inertia / inertia * u + extra)
+             + safety_factor * _inertia_of_blocks(model, nominal) @ push.w),
         omega=float(omega), samples=total)
 
 
@@ -253,6 +285,13 @@ def _motion_and_inertia(model: ContactModel, nominal: _Nominal, weights: np.ndar
     motion = np.linalg.norm(np.linalg.solve(J, J_dot) * weights, 2, axis=(1, 2))
     M = model.mass_matrix(model.kinematics(nominal.config))
     return float(np.max(motion)), np.max(np.linalg.norm(M * weights, axis=2), axis=0)
+
+
+def _inertia_of_blocks(model: ContactModel, nominal: _Nominal) -> np.ndarray:
+    """Returns the largest norm of each row of the columns of M of ν₁, ν₂ and q̇ (6+n, 3)."""
+    M = model.mass_matrix(model.kinematics(nominal.config))
+    norms = [np.linalg.norm(M[:, :, block], axis=2) for block in _blocks(model.size)]
+    return np.max(np.stack(norms, axis=-1), axis=0)
 
 
 def _between(model: ContactModel, a: _Nominal, b: _Nominal, spread: float) -> _Nominal:
@@ -284,7 +323,8 @@ def _support(model: ContactModel, nominal: _Nominal, errors: _Errors, k: float, 
         return rests(model, *_fields(nominal), error[:, :size], error[:, size:], k, sigma)
 
     found = _largest(G, errors.of_blocks(), rest)
-    if np.all(errors.weights == 1.0) or not np.isfinite(errors.shift):
+    ball = np.all(errors.weights == 1.0) and not np.any(errors.push.p)
+    if ball or not np.isfinite(errors.shift):
         return found
     # The same errors by 𝔭; the second-order part has J_x at the real configuration in it.
     y, J = model.task_pose(nominal.config), model.task_jacobian(nominal.config)

@@ -19,6 +19,6 @@ def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray) -> d
     """
     tube = resolved_radii(tube)
     assert tube.position is not None and tube.orientation is not None  # now they are filled in
-    assert tube.tip_speed is not None  # a law's tube has it
+    assert tube.depth is not None and tube.depth_speed is not None  # a law's tube has a tip_speed
     return {"position": tube.position, "orientation": tube.orientation,
-            "force": surface.force_error(chi_des, tube.position, tube.orientation, tube.tip_speed)}
+            "force": surface.force_error(chi_des, tube.depth, tube.orientation, tube.depth_speed)}

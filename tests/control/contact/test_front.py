@@ -1,10 +1,19 @@
 """Tests of `uvms_drake.control.contact.front`: cones that are safe on every wall of a class."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from support.walls import random_direction, random_walls, rotated_from_x
+from support.walls import random_direction, random_walls
 
-from uvms_drake.control.contact.front import apex, between_readings, replaces, room, safe_depth
+from uvms_drake.control.contact.front import (
+    apex,
+    between_readings,
+    bounds,
+    replaces,
+    room,
+    safe_depth,
+)
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 FORCE_MAX, NOISE = 45.0, 1.0
@@ -59,7 +68,7 @@ def test_a_reading_above_the_limit_says_nothing_alone():
     tip = apex(surface, p, p, np.array([46.0, 0.0, 0.0]), FORCE_MAX, 0.0)
     assert np.all(np.isnan(tip))
     assert room(surface, tip, p[0]) == -np.inf
-    assert safe_depth(surface, tip, p[0], 0.0, 0.0) == -np.inf
+    assert safe_depth(surface, tip, p[0], 0.0) == -np.inf
     formula = (FORCE_MAX - 46.0) / surface.stiffness
     assert 46.0 + 0.1 * surface.stiffness * formula > FORCE_MAX
 
@@ -106,25 +115,43 @@ def test_between_two_readings_no_tip_of_constant_acceleration_is_further_back():
 
 
 def lateral(surface, tip, place):
-    """How deep the cone of an apex is at a lateral place."""
-    return surface.depth(tip) - surface.tilt * surface.aside(place - tip)
+    """How deep the pyramid of an apex is at a lateral place, by its facets."""
+    along = surface.facets @ surface.direction
+    depths = (tip - place) @ surface.facets.T / along
+    return surface.depth(place) + np.min(depths, axis=-1)
+
+
+def test_the_pyramid_is_inside_of_the_cone_and_meets_it_across_its_axes():
+    rng = np.random.default_rng(2)
+    surface = SurfaceClass(random_direction(rng), angle=0.4)
+    assert surface.axes @ surface.axes.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(surface.axes) == pytest.approx(1.0)
+    motion = rng.normal(size=(500, 3))
+    most = np.max(motion @ surface.facets.T, axis=1)
+    assert np.all(most >= surface.advance(motion) - 1e-12)
+    assert most == pytest.approx(surface.depth(motion) + surface.tilt * surface.around(motion))
+    for axis in surface.axes[1:]:
+        assert np.max(surface.facets @ axis) == pytest.approx(surface.advance(axis))
+    assert len(straight().facets) == 1
 
 
 @pytest.mark.parametrize("reach", [0.0, 0.02, 0.2])
 def test_an_apex_is_replaced_iff_nothing_in_reach_is_lost(reach):
     rng = np.random.default_rng(3)
     surface = SurfaceClass(random_direction(rng), angle=0.4)
-    R = rotated_from_x(surface.direction)
-    angles = np.linspace(0.0, 2.0 * np.pi, 721)
-    circles = np.array([r * (np.cos(a) * R[:, 1] + np.sin(a) * R[:, 2])
-                        for r in reach * np.linspace(0.0, 1.0, 21) for a in angles])
+    R = surface.axes.T
+    corners = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])
+    share = np.linspace(0.0, 1.0, 41)[:, None]
+    edges = np.concatenate([(1.0 - share) * one + share * other
+                            for one, other in pairwise(corners)])
+    diamonds = np.concatenate([r * edges @ R[:, 1:].T for r in reach * np.linspace(0.0, 1.0, 21)])
     taken = 0
     for _ in range(100):
         new, old = rng.normal(0.0, 0.03, (2, 3))
         old += surface.direction * (surface.depth(new - old) + rng.normal(0.0, 0.03))
-        to_old = surface.aside(new - old)
+        to_old = surface.around(new - old)
         direct = (old - new) - surface.depth(old - new) * surface.direction
-        places = np.vstack([new + circles, new + min(reach / to_old, 1.0) * direct])
+        places = np.vstack([new + diamonds, new + min(reach / to_old, 1.0) * direct])
         gain = np.min(lateral(surface, new, places) - lateral(surface, old, places))
         assert bool(replaces(surface, new, old, reach)) == (gain >= -1e-12), gain
         taken += gain >= 0.0
@@ -137,20 +164,22 @@ def test_any_apex_is_better_than_none_and_none_replaces_any():
     assert not replaces(surface, none, np.zeros(3), 0.1)
 
 
-def test_safe_depth_is_safe_wherever_a_plan_in_reach_goes():
+def test_behind_the_bounds_a_tip_that_is_off_by_the_margin_is_in_the_cone():
     rng = np.random.default_rng(4)
     surface = SurfaceClass(random_direction(rng), angle=0.5)
-    R, tip, reach, margin = rotated_from_x(surface.direction), np.ones(3), 0.03, 0.002
-    for _ in range(50):
+    R, tip, off_along, off_across = surface.axes.T, np.ones(3), 0.002, 0.003
+    margin = off_along + np.sqrt(2.0) * surface.tilt * off_across
+    for _ in range(200):
         place = tip + R[:, 1:] @ rng.uniform(-0.1, 0.1, 2)
-        x = safe_depth(surface, tip, place, reach, margin)
-        a = rng.uniform(0.0, 2.0 * np.pi, 200)
-        p = place + reach * (np.cos(a)[:, None] * R[:, 1] + np.sin(a)[:, None] * R[:, 2])
-        p += (x - surface.depth(p))[:, None] * surface.direction
-        assert np.min(room(surface, tip, p)) >= margin - 1e-12
-    at = [safe_depth(surface, tip, tip + d * R[:, 2], reach, margin) for d in (0.0, 0.01, 0.03)]
-    assert np.ptp(at) < 1e-12
-    assert safe_depth(straight(), tip, tip, reach, margin) == pytest.approx(1.0 - margin)
+        x = safe_depth(surface, tip, place, margin)
+        planned = place + (x - surface.depth(place)) * surface.direction
+        excess = surface.facets @ planned - bounds(surface, tip, margin)
+        assert np.max(excess) == pytest.approx(0.0, abs=1e-12)
+        a = rng.uniform(0.0, 2.0 * np.pi, 100)
+        real = planned + off_along * surface.direction + off_across * (
+            np.cos(a)[:, None] * R[:, 1] + np.sin(a)[:, None] * R[:, 2])
+        assert np.min(room(surface, tip, real)) >= -1e-12
+    assert safe_depth(straight(), tip, tip, margin) == pytest.approx(1.0 - margin)
 
 
 def test_a_tip_that_slides_on_a_tilted_wall_keeps_contact_and_is_safe():

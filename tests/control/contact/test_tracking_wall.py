@@ -110,7 +110,7 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     target = PressTarget.AddToBuilder(builder, front, DIRECTION, POSITION,
                                       desired_force=desired.get_output_port())
     builder.Connect(target.get_output_port(), mpc.GetInputPort("target"))
-    builder.Connect(front.GetOutputPort("safe_depth"), mpc.GetInputPort("safe_depth"))
+    builder.Connect(front.GetOutputPort("front"), mpc.GetInputPort("safe_depth"))
     room = stopping_room(SENSING.force_max, SENSING.noise, WALLS.stiffness, MARGIN)
     speed = builder.AddSystem(ConstantVectorSource([approach_speed(
         room, H, DECELERATION, SENSING.period + H)]))

@@ -6,9 +6,13 @@ import pytest
 from uvms_drake.control.limits.front import Approach, Front
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.points import Points, slopes
+from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 DIRECTION = np.array([0.6, 0.0, 0.8])
+FACETS = SurfaceClass(DIRECTION, angle=0.2).facets
+DEPTHS = np.array([0.3, 0.2, 0.1, 0.4])
+NONE = np.full(4, np.inf)
 H = 0.2
 
 
@@ -19,7 +23,8 @@ def points(model, states) -> Points:
     return Points(model, config, model.task_pose(config), zeta, config_y=config_y)
 
 
-@pytest.mark.parametrize("limit", [Front(DIRECTION, 0.3), Approach(DIRECTION, 0.3, 0.1, H)])
+@pytest.mark.parametrize("limit", [
+    Front(FACETS, DEPTHS), Approach(DIRECTION, FACETS, DEPTHS, 0.1, H)])
 def test_slopes_are_those_of_complex_steps(limit, points):
     found, expected = limit.slopes(points), slopes(limit.values, points, limit.about)
     np.testing.assert_allclose(np.broadcast_to(found.y, expected.y.shape), expected.y, atol=1e-9)
@@ -28,23 +33,26 @@ def test_slopes_are_those_of_complex_steps(limit, points):
 
 
 def test_values_are_depth_half_an_interval_ahead_and_speed(model, points):
-    depth = Front(DIRECTION, 0.3).values(points)[:, 0]
-    ahead, speed = Approach(DIRECTION, 0.3, 0.1, H).values(points).T
+    depth = Front(FACETS, DEPTHS).values(points)
+    values = Approach(DIRECTION, FACETS, DEPTHS, 0.1, H).values(points)
+    ahead, speed = values[:, :-1], values[:, -1]
     still = np.zeros((1, 10))
     for k in range(len(depth)):
         plans = [DynamicPlan.from_accelerations(
             0.0, 1e-6, points.config[k], sign * points.zeta[k], still) for sign in (1, -1)]
-        after, before = (model.task_pose(plan.config[1])[:3] @ DIRECTION for plan in plans)
-        assert speed[k] == pytest.approx((after - before) / 2e-6, abs=1e-8)
-    np.testing.assert_allclose(depth, points.y[:, :3] @ DIRECTION, atol=1e-15)
-    np.testing.assert_allclose(ahead, depth + 0.5 * H * speed, atol=1e-15)
+        after, before = (model.task_pose(plan.config[1])[:3] for plan in plans)
+        velocity = (after - before) / 2e-6
+        assert speed[k] == pytest.approx(velocity @ DIRECTION, abs=1e-8)
+        assert ahead[k] == pytest.approx(depth[k] + 0.5 * H * FACETS @ velocity, abs=1e-8)
+    np.testing.assert_allclose(depth, points.y[:, :3] @ FACETS.T, atol=1e-15)
 
 
 def test_they_are_one_sided(points):
-    assert np.all(Front(DIRECTION, np.inf).excess(points) < 0.0)
-    deep = Points(points.model, points.config, points.y - 100.0, points.zeta)
-    assert np.all(Front(DIRECTION, 0.0).excess(deep) < 0.0)
-    assert np.all(Approach(DIRECTION, np.inf, np.inf, H).excess(points) < 0.0)
+    assert np.all(Front(FACETS, NONE).excess(points) < 0.0)
+    far = points.y - np.pad(100.0 * DIRECTION, (0, 7))
+    deep = Points(points.model, points.config, far, points.zeta)
+    assert np.all(Front(FACETS, DEPTHS).excess(deep) < 0.0)
+    assert np.all(Approach(DIRECTION, FACETS, NONE, np.inf, H).excess(points) < 0.0)
 
 
 def test_a_parabola_lies_below_the_largest_of_its_control_points():

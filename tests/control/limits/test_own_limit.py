@@ -15,6 +15,7 @@ from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.signals import constraint_signals
 from uvms_drake.station.motions import limits_of, make_ocp
 from uvms_drake.station.problem import start_state
@@ -23,6 +24,7 @@ from uvms_drake.station.setting import setting_of
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.terminal_set import TerminalLoop
 
+PLANE = UnilateralPlane()
 BOX = "{lower_corner: [-3, -3, -3], upper_corner: [3, 3, 3]}"
 VELOCITY = "!TipVelocity {bound: [0.1, 0.2, 0.2]}"
 
@@ -75,18 +77,18 @@ def test_a_scenario_with_further_limits_is_the_same_after_yaml(scenario, tmp_pat
 ])
 def test_a_further_limit_without_meaning_is_refused(own, key):
     with pytest.raises(InvalidParameter) as caught:
-        make_limits(Limits(u=np.ones(10), more=[own]), np.full(4, -1.0), np.ones(4), None)
+        make_limits(Limits(u=np.ones(10), more=[own]), np.full(4, -1.0), np.ones(4), PLANE)
     assert caught.value.key == key
 
 
 def test_a_name_that_is_there_already_and_inputs_of_kinematic_motion_are_refused():
     twice = Limits(u=np.ones(10), more=[Elbow(), Elbow(2.0)])
     with pytest.raises(InvalidParameter, match="elbow"):
-        make_limits(twice, np.full(4, -1.0), np.ones(4), None)
+        make_limits(twice, np.full(4, -1.0), np.ones(4), PLANE)
     about_inputs = Elbow()
     about_inputs.about = "input"
     with pytest.raises(InvalidParameter, match="kinematic"):
-        make_limits(Limits(more=[about_inputs]), np.full(4, -1.0), np.ones(4), None,
+        make_limits(Limits(more=[about_inputs]), np.full(4, -1.0), np.ones(4), PLANE,
                     accelerations=False)
 
 

@@ -23,7 +23,7 @@ LIMITS = Limits(nu1=0.25, nu2=0.2, qdot=0.3, roll=0.33, pitch=0.31, tip_pitch=0.
                 u=np.array([0.4, 0.3, 0.3, 0.4, 0.4, 0.4, 6.0, 8.0]),
                 tau=np.array([90.0, 80.0, 70.0, 60.0, 50.0, 40.0, 5.0, 4.0]))
 TUBE = TubeRadii(e=0.19, position=0.18, orientation=0.01, joints=0.012, z=0.17, nu1=0.04,
-                 nu2=0.03, qdot=0.05, roll=0.06, pitch=0.02,
+                 nu2=0.03, qdot=0.05, depth=0.15, depth_speed=0.11, roll=0.06, pitch=0.02,
                  u=np.array([0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.5, 0.7]),
                  tau=np.array([9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 0.5, 0.4]))
 """All different: each limit has one radius of its own."""

@@ -52,6 +52,16 @@ def between_knots(depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarr
     return depth + 0.5 * step * speed
 
 
+def off_parabola(jerk: float, step: float) -> float:
+    """Returns (2/81) h³j [m], how far n·𝔭 is off a parabola between two knots; see the module.
+
+    Args:
+        jerk: j, bound of |d³(n·𝔭)/dt³| [m/s³].
+        step: h [s].
+    """
+    return 2.0 / 81.0 * step**3 * jerk
+
+
 def stopping_room(force_max: float, noise: float, stiffness: float, margin: float,
                   touch: float | None = None, retreat: float = 0.0) -> float:
     """Returns L [m], how far the planned tip may still go from where nothing has been felt yet.

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing, unseen
-from uvms_drake.control.contact.front import safe_depth
+from uvms_drake.control.contact.front import bounds, safe_depth
 from uvms_drake.control.contact.slope import Line, slope, surface_depth
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
@@ -32,6 +32,7 @@ class ExploredFront(LeafSystem):
         - measured_force
         output_ports:
         - safe_depth
+        - front
         - apex
         - touched
         - reading
@@ -41,7 +42,8 @@ class ExploredFront(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `safe_depth` (1): x_safe [m], see `safe_depth`; −inf before any reading allows a place.
+    - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
+    - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
     - `touched` (1): 1 if the last reading was a touch, else 0.
     - `reading` (2): depth x [m] and force n·𝐅 [N] of the last reading.
@@ -68,14 +70,15 @@ class ExploredFront(LeafSystem):
         for key, value in (("margin", margin), ("reach", reach)):
             require(0.0 <= value < np.inf, key, value, "zero or positive")
         self._model, self._surface, self._sensing = model, surface, sensing
-        self._margin, self._reach = margin, reach
+        self._reach = reach
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._force_port = self.DeclareVectorInputPort("measured_force", 6)
         for part in nothing(sensing):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
         for name, size, calc in (
-            ("safe_depth", 1, self._safe_depth),
+            ("safe_depth", 1, lambda now: safe_depth(surface, now.apex, now.past[-6:-3], margin)),
+            ("front", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
             ("apex", 3, lambda now: now.apex),
             ("touched", 1, lambda now: now.reading[2:]),
             ("reading", 2, lambda now: now.reading[:2]),
@@ -88,9 +91,6 @@ class ExploredFront(LeafSystem):
 
     def _calc(self, of: Callable[[Felt], np.ndarray]) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))
-
-    def _safe_depth(self, now: Felt) -> np.ndarray:
-        return safe_depth(self._surface, now.apex, now.past[-6:-3], self._reach, self._margin)
 
     @staticmethod
     def _remembered(context: Context) -> Felt:

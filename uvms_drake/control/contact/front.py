@@ -20,14 +20,15 @@ end gives the older past the weight e^(−W/T), so the force is at most the read
 take W = 3T and ν for the 5 %.) Within W the wall is taken for flat, so that forces that turn do not
 cancel in the average.
 
-*The cone never shrinks* in reach of the plan, see `replaces`, so a plan that was allowed still is:
-ℓ bounds how far across n the rest of a plan goes, from every tip position along it. The one number
-`safe_depth` has to be true of all places in reach at once, and shrinks when the tip is further than
-ℓ from the apex's place.
+*The pyramid never shrinks* in reach of the plan. A plan keeps linear rows, `SurfaceClass.facets`:
+the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
+if nothing in reach of the plan is lost, see `replaces`, so a plan that was allowed still is; ℓ
+bounds how far across n the rest of a plan goes, from every tip position along it.
 
 *The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
-along n and E_t across, then ⟨𝔭̄ − 𝔞⟩ ≤ −(E_n + αE_t) puts the real one in C(𝔞). Between the knots of
-a plan whose acceleration is constant in each interval, see `approach.between_knots`.
+along n and E_t across, then N·(𝔭̄ − 𝔞) ≤ −(E_n + √2 αE_t) for all facets N puts the real one in
+C(𝔞). Between the knots of a plan whose acceleration is constant in each interval, see
+`approach.between_knots`.
 """
 
 import numpy as np
@@ -95,9 +96,10 @@ def room(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray
 def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: float) -> np.ndarray:
     """Returns whether an apex takes the place of the old one: nothing in reach is lost by it.
 
-    At lateral places 𝔲 within ℓ of the new apex's, which is the tip's, C(new) has all of C(old) iff
-    s' − α‖𝔲 − 𝔲'‖ ≥ s − α‖𝔲 − 𝔲₀‖ there, s = n·𝔞. The difference of distances is largest on the way
-    to the old place or at it: with d between the places it is d if d ≤ ℓ, else ℓ − (d − ℓ). Hence
+    With ‖·‖ that of `SurfaceClass.around`, at lateral places 𝔲 within ℓ of the new apex's, which is
+    the tip's, the new pyramid has all of the old one iff s' − α‖𝔲 − 𝔲'‖ ≥ s − α‖𝔲 − 𝔲₀‖ there,
+    s = n·𝔞. With d between the places and r ≤ ℓ from the new one, the difference of the distances
+    is at most d, and at most r − (d − r); both are reached on the line through the places. Hence
 
         s' ≥ s + α min(d, 2ℓ − d).
 
@@ -108,27 +110,34 @@ def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: flo
         surface: The class of walls.
         new: Apex of the latest reading (..., 3); NaN replaces nothing.
         old: The one so far (..., 3); NaN is replaced by any.
-        reach: ℓ, how far from the tip across n plans go [m].
+        reach: ℓ, how far from the tip across n plans go, in the norm of `around` [m].
     """
-    d = surface.aside(new - old)
+    d = surface.around(new - old)
     better = surface.depth(new - old) >= surface.tilt * np.minimum(d, 2.0 * reach - d)
     return ~np.isnan(new[..., 0]) & (np.isnan(old[..., 0]) | better)
 
 
-def safe_depth(surface: SurfaceClass, at: np.ndarray, place: np.ndarray, reach: float,
-               margin: float) -> np.ndarray:
-    """Returns x_safe (...) [m]: x̄ ≤ x_safe implies φ ≤ F_max, wherever a plan in reach goes across.
+def bounds(surface: SurfaceClass, at: np.ndarray, margin: float) -> np.ndarray:
+    """Returns N·𝔞 − E of each facet N (..., number of facets) [m]: N·𝔭̄ up to them is φ ≤ F_max.
 
-    Up to d + ℓ from the apex's place, d that of the tip's: x_safe = n·𝔞 − α max(d + ℓ, 2ℓ) − E. The
-    maximum keeps it from shrinking while the tip is within ℓ of the apex's place; beyond, it does.
+    Args:
+        surface: The class of walls.
+        at: 𝔞 (..., 3); NaN, for no place is known to be safe, gives −∞.
+        margin: E = E_n + √2 αE_t of the planned tip, and errors of the measured position [m].
+    """
+    depths = at @ surface.facets.T - margin
+    return np.where(np.isnan(depths), -np.inf, depths)
+
+
+def safe_depth(surface: SurfaceClass, at: np.ndarray, place: np.ndarray, margin: float
+               ) -> np.ndarray:
+    """Returns x_safe (...) [m], the largest x̄ of a tip at a place across n within the `bounds`.
 
     Args:
         surface: The class of walls.
         at: 𝔞 (..., 3).
-        place: The tip (..., 3) [m].
-        reach: ℓ, how far from the tip across n plans go [m].
-        margin: E = E_n + αE_t of the planned tip, and errors of the measured position [m].
+        place: Where across n (..., 3) [m].
+        margin: E [m].
     """
-    aside = np.maximum(surface.aside(place - at) + reach, 2.0 * reach)
-    depth = surface.depth(at) - surface.tilt * aside - margin
+    depth = surface.depth(at) - surface.tilt * surface.around(place - at) - margin
     return np.where(np.isnan(depth), -np.inf, depth)

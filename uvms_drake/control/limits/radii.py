@@ -32,6 +32,12 @@ class TubeRadii:
     """‖q̇ − q̄̇‖₂ [rad/s]."""
     tip_speed: float | None = None
     """‖𝔭̇ − 𝔭̄̇‖₂ of the end-effector [m/s]; needed if its velocity is limited."""
+    depth: float | None = None
+    """|n·(𝔭 − 𝔭̄)| of the end-effector along the direction of a felt contact [m]."""
+    depth_speed: float | None = None
+    """|n·(𝔭̇ − 𝔭̄̇)| likewise [m/s]."""
+    between_knots: float | None = None
+    """How far n·𝔭̄ of a plan is off a parabola between two of its knots [m], likewise."""
     roll: float = 0.0
     """|φ − φ̄| of the vehicle [rad]."""
     pitch: float = 0.0
@@ -47,8 +53,11 @@ _TOTALS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2"
 
 def resolved_radii(tube: TubeRadii) -> TubeRadii:
     """Returns the radii with every block's own filled in from the total."""
-    return replace(tube, **{block: getattr(tube, total) for block, total in _TOTALS.items()
+    tube = replace(tube, **{block: getattr(tube, total) for block, total in _TOTALS.items()
                             if getattr(tube, block) is None})
+    return replace(
+        tube, depth=tube.position if tube.depth is None else tube.depth,
+        depth_speed=tube.tip_speed if tube.depth_speed is None else tube.depth_speed)
 
 
 def check_tube(tube: TubeRadii, num_inputs: int, *, tau: bool) -> None:

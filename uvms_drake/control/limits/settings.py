@@ -6,6 +6,7 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
+from uvms_drake.control.limits.felt import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.limit import Limit
@@ -99,6 +100,10 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         limits.append(Accelerations(np.asarray(settings.u, dtype=float)))
         if settings.tau is not None:
             limits.append(Forces(np.asarray(settings.tau, dtype=float)))
+    if surface.contact is not None:
+        told = surface.contact
+        limits += [ContactSpeed(told.walls.axes, told.speed, told.speed_across),
+                   ToolAngle(told.direction, told.tool_angle)]
     by_name = {limit.name: limit for limit in limits}
     for i, limit in enumerate(settings.more):
         with within(f"limits.more[{i}]"):

@@ -9,12 +9,15 @@ its derivatives are taken by a complex step. `check_surface` tries that out.
 """
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.euler import COMPLEX_STEP
+
+if TYPE_CHECKING:
+    from uvms_drake.model.surface.sensed import SensedContact
 
 TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""
@@ -55,6 +58,11 @@ class Surface(ABC):
 
     normal: np.ndarray | None = None
     """Unit normal into the water (3,) in Σ_I of a flat surface; None: it is not flat."""
+
+    @property
+    def contact(self) -> "SensedContact | None":
+        """What is known of a surface that nobody measured; None: this is the surface."""
+        return None
 
     @property
     @abstractmethod

@@ -37,12 +37,23 @@ class SensedContact:
     """Largest dissipation c₊ of the wall (Hunt and Crossley) [s/m]."""
     friction: float = 0.5
     """Largest coefficient of friction μ."""
-    force_error: float = 2.0
-    """Bound ν of the error of the measured force, in norm [N]."""
-    torque_error: float = 0.05
-    """Bound of the error of the measured torque, in norm [N m]."""
+    force_rate: float = 40.0
+    """How fast the part of the force that is not along `direction` may change [N/s]: friction that
+    turns with the motion, a normal that turns along the way."""
+    force_ripple: float = 2.0
+    """What may come to that part at any rate [N]."""
+    force_error: float = 3.2
+    """Bound ν of the error of a reading of the force, in norm, but for what `delay` says [N]."""
+    delay: float = 0.11
+    """How old the force may be that a reading shows [s]: five lags and a period of the sensor."""
     period: float = 0.01
     """Time between two looks at the measured force [s]."""
+    speed: float = 0.1
+    """Largest speed of the tip along `direction`, either way [m/s]."""
+    speed_across: float = 0.15
+    """Largest speed of the tip along each of two directions across it [m/s]."""
+    tool_angle: float = 0.25
+    """Largest angle between the tool's axis and `direction` [rad]."""
 
     def told(self, surface: Surface) -> "UnmeasuredWall":
         """Returns the surface of the controller's model, whatever the world's is."""
@@ -55,6 +66,11 @@ class SensedContact:
                             dissipation=self.dissipation, friction=self.friction)
 
     @property
+    def largest_advance(self) -> float:
+        """Largest ⟨𝔭̇⟩ of the tip, how fast it goes deeper at most [m/s]."""
+        return self.speed + self.walls.tilt * float(np.sqrt(2.0)) * self.speed_across
+
+    @property
     def slope(self) -> float:
         """Largest change of φ with the position of the tip, κ₊ / cos α [N/m]."""
         return self.stiffness / float(np.cos(self.angle))
@@ -65,9 +81,11 @@ class SensedContact:
         require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), "direction", direction,
                 "a unit vector")
         require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
-        for key in ("stiffness", "force", "force_error", "torque_error", "period"):
+        require(0.0 < self.tool_angle <= STEEPEST, "tool_angle", self.tool_angle,
+                f"positive, up to {STEEPEST:g} rad")
+        for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("dissipation", "friction"):
+        for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         return replace(self, direction=direction)
 
@@ -79,29 +97,6 @@ class SensedContact:
         """Returns the largest normal force φ (1 + c₊ δ̇) at φ ≤ `force` [N], δ̇ ≤ `speed` [m/s]."""
         return force * (1.0 + self.dissipation * speed)
 
-    def sideways(self, force: float) -> float:
-        """Returns the largest part across n [N] of a contact force whose normal part is `force`.
-
-        Normal and friction span a cone about the true normal with half-angle atan μ, which is
-        within α of n: the part across n is at most `force` √(1 + μ²) sin(α + atan μ).
-        """
-        half = self.angle + float(np.arctan(self.friction))
-        return force * float(np.hypot(1.0, self.friction) * np.sin(min(half, 0.5 * np.pi)))
-
-    def force_rate(self, force: float, speed: float, acceleration: float) -> float:
-        """Returns the largest |d/dt| of φ (1 + c₊δ̇) [N/s] while φ ≤ `force`.
-
-        In the class φ changes by at most `slope` times the way of the tip: |φ̇| ≤ slope · speed. The
-        factor is at most 1 + c₊ · speed and changes by at most c₊ · acceleration.
-
-        Args:
-            force: Bound of φ [N].
-            speed: Bound of the tip's speed [m/s].
-            acceleration: Bound of its acceleration [m/s²].
-        """
-        return (self.slope * speed * (1.0 + self.dissipation * speed)
-                + force * self.dissipation * acceleration)
-
 
 class UnmeasuredWall(Surface):
     """The wall of a `SensedContact` in the controller's model: free water, wherever the tip is.
@@ -111,10 +106,15 @@ class UnmeasuredWall(Surface):
     """
 
     def __init__(self, contact: SensedContact):
-        self.contact = contact.checked()
+        self._contact = contact.checked()
 
     def __repr__(self) -> str:
         return f"UnmeasuredWall({self.contact!r})"
+
+    @property
+    def contact(self) -> SensedContact:
+        """What is known of the wall."""
+        return self._contact
 
     @property
     def anchor(self) -> np.ndarray:
@@ -169,9 +169,11 @@ class UnmeasuredWall(Surface):
         return 1.0
 
     def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
-        """Returns the largest change of the normal force from φ at rest [N].
+        """Returns the largest |F_N − F_des| once the target is reached [N], see `PressTarget`.
 
-        `slope` · `position`, and c₊ · `speed` of what the wall may then exert.
+        ν + 2κ₊E for a planned depth that is off by E either way, and c₊ · `speed` of what the wall
+        then exerts.
         """
-        moved = self.contact.slope * position
-        return moved + (self.contact.force + moved) * self.contact.dissipation * speed
+        moved = 2.0 * self.contact.stiffness * position
+        damped = (self.contact.force + moved) * self.contact.dissipation * speed
+        return self.contact.force_error + moved + damped

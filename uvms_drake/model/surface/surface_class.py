@@ -64,6 +64,29 @@ class SurfaceClass:
         """Returns ‖P_t m‖ (...), the part across n of a vector m (..., 3)."""
         return np.linalg.norm(motion - self.depth(motion)[..., None] * self.direction, axis=-1)
 
+    @property
+    def axes(self) -> np.ndarray:
+        """(3, 3) n and two directions t₁, t₂ across it, the rows of a rotation."""
+        n = self.direction
+        first = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+        first = first / np.linalg.norm(first)
+        return np.array([n, first, np.cross(n, first)])
+
+    @property
+    def facets(self) -> np.ndarray:
+        """(4, 3) rows n + α(±t₁ ± t₂), the largest of which is n·m + α‖P_t m‖₁ ≥ ⟨m⟩.
+
+        Where all are at most zero is a pyramid inside of the cone ⟨m⟩ ≤ 0. One row n if α = 0.
+        """
+        n, first, second = self.axes
+        signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] if self.tilt else [(0.0, 0.0)]
+        return np.array([n + self.tilt * (a * first + b * second) for a, b in signs])
+
+    def around(self, motion: np.ndarray) -> np.ndarray:
+        """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `aside`."""
+        across: np.ndarray = motion @ self.axes[1:].T
+        return np.sum(np.abs(across), axis=-1)
+
     def advance(self, motion: np.ndarray) -> np.ndarray:
         """Returns ⟨m⟩ (...), the most that the depth can grow by a motion m (..., 3) [m or m/s].
 
