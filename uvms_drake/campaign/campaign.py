@@ -134,7 +134,7 @@ def make_campaign(scenario: Scenario, seed: int, certificate: Certificate | None
 def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Target]:
     """Returns the desired forces that can be held on a surface, each with its terminal set.
 
-    If no force acts, it is the scenario's own alone.
+    If no force acts or the controller knows none, it is the scenario's own alone.
 
     Args:
         scenario: With the tube of the surface's certificate in it.
@@ -143,7 +143,7 @@ def _targets_on(scenario: Scenario, wall: int, progress: Progress) -> list[Targe
     """
     own = Target(wall, 1.0, scenario.mpc.terminal_radius)
     force = np.asarray(scenario.task.force, dtype=float)
-    movable = motion_of(scenario).has_forces and scenario.mpc.terminal_set
+    movable = motion_of(scenario).knows_force and scenario.mpc.terminal_set
     if not (movable and np.any(force)):
         return [own]
 

@@ -14,8 +14,9 @@ from uvms_drake.report.figure_style import BLUE, COLUMN_WIDTH, LIMIT, ORANGE, ST
 
 RATIOS_FILE, PROPORTION_FILE = "campaign_ratios.png", "campaign_proportion.png"
 MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
-TIMING_FIGURE = "campaign_timing.png"
+TIMING_FIGURE, WALLS_FILE = "campaign_timing.png", "campaign_walls.png"
 CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FIGURE)
+"""Of every campaign; `WALLS_FILE` is of one whose walls are felt."""
 BINS = 24
 LONG = 300.0
 """Ratio of the ends of an axis from which on only decades are numbered."""
@@ -39,6 +40,8 @@ def make_campaign_figures(summary: Mapping[str, Any], times: Mapping[str, Any], 
         MARGINS_FILE: lambda: draw_margins(done),
         OUTCOMES_FILE: lambda: draw_outcomes(done, summary["force_tolerance"]),
         TIMING_FIGURE: lambda: draw_timing(times)}
+    if "walls" in summary:
+        figures[WALLS_FILE] = lambda: draw_walls(done)
     paths = []
     for name, draw in figures.items():
         with matplotlib.rc_context(STYLE):
@@ -150,6 +153,28 @@ def draw_outcomes(results: Results, tolerance: float) -> Figure:
         axis.set_ylabel("runs")
     axes[0].axvline(tolerance, **{**LIMIT, "label": "counts as settled"})
     axes[0].legend(loc="best")
+    return figure
+
+
+def draw_walls(results: Results) -> Figure:
+    """Draws how hard walls that are felt were pressed, and how soon, over their stiffness."""
+    figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
+    axes = figure.subplots(2, sharex=True)
+    walls = [result["wall"] for result in results]
+    for axis, name, label in (
+            (axes[0], "static", "largest static force\nover the largest allowed"),
+            (axes[1], "settled_s", "from touch\nto settled [s]")):
+        points = np.array([(wall["stiffness"], wall[name]) for wall in walls
+                           if wall["stiffness"] is not None and wall[name] is not None])
+        if len(points):
+            axis.plot(*points.T, color=BLUE, **DOT)
+        axis.set_ylabel(label)
+    axes[0].axhline(1.0, **{**LIMIT, "label": "largest allowed"})
+    axes[0].legend(loc="best")
+    for axis in axes:
+        axis.set_ylim(0.0, 1.05 * axis.get_ylim()[1])
+    axes[1].set_xlim(0.0, 1.02 * axes[1].get_xlim()[1])
+    axes[1].set_xlabel(f"largest slope of the wall's static force [N/m], {len(walls)} runs")
     return figure
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
+from uvms_drake.campaign.contacts import contact_of
 from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.vary import Variation, vary
 from uvms_drake.common.alarm import LOGGER
@@ -91,7 +92,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
-    margins = relative_margins(record, summary["constraints"])
+    margins = relative_margins(summary["constraints"])
     name = min(margins, key=lambda key: margins[key])
     induced = record.effective_disturbance - record.disturbance
     size = disturbance["worst"] / disturbance["bound"] if disturbance["bound"] > 0.0 else None
@@ -117,6 +118,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "proportional": None if size is None or ratio is None or unpromised else bool(
             ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
+        **contact_of(record.scenario).judged(record),
     }
 
 
@@ -144,15 +146,16 @@ def within_at_end(record: Record) -> bool:
                for name, radius in radii.items())
 
 
-def relative_margins(record: Record, constraints: dict[str, Any]) -> dict[str, float]:
+def relative_margins(constraints: dict[str, Any]) -> dict[str, float]:
     """Returns the margin of each constraint over its size; negative if violated.
 
-    The size of a joint's limit is the range of the joint.
+    The size of one with a limit on either side, such as a joint's, is the range between them.
     """
-    ranges = record.joint_upper - record.joint_lower
     out = {}
     for name, row in constraints.items():
-        joint = name.endswith(("_min", "_max"))
-        size = ranges[int(name[1:-4]) - 1] if joint else row["limit"]
+        size = abs(row["limit"])
+        if name.endswith(("_min", "_max")):
+            lower, upper = (constraints[name[:-4] + end]["limit"] for end in ("_min", "_max"))
+            size = upper - lower
         out[name] = float(row["margin"] / size)
     return out

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.campaign.distribution import distribution_of
+from uvms_drake.campaign.pressed import PRESSED, broken_promises, format_walls, summarise_walls
 from uvms_drake.campaign.run import STEP_EDGES_MS
 
 WORST = 10
@@ -46,7 +48,7 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
     results = sorted(results, key=lambda result: result["index"])
     carried = [result for result in results if result["error"] is None]
     done = carried if campaign.outside else [result for result in carried if result["inside"]]
-    base = campaign.base
+    base, walls = campaign.base, summarise_walls(done)
     return {
         "scenario": base.name, "seed": campaign.seed, "runs": len(results),
         "identity": campaign.identity, "certified": campaign.certified,
@@ -72,26 +74,17 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
         "by_disturbance": _grouped(done, lambda result: result["disturbance"]),
         "by_fault": _grouped(done, lambda result: ", ".join(result["faults"]) or "none"),
         "by_outside": _grouped(done, lambda result: result["outside"]),
+        **({"walls": walls} if walls else {}),
         "worst": [_replay(result) for result in sorted(results, key=_badness)[:WORST]],
         "results": results,
     }
 
 
 def distribution(results: Sequence[Result], name: str) -> dict[str, Any]:
-    """Returns minimum, median, 95th percentile and maximum of a measure, and whose the worst is.
-
-    For a measure of which small is bad the percentile is the 5th, under the name `p5`.
-    """
-    pairs = [(result[name], result["index"]) for result in results if result[name] is not None]
-    small_is_bad = MEASURES[name][1]
-    tail = "p5" if small_is_bad else "p95"
-    if not pairs:
-        return {"count": 0, "min": None, "median": None, tail: None, "max": None, "worst": None}
-    values = np.array([value for value, _ in pairs], dtype=float)
-    worst = int(np.argmin(values) if small_is_bad else np.argmax(values))
-    return {"count": len(pairs), "min": float(values.min()), "median": float(np.median(values)),
-            tail: float(np.percentile(values, 5.0 if small_is_bad else 95.0)),
-            "max": float(values.max()), "worst": pairs[worst][1]}
+    """Returns how a measure is distributed; see `distribution_of`."""
+    return distribution_of([result[name] for result in results],
+                           [result["index"] for result in results],
+                           small_is_bad=MEASURES[name][1])
 
 
 def _largest_unknown(results: Sequence[Result]) -> dict[str, float]:
@@ -131,7 +124,8 @@ def _badness(result: Result) -> tuple[float, ...]:
         if not (broken or result["inside"]):
             return (1.0, far, index)
         broken = broken or bool(result["exits_set"] + result["exits_trajectory"]
-                                + result["violations"] + result["limited"])
+                                + result["violations"] + result["limited"]
+                                + len(broken_promises(result)))
     return (-float(broken), far, index)
 
 
@@ -146,6 +140,8 @@ def all_well(summary: Mapping[str, Any]) -> bool:
     """Returns whether every promise was kept in every run, and nearly all runs were counted."""
     counts = summary["counts"]
     if counts["not_covered"] > NOT_COVERED * summary["runs"]:
+        return False
+    if not summary["outside"] and any(summary.get("walls", {}).get("broken", {}).values()):
         return False
     return not any(counts[name] for name in (PROMISES if summary["outside"] else INSIDE))
 
@@ -178,7 +174,7 @@ def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder
              f"{summary['duration_s']:g} s {where}, tube "
              + ("certified" if summary["certified"] else "declared, not certified"), "",
              *_format_measures(summary), "", *_format_groups(summary), "",
-             *_format_counts(summary)]
+             *format_walls(summary.get("walls", {})), *_format_counts(summary)]
     if times["seconds"] is not None:
         step = times["step_ms"]
         lines.append(f"a run took {times['seconds']['median']:.2f} s in the median"
@@ -189,8 +185,10 @@ def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder
 
 def _format_measures(summary: Mapping[str, Any]) -> list[str]:
     lines = [f"{'':<46}{'min':>9}{'median':>9}{'worst 5 %':>11}{'max':>9}{'worst run':>11}"]
-    for name, (text, small_is_bad) in MEASURES.items():
-        row = summary["distributions"][name]
+    walls = summary.get("walls", {}).get("distributions", {})
+    for name, (text, small_is_bad) in {
+            **MEASURES, **{name: (PRESSED[name], False) for name in walls}}.items():
+        row = (summary["distributions"] | walls)[name]
         tail = row["p5" if small_is_bad else "p95"]
         lines.append(_padded(text, 46) + "".join(
             f"{_number(value):>{width}}" for value, width in zip(

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, with_target
+from uvms_drake.campaign.contacts import contact_of
 from uvms_drake.campaign.outside import kinds_outside, step_outside
 from uvms_drake.campaign.unknowns import with_unknowns
 from uvms_drake.campaign.walls import moved, turns_freely
@@ -28,7 +29,7 @@ from uvms_drake.plant.disturbance import (
     SinusoidalDisturbance,
 )
 from uvms_drake.station.motions import make_ocp, motion_of
-from uvms_drake.station.problem import start_state
+from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario, Start
 
 POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
@@ -76,7 +77,8 @@ def vary(campaign: Campaign, index: int) -> Variation:
         aimed = with_target(moved(campaign.declared(target), yaw, shift), target)
         # A start with a feasible first plan.
         try:
-            ocp = make_ocp(aimed)
+            model = load_model(aimed)
+            ocp = make_ocp(aimed, model)
             scenario = replace(aimed, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
                                start=_start(aimed, ocp, rng))
             start = start_state(scenario, ocp)
@@ -84,10 +86,12 @@ def vary(campaign: Campaign, index: int) -> Variation:
             if attempt == 0:
                 make_ocp(base)  # A scenario that cannot be used at all says so.
             continue
-        plan, conditions = first_plan(ocp, start)
+        first = motion_of(base).first_problem(aimed, model, ocp, start)
+        plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
-        # Everything that disturbs.
+        # A wall that is felt, and everything that disturbs.
+        scenario = contact_of(base).drawn(scenario, first, rng)
         scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
         if outside is not None:
             scenario = step_outside(outside, scenario, campaign.model_error, rng)
@@ -144,6 +148,6 @@ def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
             rng: np.random.Generator) -> Scenario:
     """Returns the scenario, or with something unknown for which d̃ has to be enough too."""
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
-    if not (wanted and motion_of(scenario).has_forces):
+    if not (wanted and motion_of(scenario).knows_force):
         return scenario
     return with_unknowns(scenario, ocp, plan, largest, rng)

@@ -12,6 +12,7 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
 from pydrake.math import RotationMatrix
 
+from uvms_drake.campaign.contacts import contact_of
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import InvalidParameter
@@ -44,7 +45,8 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
              ) -> tuple[CertifiedWall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
-    Only a flat surface is tilted, and where no forces act there is the scenario's own alone.
+    Only a flat surface is tilted. There is the scenario's own alone where no forces act, or the
+    controller knows none: then the certificate is that of all the walls of a class.
 
     Args:
         scenario: As it is loaded.
@@ -52,7 +54,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
         progress: As of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
-    others = OTHER_WALLS if motion_of(scenario).has_forces else ()
+    others = OTHER_WALLS if motion_of(scenario).knows_force else ()
     for i, (stiffness, tilt) in enumerate(others):
         if tilt and scenario.surface.normal is None:
             continue
@@ -100,10 +102,14 @@ def _horizontal_in(normal: np.ndarray) -> np.ndarray:
 
 
 def turns_freely(scenario: Scenario) -> bool:
-    """Returns whether a turn about the vertical makes no difference to the nominal MPC either."""
+    """Returns whether a turn about the vertical makes no difference to the nominal MPC either.
+
+    Further limits may be along axes of Σ_I.
+    """
     mpc = scenario.mpc
     weights = [mpc.weight_y] if mpc.terminal_weight is None else [mpc.weight_y, mpc.terminal_weight]
-    return all(bool(x == y) for x, y in (np.asarray(weight, dtype=float)[:2] for weight in weights))
+    even = all(bool(x == y) for x, y in (np.asarray(weight, dtype=float)[:2] for weight in weights))
+    return even and not scenario.limits.more
 
 
 def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
@@ -128,7 +134,8 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
     error = replace(error, shift=R @ np.asarray(error.shift, dtype=float),
                     turn=R @ np.asarray(error.turn, dtype=float))
     return replace(
-        scenario, surface=scenario.surface.moved(R, shift), surface_error=error,
+        contact_of(scenario).turned(scenario, R), surface=scenario.surface.moved(R, shift),
+        surface_error=error,
         current=R @ np.asarray(scenario.current, dtype=float),
         start=replace(scenario.start, eta=pose(scenario.start.eta)),
         task=replace(task, force=force, pose=None if task.pose is None else pose(task.pose)))

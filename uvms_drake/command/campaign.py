@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from uvms_drake.campaign.campaign import Campaign, make_campaign, require_same_code
-from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
+from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
 from uvms_drake.campaign.pool import Pool, cluster_pool, local_pool, run_all
 from uvms_drake.campaign.store import (
     RUNS_FILE,
@@ -43,7 +43,7 @@ from uvms_drake.station.simulation import simulate
 from uvms_drake.station.step import check_step
 
 CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
-OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES)
+OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)
 
 
 def run_campaign(args: argparse.Namespace) -> int:

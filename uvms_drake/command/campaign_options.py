@@ -30,7 +30,8 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
     campaign.add_argument("--model-error", type=float, default=0.2, metavar="E",
                           help="largest relative error of the model that is drawn, as far as the "
                                "disturbance's bound covers it; 0 for a controller that knows "
-                               "robot, surface and water exactly (default: %(default)s)")
+                               "robot, surface and water exactly, and nothing is drawn where it "
+                               "feels the surface (default: %(default)s)")
     campaign.add_argument("--outside", action="store_true",
                           help="in every run one thing happens that the theory does not cover: "
                                "sensor faults, a stuck joint, a disturbance, current or error of "

@@ -113,7 +113,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
     }
 
 
-def summarise_contact(record: Record) -> dict[str, object]:
+def summarise_contact(record: Record) -> dict[str, Any]:
     """Returns when the surface was first touched, how often it was left, and the static force [N].
 
     The static force is that of the real surface at the pose, at rest: without impact and damping.

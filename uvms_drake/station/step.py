@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.motions import make_ocp, motion_of
@@ -53,6 +54,22 @@ def largest_step(scheme: str, rates: np.ndarray) -> float:
     return low
 
 
+def largest_rate(scenario: Scenario) -> float:
+    """Returns the largest real rate for which the step of a scenario is accurate [1/s].
+
+    It is infinite where nothing is checked.
+    """
+    settings = scenario.simulator
+    if settings.use_error_control:
+        return np.inf
+    return largest_step(settings.integration_scheme, np.array([-1.0])) / step_of(scenario)
+
+
+def step_of(scenario: Scenario) -> float:
+    """Returns the step that the integrator takes at most, between events too [s]."""
+    return min(scenario.simulator.max_step_size, scenario.log_period, scenario.mpc.time_step)
+
+
 def loop_rates(station: Diagram, context: Context) -> np.ndarray:
     """Returns the eigenvalues of ∂ẋ/∂x of all continuous states x at a Context [1/s]."""
     x = context.get_continuous_state_vector().CopyToVector()
@@ -69,7 +86,7 @@ def loop_rates(station: Diagram, context: Context) -> np.ndarray:
     return np.linalg.eigvals(np.array(columns).T)
 
 
-def friction_rate(scenario: Scenario, model: ContactModel, config: np.ndarray) -> float:
+def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> float:
     """Returns the largest rate of the friction on the tip at 𝔮 (6+n,) and the task's force [1/s].
 
     It is the largest slope of friction by speed times the tip's mobility, the largest eigenvalue of
@@ -109,7 +126,7 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
     rates = np.append(loop_rates(station, simulator.get_mutable_context()),
                       -friction_rate(scenario, model, config))
     largest = largest_step(settings.integration_scheme, rates)
-    step = min(settings.max_step_size, scenario.log_period, scenario.mpc.time_step)
+    step = step_of(scenario)
     fastest = float(np.max(np.abs(rates)))
     require(step <= largest, "simulator.max_step_size", settings.max_step_size,
             f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "

@@ -1,0 +1,171 @@
+"""What a campaign draws and judges of the contact, by what the controller is told of it."""
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.campaign.felt_walls import draw_wall
+from uvms_drake.campaign.pressed import pressed
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.tracking_ocp import TrackingOcp
+from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.station.record import Record
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import (
+    SEARCH,
+    largest_force,
+    sensed_contact,
+)
+from uvms_drake.station.step import friction_rate, largest_rate
+
+FORCES = (5.0, 30.0)
+"""Range of the desired force, as far as the class lets it be asked for [N]."""
+NEAREST, FARTHEST = 0.05, 0.5
+"""Range of the way to a wall along n [m]."""
+CLEAR = 0.02
+"""Water between wall and tip at the start, at least [m]: no more than the tare's time takes."""
+PART = 0.8
+"""Part of the estimated speed that is counted on."""
+SETTLING = 3.0
+"""Time that is left when the force should have settled [s]."""
+LEAST_CREEP = 0.005
+"""Smallest creep of friction [m/s]."""
+ATTEMPTS = 1000
+
+
+class Contact(ABC):
+    """A kind of contact, for a campaign."""
+
+    @abstractmethod
+    def turned(self, scenario: Scenario, R: np.ndarray) -> Scenario:
+        """Returns a scenario with what the controller is told turned by R (3, 3)."""
+
+    @abstractmethod
+    def drawn(self, scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Scenario:
+        """Returns a scenario with a contact that is drawn.
+
+        Args:
+            scenario: With its place and start.
+            ocp: Its problem at t = 0.
+            rng: Source of the draws.
+        """
+
+    @abstractmethod
+    def judged(self, record: Record) -> dict[str, Any]:
+        """Returns what is told of a run beside, or in place of, what is told of all."""
+
+
+class KnownContact(Contact):
+    """A surface that the controller knows: one of the certified, drawn with its desired force."""
+
+    def turned(self, scenario: Scenario, R: np.ndarray) -> Scenario:
+        """Returns the scenario as it is: the surface is what is told."""
+        return scenario
+
+    def drawn(self, scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Scenario:
+        """Returns the scenario as it is."""
+        return scenario
+
+    def judged(self, record: Record) -> dict[str, Any]:
+        """Returns nothing."""
+        return {}
+
+
+class FeltContact(Contact):
+    """A wall of the class that the controller is told of, and any force that may be asked for.
+
+    It stands no farther away than lets it be reached and pressed in time; a very soft one, or one
+    along which the tip has far to slide, may take longer all the same.
+    """
+
+    def turned(self, scenario: Scenario, R: np.ndarray) -> Scenario:
+        """Returns the scenario with n turned."""
+        contact = sensed_contact(scenario)
+        return replace(scenario, contact=replace(contact, direction=R @ contact.direction))
+
+    def drawn(self, scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Scenario:
+        """Returns the scenario with a wall and a desired force.
+
+        Raises:
+            RunFailed: No draw is in the class.
+        """
+        assert isinstance(ocp, TrackingOcp)  # That is the problem where the contact is felt.
+        contact = sensed_contact(scenario)
+        force = float(rng.uniform(*np.minimum(FORCES, largest_force(scenario))))
+        steepest = steepest_friction(scenario, ocp)
+        scenario = replace(scenario, task=replace(scenario.task, force=contact.wrench(force)))
+        start, goal = tips(scenario, ocp)
+        for _ in range(ATTEMPTS):
+            far = float(rng.uniform())
+            wall = draw_wall(contact, start, goal, rng)
+            if wall is None:
+                continue
+            speed, pressing = pace(scenario, ocp, wall, force)
+            most = min(FARTHEST, speed * (scenario.duration - pressing - SETTLING))
+            gap = NEAREST + far * max(most - NEAREST, 0.0)
+            wall = wall.moved(np.eye(3), gap * contact.direction)
+            if wall.geometry.depth(start) > -CLEAR:
+                continue
+            drawn = replace(scenario, surface=wall)
+            at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))
+            creep = max(LEAST_CREEP, at_unit_creep / steepest)
+            return replace(drawn, surface=replace(wall, creep=creep))
+        raise RunFailed(f"none of {ATTEMPTS} drawn walls is in the class")
+
+    def judged(self, record: Record) -> dict[str, Any]:
+        """Returns how the wall was pressed, as `wall`, and the force along n in place of 𝔉.
+
+        The wall's tilt and its friction push across n, where no force is asked for.
+        """
+        wall = pressed(record)
+        return {"wall": wall, "force_error": wall["final_error"],
+                "settling_time_s": wall["settling_time_s"]}
+
+
+CONTACTS: dict[bool, Contact] = {False: KnownContact(), True: FeltContact()}
+
+
+def contact_of(scenario: Scenario) -> Contact:
+    """Returns the kind of contact of a scenario."""
+    return CONTACTS[scenario.contact.felt]
+
+
+def tips(scenario: Scenario, ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:
+    """Returns where the tip starts, and where it is to press but for the depth (3,) [m]."""
+    return ocp.model.task_pose(scenario.start.config)[:3], ocp.y_des[:3]
+
+
+def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
+         ) -> tuple[float, float]:
+    """Returns the speed v at which a wall is approached [m/s], and the time to press [s].
+
+    A plan of duration T that comes to rest a way s ahead begins with 2s/T, and so it goes on where
+    s does not end. In free water s is that to the front, which moves along. In a wall of slope κ it
+    is the lesser of two: to the front, s₀ − F/κ₊ if it is s₀ in free water, and to the target,
+    (F_des − F)/κ̂ with a slope κ̂ that is not learned yet, κ₊. With Ḟ = κ 2s/T, F is within ε of
+    F_des after T/2 · κ₊/κ times the larger of
+
+        ln(s₀/(s₀ − F_des/κ₊))    and    ln(F_des/ε).
+
+    Both are estimates, taken to be slower than they come out.
+    """
+    contact, time = sensed_contact(scenario), 0.5 * ocp.horizon * ocp.time_step
+    room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH
+    speed = min(room / time, contact.speed - (scenario.tube.depth_speed or 0.0))
+    slower = max(np.log(room / (room - force / contact.stiffness)),
+                 np.log(force / scenario.task.force_tolerance))
+    pressing = time * contact.stiffness / wall.law.slopes[0] * slower
+    return PART * speed, float(pressing) / PART
+
+
+def steepest_friction(scenario: Scenario, ocp: Ocp) -> float:
+    """Returns the largest rate of a drawn wall's friction [1/s], see `check_step`.
+
+    It is that of the scenario's own wall: then the step is short enough, and friction changes no
+    faster than there. If that has none, it is what the step is short enough for.
+    """
+    own = friction_rate(scenario, ocp.model, ocp.model.configuration(ocp.y_des))
+    return min(own or np.inf, largest_rate(scenario))
