@@ -152,7 +152,8 @@ def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
         _run(Simulator(Breaks(kind("no\n  way on"))), 1.0)
 
 
-def test_the_first_plan_is_announced_before_it_is_made():
+def test_the_first_plan_is_announced_before_it_is_made(monkeypatch):
+    monkeypatch.setattr("uvms_drake.control.nominal_mpc.FIRST_SOLVE_ITERATIONS", 2)
     said = []
     with pytest.raises(RunFailed, match="out of the reach"):
         simulate(load_scenario("girona500_contact", ["start.eta.0=-50"]),
