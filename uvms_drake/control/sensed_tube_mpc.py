@@ -67,9 +67,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
       0; not finite in a gap. The front learns from it, and from an old value it would take for safe
       what nobody has felt.
     - `place`: where across n to press (3) in Σ_I [m]; else where y_des says. It may jump: a plan
-      slides as fast as limits let it. Further than ℓ from the apex's place the safe depth falls,
-      see `front.safe_depth`, by αℓ at most on a wall that is straight on: with less room than that
-      to the largest force, nothing says that the next problem is feasible.
+      slides as fast as limits and front let it.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
     - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: what was felt, see
