@@ -332,15 +332,21 @@ def _shortest(program: StagedProgram, z: np.ndarray, response: np.ndarray, activ
         A = np.zeros((1 + len(terminal.T), len(p) + 1))
         A[0, -1], A[1:, :-1] = 1.0, G[first:last]
         value = terminal.value + terminal.T @ z[-1, :nx]
-        prog.AddLorentzConeConstraint(
-            A, np.concatenate([[terminal.radius], value]), np.concatenate([p, s]))
-        if terminal.room is not None:
-            # (Lorentz cones with the same vector: its norm is at most the least of the rooms.)
+        if terminal.room is None:
+            prog.AddLorentzConeConstraint(
+                A, np.concatenate([[terminal.radius], value]), np.concatenate([p, s]))
+        else:  # ‖value + G p‖ ≤ t, and t is at most each of the bounds: one cone for all of them.
+            t = prog.NewContinuousVariables(1, "t")
+            prog.AddLorentzConeConstraint(
+                A, np.concatenate([[0.0], value]), np.concatenate([p, t]))
             sizes = terminal.room.size + terminal.room.rows @ z[-1, :nx]
-            for row, size in zip(G[last: last + len(sizes)], sizes, strict=True):
-                A[0, :-1] = row
-                prog.AddLorentzConeConstraint(
-                    A, np.concatenate([[size], value]), np.concatenate([p, s]))
+            most = np.append(sizes, terminal.radius)
+            by_p = np.vstack([-G[last: last + len(sizes)], np.zeros((1, len(p)))])
+            kept = np.isfinite(most)
+            ones = np.ones((np.count_nonzero(kept), 1))
+            prog.AddLinearConstraint(
+                np.hstack([by_p[kept], ones, -ones]), np.full(len(ones), -np.inf), most[kept],
+                np.concatenate([p, t, s]))
 
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
