@@ -73,7 +73,7 @@ QUICK = ["certificate.constant_samples=200", "certificate.tube_samples=40",
          "certificate.terminal_samples=200"]
 
 
-def test_it_is_certified_for_every_wall_of_the_class():
+def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     """The budget's parts add up to the radii, and the force is bounded by what was explored."""
     certificate = certify(load_scenario("girona500_unmeasured", QUICK))
     assert certificate.certified, certificate.failed
@@ -93,7 +93,7 @@ def test_it_is_certified_for_every_wall_of_the_class():
     ("contact.speed=0.02", "tube in limits.contact_speed[0]"),
     ("faults=[!LostForce {start: 1.0, duration: 1.0}]", "faults"),
 ])
-def test_what_voids_the_certificate_is_named(override, broken):
+def test_what_voids_the_certificate_is_named(few_searches, override, broken):
     certificate = certify(load_scenario("girona500_unmeasured", [*QUICK, override]))
     assert certificate.failed.name.startswith(broken), certificate.failed
 
