@@ -16,9 +16,10 @@ at most mT ago. In both cases it is at least the least force of that time, which
 front asks of a reading with W = mT, see `control.contact.front`.
 
 *What it cannot see.* A raw value that froze behind a tool whose weight is taken off, which varies
-with the attitude: there the watch belongs before that. A sensor without noise; one that repeats a record; a bias that jumps: beyond
-the declared error of the force that is a force like any other, for friction may change as fast. A
-sensor slower than the watch is seen more than once for each reading: m has to be larger than that.
+with the attitude: there the watch belongs before that. A sensor without noise; one that repeats a
+record; a bias that jumps: beyond the declared error of the force that is a force like any other,
+for friction may change as fast. A sensor slower than the watch is seen more than once for each
+reading: m has to be larger than that.
 """
 
 from typing import NamedTuple
