@@ -8,6 +8,7 @@ from uvms_drake.control.ancillary import AncillaryFeedback
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
+from uvms_drake.control.contact.plan_reach import PlanReach
 from uvms_drake.control.contact.target import PressTarget
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
@@ -103,6 +104,9 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     for source, port in ((press.get_output_port(), "target"),
                          (front.GetOutputPort("front"), "safe_depth")):
         builder.Connect(source, mpc.GetInputPort(port))
+    going = PlanReach.AddToBuilder(
+        builder, ocp, walls, plan=mpc.GetOutputPort("plan"), state=measured)
+    builder.Connect(going.get_output_port(), front.GetInputPort("reach"))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 

@@ -30,6 +30,7 @@ class ExploredFront(LeafSystem):
         input_ports:
         - state
         - measured_force
+        - reach (optional)
         output_ports:
         - safe_depth
         - front
@@ -42,6 +43,8 @@ class ExploredFront(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
+    - `reach` (1): ℓ of the plan that is followed, where it is less than that of all plans [m]; read
+      as soon as there is a front.
     - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
     - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
@@ -61,7 +64,7 @@ class ExploredFront(LeafSystem):
         surface: The class of walls.
         sensing: The sensor.
         margin: E, of the planned tip [m]; see `safe_depth`.
-        reach: ℓ, how far from the tip across n plans go [m]; see `replaces`.
+        reach: ℓ, how far from the tip across n any plan goes [m]; see `replaces`.
     """
 
     def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensing, *,
@@ -73,6 +76,7 @@ class ExploredFront(LeafSystem):
         self._reach = reach
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._force_port = self.DeclareVectorInputPort("measured_force", 6)
+        self._reach_port = self.DeclareVectorInputPort("reach", 1)
         for part in nothing(sensing):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
@@ -110,7 +114,10 @@ class ExploredFront(LeafSystem):
         else:
             tip = unseen(before)
         force = self._force_port.Eval(context)[:3]
-        return felt(self._surface, self._sensing, self._reach, before, tip, force)
+        reach = self._reach
+        if np.isfinite(before.apex[0]) and self._reach_port.HasValue(context):
+            reach = min(reach, float(self._reach_port.Eval(context)[0]))
+        return felt(self._surface, self._sensing, reach, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
         for i, part in enumerate(self._after(context)):

@@ -23,7 +23,8 @@ cancel in the average.
 *The pyramid never shrinks* in reach of the plan. A plan keeps linear rows, `SurfaceClass.facets`:
 the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
 if nothing in reach of the plan is lost, see `replaces`, so a plan that was allowed still is; ℓ
-bounds how far across n the rest of a plan goes, from every tip position along it.
+bounds how far across n the rest of a plan goes, from every tip position along it: that of the plan
+that is followed (`plan_reach`), so that a tip that comes to rest far from an old apex gets its own.
 
 *The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
 along n and E_t across, then N·(𝔭̄ − 𝔞) ≤ −(E_n + √2 αE_t) for all facets N puts the real one in
