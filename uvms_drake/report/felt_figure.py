@@ -110,7 +110,7 @@ def _draw_force(axis: Axes, record: Record, certified: float | None) -> None:
         draw_certified(axis, record, goal[:, None], certified)
     draw_instants(axis, record)
     axis.set_ylabel("force along $n$ [N]")
-    axis.figure.legend(*axis.get_legend_handles_labels(), ncols=3, loc="outside upper center")
+    axis.figure.legend(*axis.get_legend_handles_labels(), ncols=2, loc="outside upper center")
 
 
 def _draw_depths(axis: Axes, record: Record, depths: dict[str, np.ndarray]) -> None:
