@@ -70,13 +70,19 @@ def cache(tmp_path_factory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session")
-def uvms() -> Uvms:
+def girona() -> Uvms:
     """The Girona 500 with its arm in a plant of its own."""
     return read_uvms(GIRONA)
 
 
+@pytest.fixture(scope="session")
+def uvms(girona: Uvms) -> Uvms:
+    """The robot of the tests; a file may have another one."""
+    return girona
+
+
 @pytest.fixture(scope="session", autouse=True)
-def parsed_once(uvms: Uvms) -> Iterator[None]:
+def parsed_once(girona: Uvms) -> Iterator[None]:
     """What takes half of a short run is done once for all tests: to parse YAML and the robot."""
     known: dict[tuple, bytes] = {}
 
@@ -94,7 +100,7 @@ def parsed_once(uvms: Uvms) -> Iterator[None]:
         patch.setattr(yaml, "load", once(yaml.load))
         patch.setattr(yaml, "compose", once(yaml.compose))
         patch.setattr(contact_model, "read_uvms",
-                      lambda model: uvms if model == GIRONA else read_uvms(model))
+                      lambda model: girona if model == GIRONA else read_uvms(model))
         yield
 
 
