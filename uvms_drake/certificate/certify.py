@@ -98,7 +98,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None
-                     and not (scenario.contact.felt and part.reading(0.0) is not None)]
+                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)]
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 

@@ -12,6 +12,8 @@ INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller
           "limits.static_force, up to which the tube is taken")
 HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
+    "contact.clearance": "a larger contact.clearance, or a shorter tare",
+    "contact.speed": "a shorter mpc.time_step, or slower limits",
     "front, room": "a softer tool (contact.stiffness), larger gains or a larger contact.force",
     "task.force": "a smaller force, a softer tool (contact.stiffness) or larger gains",
     "tube in limits.contact_speed": "a larger contact.speed, contact.speed_across or larger gains, "

@@ -58,6 +58,8 @@ class ForceReading(NamedTuple):
     """T [s]."""
     period: float
     """h [s]."""
+    tare: float = 0.0
+    """Time at the start in which nothing may be touched [s]."""
 
     def missing(self, delay: float) -> float:
         """Returns the largest weight that forces older than `delay` [s] have in a reading."""
@@ -87,8 +89,13 @@ class Part(Component, ABC):
             seed: Seed of random numbers, zero or positive.
         """
 
-    def reading(self, time: float) -> ForceReading | None:
-        """Returns what is known of the force that it measures, up to a time [s]; None: nothing."""
+    def reading(self, time: float, turning: float) -> ForceReading | None:
+        """Returns what is known of the force that it measures; None, as by default: nothing.
+
+        Args:
+            time: The end [s].
+            turning: Bound of the angular velocity of the end-effector [rad/s].
+        """
         return None
 
 

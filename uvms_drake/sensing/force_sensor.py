@@ -148,10 +148,10 @@ class ForceSensor(Part):
         """Returns the assumption that it breaks."""
         return "the proofs know the contact force by the surface's law"
 
-    def reading(self, time: float) -> ForceReading:
+    def reading(self, time: float, turning: float) -> ForceReading:
         """Returns what is known of it up to a time at most; see `force_bound.error_bound`."""
-        still = error_bound(self, time, np.zeros(6)).total
-        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate)
+        still = error_bound(self, time, np.zeros(6), turning).total
+        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare)
 
     @property
     def tare_samples(self) -> int:

@@ -30,6 +30,8 @@ from uvms_drake.tube.tip_jerk import tip_jerk
 
 SEARCH = 1.0
 """How far ahead of the front the target is where nothing has been felt [m]."""
+BETWEEN_KNOTS = 0.12
+"""How much faster than its limit at the knots of a plan the tip may be between them, in parts."""
 SAFETY_OF_JERK = 1.5
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 
@@ -68,7 +70,7 @@ class Sensed(Dynamic):
     def contact_force(self, scenario: Scenario) -> FeltForce:
         """Returns the forces of all walls of the class, and how they are felt."""
         contact, reading = sensed_contact(scenario), reading_of(scenario)
-        speed = contact.largest_advance
+        speed = (1.0 + BETWEEN_KNOTS) * contact.largest_advance
         return FeltForce(
             size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
             rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
@@ -80,8 +82,9 @@ class Sensed(Dynamic):
     def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
         """Returns the tube with what the contact's part of the input may differ, and conditions.
 
-        These are that readings are off by no more than what the front is told, and that the front
-        lets the tip press as hard as is asked.
+        These are that readings are off by no more than what the front is told (for one, the tip
+        turns while the sensor averages), that no wall is near during the tare, that the tip is not
+        much faster between the knots of a plan, and that the front lets it press as is asked.
         """
         contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
         radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
@@ -93,18 +96,27 @@ class Sensed(Dynamic):
         aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
         jerk = SAFETY_OF_JERK * np.hypot(1.0, aside) * tip_jerk(
             basis.model, slower(declared, radii), scenario.mpc.time_step,
-            contact.tool_angle + np.arctan(aside), settings.constant_samples, settings.seed)
+            contact.tool_angle + np.arctan(aside), 10 * settings.constant_samples,
+            settings.seed)
         radii = replace(tube.radii, u=tube.radii.u + settings.safety_factor * rest,
                         between_knots=off_parabola(jerk, scenario.mpc.time_step))
         with_tube = replace(scenario, tube=radii)
         margin = front_margin(with_tube)
-        off = felt.error + felt.size * reading_of(scenario).missing(contact.delay)
+        reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
+        turned = contact.force * turning_of(scenario) * felt.age * (
+            np.sin(contact.angle) + contact.friction * np.cos(contact.angle))
+        off = felt.error + felt.size * reading.missing(contact.delay) + turned
         room = stopping_room(contact.force, contact.force_error, contact.stiffness, margin,
                              retreat=contact.dissipation * contact.largest_advance)
         return LawTube(radii, (
             *tube.conditions,
             Condition("contact.force_error, not less than the sensor's error",
                       contact.force_error, ">=", off),
+            Condition("contact.clearance, not less than the tip goes during the tare [m]",
+                      contact.clearance, ">=",
+                      (1.0 + BETWEEN_KNOTS) * contact.speed * reading.tare),
+            Condition("contact.speed, what comes to it between two knots [m/s]", faster, "<=",
+                      BETWEEN_KNOTS * min(contact.speed, contact.speed_across)),
             Condition("front, room from a reading without touch [m]", room, ">", 0.0),
             Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
                       largest_force(with_tube))), tube.budget)
@@ -147,11 +159,17 @@ def sensed_contact(scenario: Scenario) -> SensedContact:
 def reading_of(scenario: Scenario) -> ForceReading:
     """Returns what is known of the measured force, until the end."""
     for part in scenario.sensing:
-        reading = part.reading(scenario.duration)
+        reading = part.reading(scenario.duration, turning_of(scenario))
         if reading is not None:
             return reading
     raise InvalidParameter("sensing", scenario.sensing, "with a part that measures the force, such "
                            "as !ForceSensor, for a contact that is felt")
+
+
+def turning_of(scenario: Scenario) -> float:
+    """Returns a bound of the angular velocity of the tip [rad/s], whatever the arm."""
+    joints = len(np.asarray(scenario.task.posture))
+    return scenario.limits.nu2 + float(np.sqrt(joints)) * scenario.limits.qdot
 
 
 def sensing_of(contact: SensedContact) -> ForceSensing:

@@ -26,7 +26,7 @@ class Push:
     z: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """𝔯 − σ𝔭₀, the linear part of ζ − ζ̄ (3,) [m/s, rad/s]."""
     u: np.ndarray | float = 0.0
-    """The linear part of uᵢ − ūᵢ (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
     w: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
     budget: dict[str, dict[str, float]] = field(default_factory=dict)

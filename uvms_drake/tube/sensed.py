@@ -81,7 +81,8 @@ def _tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray,
 class FeltForce:
     """The forces of a class of walls on the tip, and what a sensor makes of them.
 
-    A force is F_N n + 𝔣, n the same at all times; F_N and 𝔣 are each the sum of a slow part, which
+    A force is F_N n + 𝔣, n the same at all times, F_N the size of the normal force and 𝔣 the rest:
+    friction, and what a normal off n makes of F_N; F_N and 𝔣 are each the sum of a slow part, which
     changes at no more than a rate, and of a ripple of no more than a size, as fast as it likes. The
     reading has a first-order lag, is held for a period, and is off by no more than `error` and
     `torque_error` however long the force stands still.
@@ -158,6 +159,10 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
             known * (A.force * turning * force.size * force.age + moving / safety_factor
                      + force.age * A_rate * (force.ripple + force.aside_ripple)))])
 
+    def through(A: _Sizes) -> np.ndarray:
+        """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
+        return np.asarray(safety_factor * (A.force * force.error + A.torque * force.torque_error))
+
     r = np.sum(parts("error", found.zeta), axis=0)
     J_r, turned = J_dot * float(np.linalg.norm(r)), turning * float(found.position.force)
     sine = float(np.sin(declared.tip_pitch))
@@ -174,8 +179,8 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         tip_speed=float(np.sum(parts("velocity", found.position, J_r, turned))),
         r=r, p=np.sum(parts("position", found.zeta), axis=0),
         z=np.sum(parts("velocity", found.zeta), axis=0),
-        u=np.sum(parts("input", found.rows), axis=0),
-        w=np.sum(parts("input", found.zeta), axis=0),
+        u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
+        w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 

@@ -43,8 +43,8 @@ class ExploredFront(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `reach` (1): ℓ of the plan that is followed, where it is less than that of all plans [m]; read
-      as soon as there is a front.
+    - `reach` (1): ℓ of the plan that is followed, which takes the place of the argument as soon as
+      there is a front [m].
     - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
     - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
@@ -116,7 +116,7 @@ class ExploredFront(LeafSystem):
         force = self._force_port.Eval(context)[:3]
         reach = self._reach
         if np.isfinite(before.apex[0]) and self._reach_port.HasValue(context):
-            reach = min(reach, float(self._reach_port.Eval(context)[0]))
+            reach = float(self._reach_port.Eval(context)[0])
         return felt(self._surface, self._sensing, reach, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:

@@ -38,11 +38,11 @@ class SensedContact:
     friction: float = 0.5
     """Largest coefficient of friction μ."""
     force_rate: float = 40.0
-    """How fast the part of the force that is not along `direction` may change [N/s]: friction that
-    turns with the motion, a normal that turns along the way."""
+    """How fast the force may change but for the size of its normal part along `direction` [N/s]:
+    friction that turns with the motion, a normal that turns along the way."""
     force_ripple: float = 2.0
     """What may come to that part at any rate [N]."""
-    force_error: float = 3.2
+    force_error: float = 4.2
     """Bound ν of the error of a reading of the force, in norm, but for what `delay` says [N]."""
     delay: float = 0.11
     """How old the force may be that a reading shows [s]: five lags and a period of the sensor."""
@@ -52,6 +52,8 @@ class SensedContact:
     """Largest speed of the tip along `direction`, either way [m/s]."""
     speed_across: float = 0.15
     """Largest speed of the tip along each of two directions across it [m/s]."""
+    clearance: float = 0.06
+    """How far ahead of the tip there is no wall at the start, while the sensor is tared [m]."""
     tool_angle: float = 0.25
     """Largest angle between the tool's axis and `direction` [rad]."""
 
@@ -85,7 +87,8 @@ class SensedContact:
                 f"positive, up to {STEEPEST:g} rad")
         for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay"):
+        for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
+                    "clearance"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         return replace(self, direction=direction)
 
