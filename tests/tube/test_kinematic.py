@@ -122,7 +122,8 @@ def test_the_radii_of_the_tube_are_the_disturbance_over_the_gain(certificate):
 def test_the_declared_tube_is_the_certified_one_rounded_up(certificate, scenario):
     declared, certified = resolved_radii(scenario.tube), resolved_radii(certificate.tube)
     for name, value in vars(certified).items():
-        if name not in ("u", "tau", "tip_speed"):  # Where no limit needs it, it is left out.
+        # Where no limit needs it, it is left out.
+        if name not in ("u", "tau", "tip_speed", "depth", "depth_speed", "between_knots"):
             assert value <= getattr(declared, name) <= 1.5 * value, name
 
 
@@ -293,7 +294,7 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
         nu2=0.2, qdot=0.1)
     law = Transpose(sigma=12.0)
     constants = estimate_constants(model, declared, CONSTANTS, samples=300)
-    tube, conditions = transpose_kinematic_tube(
+    tube, conditions, _ = transpose_kinematic_tube(
         law, Basis(
             model, declared, constants, 0.05, np.ones(6), np.zeros(0), scenario.certificate))
     assert all(item.holds for item in conditions), conditions

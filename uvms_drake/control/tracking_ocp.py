@@ -157,9 +157,10 @@ class TrackingOcp(DynamicOcp):
     @property
     def reach_names(self) -> tuple[str, ...]:
         """Those of `Front` and `Approach`."""
-        depths = [f"{name}[{i}]" for name in ("front", "front_ahead")
-                  for i in range(len(self.facets))]
-        return (*depths, "approach")
+        count = len(self.facets)
+        parts = [""] if count == 1 else [f"[{i}]" for i in range(count)]
+        return (*(f"{name}{part}" for name in ("front", "front_ahead") for part in parts),
+                "approach")
 
     @property
     def place_reach(self) -> float:
