@@ -91,7 +91,7 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     ("contact.force_error=3.0", "contact.force_error"),
     ("contact.clearance=0.04", "contact.clearance"),
     ("contact.stiffness=8000.0", "front, room"),
-    ("contact.speed=0.02", "tube in limits.contact_speed[0]"),
+    ("contact.speed=0.02", "contact.speed, what comes to it"),
     ("faults=[!LostForce {start: 1.0, duration: 1.0}]", "faults"),
 ])
 def test_what_voids_the_certificate_is_named(few_searches, override, broken):
