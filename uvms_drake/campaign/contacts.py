@@ -23,10 +23,9 @@ from uvms_drake.station.step import friction_rate, largest_rate
 
 FORCES = (5.0, 30.0)
 """Range of the desired force, as far as the class lets it be asked for [N]."""
-NEAREST, FARTHEST = 0.05, 0.5
-"""Range of the way to a wall along n [m]."""
-CLEAR = 0.02
-"""Water between wall and tip at the start, at least [m]: no more than the tare's time takes."""
+SPARE, FARTHEST = 0.02, 0.5
+"""Way to a wall along n: what it is more than the class's clearance at least, and all of it at most
+[m]."""
 PART = 0.8
 """Part of the estimated speed that is counted on."""
 SETTLING = 3.0
@@ -105,9 +104,10 @@ class FeltContact(Contact):
                 continue
             speed, pressing = pace(scenario, ocp, wall, force)
             most = min(FARTHEST, speed * (scenario.duration - pressing - SETTLING))
-            gap = NEAREST + far * max(most - NEAREST, 0.0)
+            nearest = contact.clearance + SPARE
+            gap = nearest + far * max(most - nearest, 0.0)
             wall = wall.moved(np.eye(3), gap * contact.direction)
-            if wall.geometry.depth(start) > -CLEAR:
+            if wall.geometry.depth(start) > -contact.clearance:
                 continue
             drawn = replace(scenario, surface=wall)
             at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))

@@ -14,6 +14,7 @@ from uvms_drake.report.summary import summarise_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 from uvms_drake.station.sensed import pressing_force, sensed_contact
+from uvms_drake.tube.ripple import ripple
 
 LAST_SECONDS = 2.0
 """Length of the window at the end over which the force is averaged [s]."""
@@ -92,25 +93,10 @@ def in_class(record: Record) -> bool:
     allowed = slice(int(np.argmax(hard)) if np.any(hard) else len(hard))
     touching = record.penetration[allowed] > 0.0
     far = np.linalg.norm(record.chi[allowed, :3] - center, axis=1) > reach
-    slow = changes_slowly(record.time[allowed], across(
-        contact.direction, record.force[allowed, :3]), contact.force_rate, contact.force_ripple)
-    return is_member(surface, contact, *ends) and not np.any(far & touching) and slow
-
-
-def changes_slowly(time: np.ndarray, force: np.ndarray, rate: float, ripple: float) -> bool:
-    """Returns whether a force can be a part that changes slowly, and a ripple, at the samples.
-
-    If it is, between any two it changes by what the rate makes of the time, and twice the ripple.
-
-    Args:
-        time: Of the samples (T,) [s].
-        force: (T, 3) [N].
-        rate: Largest rate of the slow part [N/s].
-        ripple: Largest size of the other [N].
-    """
-    return all(bool(np.all(np.linalg.norm(force[i:] - force[i], axis=1)
-                           <= rate * (time[i:] - time[i]) + 2.0 * ripple))
-               for i in range(len(time)))
+    aside = ripple(record.time[allowed], across(contact.direction, record.force[allowed, :3]),
+                   contact.force_rate)
+    return (is_member(surface, contact, *ends) and not np.any(far & touching)
+            and aside <= contact.force_ripple)
 
 
 def _surface(record: Record) -> ShapedSurface:

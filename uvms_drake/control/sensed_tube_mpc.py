@@ -20,7 +20,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass,
                          sensing: ForceSensing, *, force: float, largest: float, margin: float,
-                         reach: float, limits: Limits | None = None) -> Diagram:
+                         limits: Limits | None = None) -> Diagram:
     """Returns the tube-based NMPC that presses on a wall of a class, as a Diagram named "tube_mpc".
 
     ::
@@ -83,7 +83,6 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         force: Force along n that is asked for if nobody asks for another [N].
         largest: Largest force along n that may be asked for [N].
         margin: E, how far the real tip may be beyond the planned one; see `ExploredFront` [m].
-        reach: ℓ, how far from the tip across n a plan can go; see `ExploredFront` [m].
         limits: Those of the real robot, which `u` and `tau` keep to; None: they are not cut.
     """
     require(largest + sensing.noise < sensing.largest, "largest", largest,
@@ -94,7 +93,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
 
     # What was felt, and where to press next.
     front = ExploredFront.AddToBuilder(
-        builder, ocp.model, walls, sensing.watched, margin=margin, reach=reach, state=measured)
+        builder, ocp.model, walls, sensing.watched, margin=margin, state=measured)
     desired = DesiredForce.AddToBuilder(builder, walls.direction, force, largest)
     press = PressTarget.AddToBuilder(builder, front, walls.direction, ocp.y_des[:3],
                                      desired_force=desired.GetOutputPort("along"))

@@ -162,12 +162,6 @@ class TrackingOcp(DynamicOcp):
         return (*(f"{name}{part}" for name in ("front", "front_ahead") for part in parts),
                 "approach")
 
-    @property
-    def place_reach(self) -> float:
-        """Bound of ‖𝔭 − E ᵀ(y_des + E a)‖₂ where ‖ξ‖_P ≤ ε [m]."""
-        inverse = np.linalg.inv(self.terminal.P)[:3, :3]
-        return self.terminal.radius * float(np.sqrt(np.linalg.eigvalsh(inverse)[-1]))
-
     def aimed(self, aim: Aim) -> Self:
         """Returns the problem of another aim; it shares all that does not depend on it."""
         require(aim.speed > 0.0, "speed", aim.speed, "positive")

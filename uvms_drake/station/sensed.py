@@ -64,13 +64,13 @@ class Sensed(Dynamic):
         with within("ancillary"):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(contact),
-                force=force, largest=largest, margin=margin, reach=plan_reach(scenario, ocp),
+                force=force, largest=largest, margin=margin,
                 limits=command_limits(scenario))
 
     def contact_force(self, scenario: Scenario) -> FeltForce:
         """Returns the forces of all walls of the class, and how they are felt."""
         contact, reading = sensed_contact(scenario), reading_of(scenario)
-        speed = (1.0 + BETWEEN_KNOTS) * contact.largest_advance
+        speed = fastest_advance(contact)
         return FeltForce(
             size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
             rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
@@ -107,7 +107,7 @@ class Sensed(Dynamic):
             np.sin(contact.angle) + contact.friction * np.cos(contact.angle))
         off = felt.error + felt.size * reading.missing(contact.delay) + turned
         room = stopping_room(contact.force, contact.force_error, contact.stiffness, margin,
-                             retreat=contact.dissipation * contact.largest_advance)
+                             retreat=contact.dissipation * fastest_advance(contact))
         return LawTube(radii, (
             *tube.conditions,
             Condition("contact.force_error, not less than the sensor's error",
@@ -128,8 +128,7 @@ class Sensed(Dynamic):
         contact, n = sensed_contact(scenario), ocp.direction
         before, sensing = nothing(sensing_of(contact)), sensing_of(contact)
         tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
-        reach = plan_reach(scenario, ocp)
-        known = felt(contact.walls, sensing, reach, before, tip, np.zeros(3))
+        known = felt(contact.walls, sensing, 0.0, before, tip, np.zeros(3))
         margin = front_margin(scenario)
         depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
         across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
@@ -178,9 +177,14 @@ def sensing_of(contact: SensedContact) -> ForceSensing:
                         window=contact.delay)
 
 
+def fastest_advance(contact: SensedContact) -> float:
+    """Returns how fast the tip goes deeper at most [m/s], between the knots of a plan, too."""
+    return (1.0 + BETWEEN_KNOTS) * contact.largest_advance
+
+
 def largest_normal_force(contact: SensedContact) -> float:
     """Returns the largest normal force that is read [N]: that of damping, and the error, too."""
-    return contact.peak(contact.force, contact.largest_advance) + contact.force_error
+    return contact.peak(contact.force, fastest_advance(contact)) + contact.force_error
 
 
 def front_margin(scenario: Scenario) -> float:
@@ -188,19 +192,6 @@ def front_margin(scenario: Scenario) -> float:
     tube, walls = resolved_radii(scenario.tube), sensed_contact(scenario).walls
     parts = tube.depth, np.sqrt(2.0) * walls.tilt * (tube.position or 0.0), tube.between_knots
     return float(sum(part or 0.0 for part in parts))
-
-
-def plan_reach(scenario: Scenario, ocp: TrackingOcp) -> float:
-    """Returns ℓ [m], how far from the tip across n a plan can go, with its reference.
-
-    In the norm of `SurfaceClass.around`, to which the axes of `ContactSpeed` belong: no faster than
-    these say, for T, and as far again as the end may be from the reference.
-    The plan may be a sampling period old, and the tip as far from it as the tube says.
-    """
-    tube, contact, mpc = resolved_radii(scenario.tube), sensed_contact(scenario), scenario.mpc
-    fastest = 2.0 * max(contact.speed_across - (tube.tip_speed or 0.0), 0.0)
-    return float(fastest * (mpc.horizon + 1) * mpc.time_step
-                 + np.sqrt(2.0) * ((tube.position or 0.0) + ocp.place_reach))
 
 
 def pressing_force(scenario: Scenario) -> float:

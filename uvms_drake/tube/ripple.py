@@ -4,16 +4,17 @@ import numpy as np
 
 
 def ripple(time: np.ndarray, signal: np.ndarray, rate: float) -> float:
-    """Returns the least a ≥ 0 for which each component is slow but for at most a.
+    """Returns the least a ≥ 0 with ‖f(t) − f(s)‖ ≤ 2a + ρ|t − s| for all instants s, t.
 
-    A function is the sum of one with |ṡ| ≤ ρ and of one that is at most a iff
-    |f(t) − f(s)| ≤ 2a + ρ|t − s| for all s, t: then the least majorant, max_s f(s) − ρ|t − s|, less
-    a is one (McShane). So a is half of the largest rise of ±f(t) − ρt above its least value so far.
+    The sum of a function with ‖ṡ‖ ≤ ρ and of one that is at most a has no larger ripple than a. Of
+    one component the converse holds, too: the least majorant, max_s f(s) − ρ|t − s|, less a is a
+    slow part (McShane).
 
     Args:
         time: Instants (T,), ascending [s].
         signal: f (T, m).
         rate: ρ.
     """
-    both = np.concatenate([signal, -signal], axis=1) - rate * time[:, None]
-    return 0.5 * float(np.max(both - np.minimum.accumulate(both, axis=0)))
+    rises = (np.linalg.norm(signal[i:] - signal[i], axis=1) - rate * (time[i:] - time[i])
+             for i in range(len(time)))
+    return 0.5 * max((float(np.max(rise)) for rise in rises), default=0.0)
