@@ -41,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=30.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_unmeasured", [NEAR, *QUICK])
+    scenario = uv.load_scenario("girona500_contact", [NEAR, *QUICK])
 
     builder = DiagramBuilder()
     station = builder.AddSystem(make_station(scenario))

@@ -35,7 +35,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=10.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    settings = load_scenario("girona500_contact")
+    settings = load_scenario("girona500_ideal")
 
     # The controller's model, task and tightened limits.
     model = ContactModel.load(ROBOT, check_surface(WALL))

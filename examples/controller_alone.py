@@ -20,7 +20,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=6.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_contact")
+    scenario = uv.load_scenario("girona500_ideal")
     ocp = uv.make_ocp(scenario)
     model, state = ocp.model, uv.start_state(scenario, ocp)
 

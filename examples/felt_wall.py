@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--shift", type=float, default=0.02, help="of the wall, along x [m]")
     parser.add_argument("--stiffness", type=float, default=1.0, help="the wall's over the believed")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_contact", [
+    scenario = uv.load_scenario("girona500_ideal", [
         f"duration={arguments.duration}", f"surface_error.shift=[{arguments.shift}, 0, 0]",
         f"surface_error.stiffness={arguments.stiffness}", CLOSE, *WIDER])
     tube = scenario.tube

@@ -43,7 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_contact", [
+    scenario = uv.load_scenario("girona500_ideal", [
         f"duration={arguments.duration}", "simulator.max_step_size=0.004"])
     scenario.actuation = [ZeroOrderHold(period=0.02), ThrusterLag()]
     broken = [item.name for item in uv.certify(scenario).conditions if not item.holds]

@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
     arguments = parser.parse_args()
     for terms in ([], [SlowElbow()]):
-        scenario = uv.load_scenario("girona500_contact", [f"duration={arguments.duration}"])
+        scenario = uv.load_scenario("girona500_ideal", [f"duration={arguments.duration}"])
         scenario.mpc.terms = terms
         if terms:
             print(f"certificate: {uv.certify(scenario).failed}")

@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_contact", [f"duration={arguments.duration}"])
+    scenario = uv.load_scenario("girona500_ideal", [f"duration={arguments.duration}"])
     scenario.ancillary = ProportionalDerivative()
     print(f"certificate: {uv.certify(scenario).failed}")
 

@@ -41,7 +41,7 @@ def main() -> None:
     arguments = parser.parse_args()
     pillar = KeepAway()
     for limits in ([], [pillar]):
-        scenario = uv.load_scenario("girona500_contact", [f"duration={arguments.duration}"])
+        scenario = uv.load_scenario("girona500_ideal", [f"duration={arguments.duration}"])
         scenario.limits.more = limits
         if limits:
             print(f"certificate: {uv.certify(scenario).failed}")

@@ -54,7 +54,7 @@ class Buoy(uv.Surface):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=6.0, help="simulated time [s]")
-    scenario = uv.load_scenario("girona500_contact", [f"duration={parser.parse_args().duration}"])
+    scenario = uv.load_scenario("girona500_ideal", [f"duration={parser.parse_args().duration}"])
     scenario.surface, scenario.limits.static_force = Buoy(), None
     force = uv.simulate(scenario).force[-1, 0]
     print(f"force at the end: {force:.2f} N, desired {scenario.task.force[0]:.2f} N")

@@ -1,6 +1,6 @@
 """Makes the pictures of approach, contact and hold from a finished run.
 
-    uvms-drake run && python examples/screenshots.py out/girona500_contact
+    uvms-drake run && python examples/screenshots.py out/girona500_ideal
 
 It needs a Chromium on the path. The pictures go to the run's folder; `--output` names another one,
 `--times` other instants, and `--close` brings the camera near the end-effector.

@@ -25,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=5.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_contact")
+    scenario = uv.load_scenario("girona500_ideal")
     ocp, builder = uv.make_ocp(scenario), DiagramBuilder()
     uvms = builder.AddSystem(uv.make_uvms_plant(
         model=scenario.model, surface=scenario.surface, disturbance=scenario.disturbance,

@@ -18,7 +18,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=5.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    main_scenario = uv.load_scenario("girona500_contact")
+    main_scenario = uv.load_scenario("girona500_ideal")
 
     builder, robots = DiagramBuilder(), {}
     for name, y in SIDES.items():

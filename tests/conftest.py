@@ -114,7 +114,7 @@ def few_searches() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def plane() -> UnilateralPlane:
-    """The wall of the main scenario: at x = 0, facing −x."""
+    """The wall of the ideal scenario: at x = 0, facing −x."""
     return UnilateralPlane(stiffness=STIFFNESS)
 
 
@@ -126,8 +126,8 @@ def model(uvms: Uvms, plane: UnilateralPlane) -> ContactModel:
 
 @pytest.fixture(scope="session")
 def ocp() -> Ocp:
-    """The MPC problem of the main scenario."""
-    return make_ocp(load_scenario("girona500_contact"))
+    """The MPC problem of the ideal scenario."""
+    return make_ocp(load_scenario("girona500_ideal"))
 
 
 @pytest.fixture(scope="session")
@@ -154,8 +154,8 @@ def states(model: ContactModel) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="session")
 def short_ocp() -> Ocp:
-    """The MPC problem of the main scenario with a horizon of 5 intervals, 1 s."""
-    return make_ocp(load_scenario("girona500_contact", ["mpc.horizon=5"]))
+    """The MPC problem of the ideal scenario with a horizon of 5 intervals, 1 s."""
+    return make_ocp(load_scenario("girona500_ideal", ["mpc.horizon=5"]))
 
 
 @pytest.fixture(scope="session")

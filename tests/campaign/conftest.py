@@ -14,7 +14,7 @@ from uvms_drake.station.scenario import load_scenario
 
 @pytest.fixture(scope="session")
 def campaign() -> Campaign:
-    scenario = load_scenario("girona500_contact", ["duration=0.6", CLOSE[1]])
+    scenario = load_scenario("girona500_ideal", ["duration=0.6", CLOSE[1]])
     return make_campaign(scenario, 3, None)
 
 
@@ -29,7 +29,7 @@ def reference(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def certified() -> Campaign:
     """Starts close to the wall, so that contact is made in 2 s; with fewer other surfaces."""
-    scenario = load_scenario("girona500_contact", ["duration=2.0", CLOSE[1], *FEW])
+    scenario = load_scenario("girona500_ideal", ["duration=2.0", CLOSE[1], *FEW])
     with pytest.MonkeyPatch.context() as patch:
         search_less(patch)
         patch.setattr("uvms_drake.campaign.walls.OTHER_WALLS", WALLS)

@@ -34,7 +34,7 @@ from uvms_drake.station.step import check_step, friction_rate
 
 @pytest.fixture(scope="module")
 def base():
-    return load_scenario("girona500_unmeasured")
+    return load_scenario("girona500_contact")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def drawn(base, ocp):
 
 
 def test_a_wall_that_is_known_is_not_drawn_anew():
-    scenario = load_scenario("girona500_contact")
+    scenario = load_scenario("girona500_ideal")
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
     assert contact_of(scenario).drawn(scenario, None, rng) is scenario
@@ -142,7 +142,7 @@ def test_a_turn_of_everything_turns_the_direction_too(base):
     there = moved(base, 0.7, np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(there.contact.direction, [np.cos(0.7), np.sin(0.7), 0.0])
     np.testing.assert_allclose(there.task.force[:3], 20.0 * there.contact.direction)
-    assert moved(load_scenario("girona500_contact"), 0.7, np.zeros(3)).contact == KnownSurface()
+    assert moved(load_scenario("girona500_ideal"), 0.7, np.zeros(3)).contact == KnownSurface()
 
 
 def test_one_certificate_is_that_of_all_walls(base):
@@ -160,4 +160,4 @@ def test_limits_along_axes_do_not_turn(base):
     base.limits.more.append(TipVelocity(np.full(3, 0.1)))
     assert not turns_freely(base)
     base.limits.more.clear()
-    assert turns_freely(load_scenario("girona500_contact"))
+    assert turns_freely(load_scenario("girona500_ideal"))

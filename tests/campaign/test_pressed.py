@@ -34,7 +34,7 @@ LARGEST = 45.0
 
 def pressing(depth, *, stiffness=STIFFNESS, tilt=TILT, aside=0.0):
     """A record of 20 s in which the tip is that deep (T,) in a plane, at rest at every sample."""
-    scenario = load_scenario("girona500_unmeasured", ["duration=20", "log_period=0.02"])
+    scenario = load_scenario("girona500_contact", ["duration=20", "log_period=0.02"])
     into = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
     wall = ShapedSurface(Plane(np.zeros(3), -into), Linear(stiffness, 0.001), 0.0, 0.0)
     scenario = replace(scenario, surface=wall,

@@ -21,7 +21,7 @@ from uvms_drake.station.simulation import simulate
 
 def test_what_an_error_of_the_model_induces_is_what_the_plant_does():
     """Held against differences of its velocity, and M⁻¹(τ − n) − M̂⁻¹(τ − n̂) by both models."""
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "duration=0.4", CLOSE[1], "model_error.added_mass=1.2", "model_error.drag=0.8",
         "model_error.buoyancy_lever=1.1", "model_error.mass=1.02", "simulator.max_step_size=0.002",
         "log_period=0.002"])

@@ -46,7 +46,7 @@ def test_what_is_drawn_is_inside_the_bounds_and_comes_in_all_kinds(campaign):
 
 def test_what_is_drawn_has_the_weights_of_the_base():
     weights = [0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0, 1.0]
-    campaign = make_campaign(load_scenario("girona500_contact", [
+    campaign = make_campaign(load_scenario("girona500_ideal", [
         "duration=0.6", f"disturbance.weights={weights}"]), 3, None)
     for index in range(3):
         disturbance = vary(campaign, index).scenario.disturbance

@@ -14,7 +14,7 @@ from uvms_drake.station.simulation import simulate
 
 def test_another_place_makes_no_difference():
     """Rotated and translated, the same run: forces turn along, deviations do not change."""
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "duration=1.2", CLOSE[1], "current=[0.02, 0.01, 0]", "surface_error.stiffness=1.02",
         "surface_error.shift=[0.001, 0, 0]", "surface_error.turn=[0, 0.01, 0.01]"])
     yaw = 2.2

@@ -24,14 +24,14 @@ from uvms_drake.tube.constants import Constant
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario("girona500_contact")
+    return load_scenario("girona500_ideal")
 
 
 @pytest.fixture(scope="module")
 def certificate(scenario) -> Certificate:
     worst = {"config": np.arange(10.0), "zeta": np.zeros(10)}
     return Certificate(
-        scenario="girona500_contact", law="resolved", k=20.0, sigma=5.0, d_bound=0.1,
+        scenario="girona500_ideal", law="resolved", k=20.0, sigma=5.0, d_bound=0.1,
         constants=(Constant("J_max", 2.5, "estimated", 100, worst, 1.1, 2.3),),
         conditions=(Condition("a", 1.0, ">", 0.0), Condition("b", 2.0, "<=", 2.0)),
         tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf)),
@@ -89,7 +89,7 @@ def test_what_is_no_certificate_is_refused(text, tmp_path):
 ])
 def test_a_certificate_is_stale_exactly_if_something_it_depends_on_has_changed(
         certificate, override, stale):
-    other = load_scenario("girona500_contact", [override])
+    other = load_scenario("girona500_ideal", [override])
     assert (stale_reason(certificate, other) is not None) == stale
 
 

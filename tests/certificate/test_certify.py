@@ -27,7 +27,7 @@ from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("girona500_contact")
+    return load_scenario("girona500_ideal")
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +36,13 @@ def certificate(scenario) -> Certificate:
 
 
 def by_few(*overrides: str) -> Certificate:
-    """Returns the certificate of the main scenario, changed, by few searches."""
+    """Returns the certificate of the ideal scenario, changed, by few searches."""
     with pytest.MonkeyPatch.context() as patch:
         search_less(patch)
-        return certified_once(load_scenario("girona500_contact", [*FEW, *overrides]))
+        return certified_once(load_scenario("girona500_ideal", [*FEW, *overrides]))
 
 
-def test_the_main_scenario_is_certified_with_gains_that_a_vehicle_can_run(certificate):
+def test_the_ideal_scenario_is_certified_with_gains_that_a_vehicle_can_run(certificate):
     assert certificate.certified, verdict(certificate)
     assert certificate.law == "resolved"
     assert certificate.k <= 20.0
@@ -96,7 +96,7 @@ def test_the_force_bound_is_reached_by_some_state_in_the_tube_and_exceeded_by_no
 def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypatch):
     monkeypatch.setattr("uvms_drake.certificate.certify.certify",
                         lambda *_: pytest.fail("computed"))
-    again = certified_once(load_scenario("girona500_contact", ["seed=5", "duration=3"]),
+    again = certified_once(load_scenario("girona500_ideal", ["seed=5", "duration=3"]),
                            progress=lambda *_: pytest.fail("announced"))
     assert again.to_data() == certificate.to_data()
 
@@ -105,7 +105,7 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
         scenario, certificate, monkeypatch, tmp_path):
     search_less(monkeypatch)
     stages = []
-    few = load_scenario("girona500_contact", FEW)
+    few = load_scenario("girona500_ideal", FEW)
     certify(few, progress=lambda what, done: stages.append((what, done)))
     assert [what for what, _ in stages] == ["constants", "tube", "terminal set", "first plan"]
     assert [done for _, done in stages] == sorted(done for _, done in stages)
@@ -144,12 +144,12 @@ def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
 
 def test_a_certificate_of_forces_needs_a_limit_on_them():
     with pytest.raises(InvalidParameter, match=r"limits\.static_force = None: must be a number"):
-        certify(load_scenario("girona500_contact", ["limits.static_force=null"]))
+        certify(load_scenario("girona500_ideal", ["limits.static_force=null"]))
 
 
 def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):
     broken = {override: [item.name for item in assumptions(load_scenario(
-        "girona500_contact", [override])) if not item.holds] for override in (
+        "girona500_ideal", [override])) if not item.holds] for override in (
             f"mpc.terminal_weight={[1.0] * 20}", "mpc.input_reference=zero",
             "surface_error.stiffness=1.01", "surface_error.turn=[0, 0, 0.01]", "seed=1")}
     assert [len(names) for names in broken.values()] == [1, 1, 1, 1, 0]
@@ -157,7 +157,7 @@ def test_other_ways_to_give_up_the_theory_are_conditions_too(scenario):
         assert override.startswith(name.partition(",")[0])
 
 
-def test_the_numbers_of_the_main_scenario_are_those_of_the_readme(certificate):
+def test_the_numbers_of_the_ideal_scenario_are_those_of_the_readme(certificate):
     """Estimates may differ a little between linear algebra libraries."""
     tube = certificate.tube
     assert certificate.terminal.radius == pytest.approx(0.545, rel=0.02)
@@ -173,7 +173,7 @@ def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate):
     k, sigma = certificate.paper["smallest k"], certificate.paper["at σ"]
     assert k > 500.0
     void = certify(load_scenario(
-        "girona500_contact", [f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
+        "girona500_ideal", [f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
     assert [item.holds for item in void.conditions[:5]] == [True, True, True, False, True]
     assert all(item.holds for item in void.conditions[5:])
     assert "does not determine" in void.failed.name
@@ -241,7 +241,7 @@ def test_equal_weights_have_the_certificate_of_the_ball():
 
 
 def test_the_worst_of_the_ellipsoid_stays_in_the_certified_tube():
-    scenario = load_scenario("girona500_contact", WEIGHTED)
+    scenario = load_scenario("girona500_ideal", WEIGHTED)
     record = simulate(by_few(*WEIGHTED).applied_to(scenario), certified=True)
     summary = summarise(record)
     assert summary["disturbance"]["applied"] == pytest.approx(0.15)
@@ -268,7 +268,7 @@ class Puzzling(UnilateralPlane):
 
 
 def test_a_surface_that_does_not_say_what_the_theory_needs_is_void_and_says_so():
-    scenario = load_scenario("girona500_contact", ["certificate.constant_samples=16"])
+    scenario = load_scenario("girona500_ideal", ["certificate.constant_samples=16"])
     certificate = certify(replace(scenario, surface=Puzzling(**vars(scenario.surface))))
     assert not certificate.certified
     assert verdict(certificate) == (

@@ -50,7 +50,7 @@ def test_a_number_that_is_none_fails_without_an_amount():
                               "0.25 <= 0 does not hold by 0.25; what would help: leaving it out: "
                               "it acts as a disturbance that d̃ does not count")])
 def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
-    scenario = load_scenario("girona500_contact", [override])
+    scenario = load_scenario("girona500_ideal", [override])
     assert verdict(replace(EMPTY, conditions=tuple(assumptions(scenario)))) == line
 
 

@@ -34,7 +34,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(capsys, tmp_path, args, wo
     (["--uncertified"], "--uncertified = True"), (["--model-error", "0"], "--model-error = 0.0"),
     (["--set", "duration=9"], "--set = ['duration=9']")])
 def test_a_replay_takes_nothing_that_the_campaign_decides(tmp_path, capsys, args, said):
-    command = ["campaign", "girona500_contact", "--outside", "--replay", "2",
+    command = ["campaign", "girona500_ideal", "--outside", "--replay", "2",
                "--output", str(tmp_path)]
     assert main([*command, *args]) == 2
     err = capsys.readouterr().err

@@ -31,10 +31,11 @@ def few():
 
 @pytest.fixture(scope="module")
 def certified(few, tmp_path_factory):
-    """Runs half a second of the main scenario with a certificate: its folder, and what is said."""
+    """Runs half a second of the ideal scenario with a certificate: its folder, and what is said."""
     output, said = tmp_path_factory.mktemp("certified") / "out", StringIO()
     with redirect_stdout(said):
-        assert main(["run", "--duration", "0.5", "--output", str(output), *DATA_ONLY]) == 0
+        assert main(["run", "girona500_ideal", "--duration", "0.5", "--output", str(output),
+                     *DATA_ONLY]) == 0
     return output, said.getvalue()
 
 
@@ -44,13 +45,14 @@ def certificate_of(folder) -> Certificate:
 
 def run_in(folder, *args):
     """Returns the status of a run of 0.1 s without --uncertified."""
-    return main(["run", "--duration", "0.1", "--output", str(folder), *DATA_ONLY, *args])
+    return main(["run", "girona500_ideal", "--duration", "0.1", "--output", str(folder),
+                 *DATA_ONLY, *args])
 
 
 @pytest.fixture
 def committed(certified, tmp_path, capsys):
-    """Returns a folder in which `certify` has left the certificate of the main scenario."""
-    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    """Returns a folder in which `certify` has left the certificate of the ideal scenario."""
+    assert main(["certify", "girona500_ideal", "--output", str(tmp_path / "out")]) == 0
     capsys.readouterr()
     return tmp_path / "out"
 
@@ -86,10 +88,10 @@ def test_a_certificate_from_the_cache_is_not_announced_as_computed(certified, tm
 
 
 def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, capsys):
-    assert main(["certify", "--output", str(tmp_path / "out")]) == 0
+    assert main(["certify", "girona500_ideal", "--output", str(tmp_path / "out")]) == 0
     out, err = capsys.readouterr()
     assert err == f"written to {tmp_path / 'out'}: certificate.json\n"
-    assert out.startswith("girona500_contact: dynamic motion, law resolved, k = 20 1/s")
+    assert out.startswith("girona500_ideal: dynamic motion, law resolved, k = 20 1/s")
     assert out.splitlines()[-1].startswith("certified: all ")
     assert written(tmp_path / "out") == {"certificate.json"}
     certificate = certificate_of(tmp_path / "out")
@@ -99,19 +101,19 @@ def test_certify_writes_the_certificate_and_nothing_else(certified, tmp_path, ca
 def test_the_certificate_goes_to_a_folder_named_after_the_scenario(
         certified, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["certify"]) == 0
-    assert (tmp_path / "out" / "girona500_contact" / "certificate.json").is_file()
+    assert main(["certify", "girona500_ideal"]) == 0
+    assert (tmp_path / "out" / "girona500_ideal" / "certificate.json").is_file()
 
 
 def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tmp_path):
     kept = {path: path.stat().st_mtime_ns for path in cache.rglob("*.json")}
-    assert main(["certify", "--output", str(tmp_path)]) == 0
+    assert main(["certify", "girona500_ideal", "--output", str(tmp_path)]) == 0
     assert kept
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 
 def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
-    assert main(["certify", *VOID, "--output", str(tmp_path)]) == 1
+    assert main(["certify", "girona500_ideal", *VOID, "--output", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1] == f"written to {tmp_path}: certificate.json"
     assert "DOES NOT HOLD" in out
@@ -141,7 +143,7 @@ def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
     ["--set", "model=girona501"], ["--set", "ancillary.k=0"], ["--set", "disturbance.bound=-0.1"],
     ["--set", "task.force=[-5, 0, 0, 0, 0, 0]"]])
 def test_bad_input_is_refused_by_certify_too(args, capsys, tmp_path):
-    assert main(["certify", *args, "--output", str(tmp_path / "out")]) == 2
+    assert main(["certify", "girona500_ideal", *args, "--output", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("uvms-drake: error: ")
@@ -188,7 +190,7 @@ def test_a_stale_certificate_is_refused(committed, capsys):
     assert run_in(committed, "--set", "disturbance.bound=0.09") == 1
     assert capsys.readouterr().err == (
         f"uvms-drake: error: {path}: stale, the scenario has changed since 'certify' made it; use "
-        "another --output, or make it again: uvms-drake certify girona500_contact --set "
+        "another --output, or make it again: uvms-drake certify girona500_ideal --set "
         f"disturbance.bound=0.09 --set duration=0.1 --output {committed}\n")
     assert written(committed) == {"certificate.json"}
     assert path.read_text(encoding="utf-8") == text
@@ -197,7 +199,7 @@ def test_a_stale_certificate_is_refused(committed, capsys):
 def test_the_command_that_the_refusal_names_makes_the_certificate_again(
         certified, tmp_path, capsys):
     file, folder = tmp_path / "my wall.yaml", tmp_path / "my run"
-    file.write_text(dump_scenario(load_scenario("girona500_contact")), encoding="utf-8")
+    file.write_text(dump_scenario(load_scenario("girona500_ideal")), encoding="utf-8")
     assert main(["certify", str(file), "--output", str(folder)]) == 0
     args = [str(file), "--set", "disturbance=!RandomDisturbance {bound: 0.09, bandwidth: 2}"]
     assert run_in(folder, *args) == 1
@@ -222,7 +224,8 @@ def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
 def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
     robot, output = broken_robot(tmp_path, "", ""), tmp_path / "out"
     args = [*VOID, "--set", f"model={robot}"]
-    assert main(["certify", *args, "--output", str(output)]) == 1  # void is enough for this
+    assert main(["certify", "girona500_ideal", *args, "--output",
+                 str(output)]) == 1  # void is enough for this
     capsys.readouterr()
     file = robot / "hydrodynamics.yaml"
     file.write_text(file.read_text(encoding="utf-8") + "# touched\n", encoding="utf-8")

@@ -176,7 +176,7 @@ def test_any_file_ends_in_a_run_or_in_one_line(tmp_path, capsys, deadline, chunk
 
 WORDS = {
     "": ["run", "plot", "certify", "bench", "campaign", "errata", "scenarios", "keys", "fly", "-h"],
-    "scenario": ["girona500_contact", "girona500_contcat", "paper_kinematic", "/", "", ".", "a\0b",
+    "scenario": ["girona500_ideal", "girona500_contcat", "paper_kinematic", "/", "", ".", "a\0b",
                  "/dev/null", "nowhere/mine.yaml", "--", "-", "é" * 200, "mine.yaml"],
     "value": ["0", "-1", "1e30", "nan", "inf", "", "x", "010", "1:30", "[1", "{}", "!No {}", "null",
               "true", "\0", "--seed", "1e-9", "../..", "[]"],

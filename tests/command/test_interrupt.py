@@ -14,7 +14,7 @@ import pytest
 from uvms_drake.command.main import main
 from uvms_drake.common.output import MANIFEST_FILE
 
-SHORT = ["run", "--uncertified", "--no-figures", "--duration", "0.1"]
+SHORT = ["run", "girona500_ideal", "--uncertified", "--no-figures", "--duration", "0.1"]
 DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz", MANIFEST_FILE}
 
 
@@ -34,7 +34,7 @@ def catches(pid):
     (signal.SIGINT, 130, 0.0), (signal.SIGTERM, 143, 0.5), (signal.SIGINT, 130, 4.0)])
 def test_a_signal_ends_certify_with_one_line_at_any_time(number, status, seconds, tmp_path):
     """While it imports, computes constants, or is inside of SNOPT."""
-    process = command("certify", "--output", str(tmp_path / "out"),
+    process = command("certify", "girona500_ideal", "--output", str(tmp_path / "out"),
                       env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")})
     while not catches(process.pid):
         time.sleep(0.01)
@@ -128,10 +128,13 @@ def test_a_run_that_violates_a_limit_says_so_last_and_has_a_status_of_its_own(tm
 TRIES = int(os.environ.get("UVMS_DRAKE_INTERRUPTIONS", "3"))
 FULL_DISKS = int(os.environ.get("UVMS_DRAKE_FULL_DISKS", "2"))
 COMMANDS = {
-    "run": ["run", "--duration", "1"], "run without": [*SHORT, "--duration", "3"],
-    "pictures": ["run", "--uncertified", "--duration", "0.2"], "certify": ["certify", "--front"],
+    "run": ["run", "girona500_ideal", "--duration", "1"],
+    "run without": [*SHORT, "--duration", "3"],
+    "pictures": ["run", "girona500_ideal", "--uncertified", "--duration", "0.2"],
+    "certify": ["certify", "girona500_ideal", "--front"],
     "bench": ["bench", "girona500_bilateral"], "errata": ["errata"],
-    "campaign": ["campaign", "--uncertified", "--runs", "3", "--set", "duration=1"]}
+    "campaign": ["campaign", "girona500_ideal", "--uncertified", "--runs", "3",
+                 "--set", "duration=1"]}
 
 
 @pytest.mark.parametrize("number", range(TRIES))
@@ -170,7 +173,8 @@ def test_a_full_disk_is_one_line_and_leaves_whole_files_and_those_of_others(numb
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
     (tmp_path / "mine.txt").write_text("mine")
-    process = command("run", "--uncertified", "--duration", "0.1", "--output", str(tmp_path),
+    process = command("run", "girona500_ideal", "--uncertified", "--duration", "0.1", "--output",
+                      str(tmp_path),
                       preexec_fn=limit)
     err = process.communicate(timeout=120)[1]
     names = {path.name for path in tmp_path.iterdir()} - {"mine.txt"}

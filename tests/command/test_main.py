@@ -31,7 +31,9 @@ QUICK = [*DATA_ONLY, "--uncertified"]
 def refusal(capsys, tmp_path, *args):
     """Runs with bad input and returns the only line on stderr; nothing may have been written."""
     output = tmp_path / "result"
-    status = main(["run", "--duration", "0.2", "--output", str(output), *QUICK, *args])
+    named = bool(args) and not args[0].startswith("--")
+    status = main(["run", *([] if named else ["girona500_ideal"]), "--duration", "0.2",
+                   "--output", str(output), *QUICK, *args])
     out, err = capsys.readouterr()
     assert (status, out) == (2, "")
     assert err.startswith("uvms-drake: error: ")
@@ -42,11 +44,12 @@ def refusal(capsys, tmp_path, *args):
 
 @pytest.fixture(scope="module")
 def smoke(tmp_path_factory):
-    """Runs half a second of the main scenario as users do, with all outputs."""
+    """Runs half a second of a scenario as users do, with all outputs."""
     output = tmp_path_factory.mktemp("smoke") / "out"
     done = subprocess.run(
-        [sys.executable, "-m", "uvms_drake", "run", "--duration", "0.5", "--seed", "3",
-         "--output", str(output), "--uncertified"], capture_output=True, text=True, check=False)
+        [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", "--duration", "0.5",
+         "--seed", "3", "--output", str(output), "--uncertified"],
+        capture_output=True, text=True, check=False)
     return output, done
 
 
@@ -54,7 +57,7 @@ def test_a_short_run_writes_every_file(smoke):
     output, done = smoke
     assert done.returncode == 0, done.stderr
     assert written(output) == DATA | {
-        "replay.html", "report.html", *figures_of(load_scenario("girona500_contact"))}
+        "replay.html", "report.html", *figures_of(load_scenario("girona500_ideal"))}
 
 
 def test_a_finished_run_is_drawn_again_from_its_data(smoke, tmp_path, capsys):
@@ -91,7 +94,7 @@ def test_a_damaged_log_is_called_one(name, smoke, tmp_path, capsys):
 
 def test_a_run_prints_the_summary_and_where_the_files_are(smoke):
     output, done = smoke
-    assert "girona500_contact, seed 3: 0.5 s" in done.stdout
+    assert "girona500_ideal, seed 3: 0.5 s" in done.stdout
     assert "certified     no (declared tube)" in done.stdout
     assert f"written to {output}: " in done.stdout
 
@@ -110,7 +113,7 @@ def test_the_written_files_belong_together(smoke):
     summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
     assert summarise(record) == summary
     assert (summary["seed"], summary["duration_s"]) == (3, 0.5)
-    expected = load_scenario("girona500_contact", ["seed=3", "duration=0.5"])
+    expected = load_scenario("girona500_ideal", ["seed=3", "duration=0.5"])
     assert (output / "scenario.yaml").read_text(encoding="utf-8") == dump_scenario(expected)
 
 
@@ -137,7 +140,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     assert [line.split()[:3] for line in lines] == [
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
-        ["girona500_unmeasured", "dynamic", "resolved"],
+        ["girona500_ideal", "dynamic", "resolved"],
         ["paper_dynamic", "dynamic", "transpose"],
         ["paper_dynamic_resolved", "dynamic", "resolved"],
         ["paper_kinematic", "kinematic", "transpose"],
@@ -195,9 +198,10 @@ def test_the_help_of_run_names_the_scenarios_and_keys_that_there_are(capsys):
 
 
 def test_quiet_says_nothing_but_the_result(tmp_path, capsys):
-    assert main(["run", "--quiet", "--duration", "0.1", "--output", str(tmp_path), *QUICK]) == 0
+    assert main(["run", "girona500_ideal", "--quiet", "--duration", "0.1", "--output",
+                 str(tmp_path), *QUICK]) == 0
     out, err = capsys.readouterr()
-    assert "girona500_contact, seed 0: 0.1 s" in out
+    assert "girona500_ideal, seed 0: 0.1 s" in out
     assert err == ""
 
 
@@ -212,7 +216,8 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
 
     monkeypatch.setattr(where, begin)
     args = [*(["--uncertified"] if command == "run" else []), "--output", str(tmp_path / "out")]
-    assert main([command, "--set", "simulator.max_step_size=0.05", *args]) == 1
+    assert main([command, "girona500_ideal", "--set", "simulator.max_step_size=0.05",
+                 *args]) == 1
     first, last = capsys.readouterr().err.splitlines()
     assert first == "note: simulator.max_step_size = 0.05 s is cut to 0.02 s by the log or the MPC"
     assert last.startswith("uvms-drake: error: begun")
@@ -223,7 +228,7 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["--set", "surface.stifness=3"], "surface.stifness = 3: must be under one of the keys point"),
     (["--set", "surface.stiffness=hard"], "surface.stiffness = 'hard': must be a finite number"),
     (["--seed", "x"], "seed = 'x': must be a whole number"),
-    (["--seed", "-1"], "seed = -1: must be zero or positive (girona500_contact.yaml with "
+    (["--seed", "-1"], "seed = -1: must be zero or positive (girona500_ideal.yaml with "
      "--seed=-1 --duration=0.2)"),
     (["--seed", "1e30"], "must be at most 9223372036854775807"),
     (["--seed", "010"], "seed = '010': must be a YAML value"),
@@ -255,7 +260,7 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["--set", "limits.u.0=-1"], "limits.u = [-1."),
     (["--set", "tube.e=-1"], "tube.e = -1.0: must be zero or positive"),
     (["--set", "mpc.horizon=0"], "error: mpc.horizon = 0: must be a positive integer "
-     "(girona500_contact.yaml with --set mpc.horizon=0 --duration=0.2)"),
+     "(girona500_ideal.yaml with --set mpc.horizon=0 --duration=0.2)"),
     (["--set", "surface.dissipation=1e9"], "surface.dissipation = 1000000000.0: must be at most"),
     (["--set", "surface.dissipation=900"], "mpc.time_step = 0.2: must be such that the loop"),
     (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
@@ -290,8 +295,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_pa
 @pytest.mark.parametrize("kernel", ["Haswell", "SkylakeX"])
 def test_whether_input_is_bad_does_not_hang_on_rounding(kernel, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "uvms_drake", "run", *QUICK, "--set", "surface.dissipation=900",
-         "--output", str(tmp_path / "out")], env={**os.environ, "OPENBLAS_CORETYPE": kernel},
+        [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", *QUICK,
+         "--set", "surface.dissipation=900", "--output", str(tmp_path / "out")],
+        env={**os.environ, "OPENBLAS_CORETYPE": kernel},
         capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "grows at most 100-fold in a step without control, not 309-fold" in done.stderr
@@ -299,7 +305,7 @@ def test_whether_input_is_bad_does_not_hang_on_rounding(kernel, tmp_path):
 
 def test_bad_input_names_the_scenario_file(capsys, tmp_path):
     file = tmp_path / "mine.yaml"
-    scenario = load_scenario("girona500_contact", ["disturbance.bound=-0.125"])
+    scenario = load_scenario("girona500_ideal", ["disturbance.bound=-0.125"])
     file.write_text(dump_scenario(scenario), encoding="utf-8")
     assert main(["run", str(file), "--output", str(tmp_path / "out"), "--uncertified"]) == 2
     assert capsys.readouterr().err == (
@@ -327,7 +333,8 @@ def test_a_robot_that_is_no_sdformat_is_refused(capsys, tmp_path):
 
 
 def test_a_browser_can_watch(capsys, tmp_path):
-    assert main(["run", "--duration", "0.1", "--meshcat", "--no-wait", "--output",
+    assert main(["run", "girona500_ideal", "--duration", "0.1", "--meshcat", "--no-wait",
+                 "--output",
                  str(tmp_path), *QUICK]) == 0
     assert "watch at http://localhost:" in capsys.readouterr().err
 
@@ -339,7 +346,7 @@ def test_an_output_that_cannot_be_written_to_is_refused_before_the_run(
 
     monkeypatch.setattr(simulation, "simulate", simulate)
     (tmp_path / "file").write_text("in the way")
-    assert main(["run", "--output", str(tmp_path / "file" / "out")]) == 2
+    assert main(["run", "girona500_ideal", "--output", str(tmp_path / "file" / "out")]) == 2
     line = capsys.readouterr().err
     assert line.count("\n") == 1
     assert f"--output = '{tmp_path / 'file' / 'out'}': must be a folder that can be" in line
@@ -351,14 +358,15 @@ def test_a_run_that_cannot_go_on_has_exit_status_1_and_leaves_nothing(
         raise RunFailed("no plan")
 
     monkeypatch.setattr(simulation, "simulate", simulate)
-    assert main(["run", "--output", str(tmp_path / "out"), "--uncertified"]) == 1
-    assert capsys.readouterr().err == "uvms-drake: error: no plan (girona500_contact.yaml)\n"
+    assert main(["run", "girona500_ideal", "--output", str(tmp_path / "out"), "--uncertified"]) == 1
+    assert capsys.readouterr().err == "uvms-drake: error: no plan (girona500_ideal.yaml)\n"
     assert not (tmp_path / "out").exists()
 
 
 def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
     process = subprocess.Popen(
-        [sys.executable, "-m", "uvms_drake", "run", "--duration", "500", "--output",
+        [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", "--duration", "500",
+         "--output",
          str(tmp_path / "out"), *QUICK], stderr=subprocess.PIPE, text=True)
     assert process.stderr.readline() == "simulating: first plan\n"
     time.sleep(0.3)
@@ -408,7 +416,7 @@ def test_bench_prints_and_writes_what_it_measures(quick_bench, capsys, tmp_path,
     ["girona500_contcat"], ["--set", "surface.stiffness=-1"], ["--set", "mpc.horizon=0"],
     ["--set", "disturbance.bound=-0.1"], ["--set", "start.q.0=1.6"], ["--set", "model=girona501"]])
 def test_bad_input_is_refused_by_bench_too(args, quick_bench, capsys, tmp_path):
-    assert main(["bench", *args, "--output", str(tmp_path / "out")]) == 2
+    assert main(["bench", "girona500_ideal", *args, "--output", str(tmp_path / "out")]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("uvms-drake: error: ")
@@ -422,7 +430,7 @@ def test_bench_writes_nothing_if_the_scenario_cannot_be_run(
         raise RunFailed("no plan")
 
     monkeypatch.setattr(bench, "simulate", fails)
-    assert main(["bench", "--output", str(tmp_path / "out")]) == 1
+    assert main(["bench", "girona500_ideal", "--output", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.splitlines()[-1] == (
-        "uvms-drake: error: no plan (girona500_contact.yaml)")
+        "uvms-drake: error: no plan (girona500_ideal.yaml)")
     assert not (tmp_path / "out").exists()

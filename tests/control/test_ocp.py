@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.ocp`: the problem of the main scenario."""
+"""Tests of `uvms_drake.control.ocp`: the problem of the ideal scenario."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from uvms_drake.control.plan import DynamicPlan, Plan, advance
 from uvms_drake.station.scenario import load_scenario
 
 H = 0.2  # s
-MPC = load_scenario("girona500_contact").mpc
+MPC = load_scenario("girona500_ideal").mpc
 Q = np.concatenate([MPC.weight_y, MPC.weight_zeta])
 R = MPC.weight_u
 
@@ -299,7 +299,7 @@ def test_whole_turns_of_the_tool_cost_nothing(ocp, turns):
     ("weight_u", np.full(10, -1.0)), ("weight_u", np.full(10, np.nan)),
 ])
 def test_a_setting_without_meaning_is_named(ocp, key, value):
-    config = replace(load_scenario("girona500_contact").mpc, **{key: value})
+    config = replace(load_scenario("girona500_ideal").mpc, **{key: value})
     with pytest.raises(InvalidParameter) as caught:
         DynamicOcp(ocp.model, config, ocp.y_des, ocp.limits)
     assert caught.value.key == key

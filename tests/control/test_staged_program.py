@@ -155,7 +155,7 @@ def test_both_relaxations_and_more_than_one_conic_program_occur():
 
 
 @pytest.mark.parametrize("where", ["off", "before", "on"])
-def test_programs_of_the_main_scenario_have_the_solution_of_the_program_in_full(
+def test_programs_of_the_ideal_scenario_have_the_solution_of_the_program_in_full(
         short_ocp, start_plans, where):
     kinds = {compare(short_ocp.staged_program(guess)) for guess in start_plans[where]}
     assert kinds and "infeasible" not in kinds

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.terminal`, at the task of the main scenario: 20 N on a wall."""
+"""Tests of `uvms_drake.control.terminal`, at the task of the ideal scenario: 20 N on a wall."""
 
 from typing import NamedTuple
 
@@ -53,7 +53,7 @@ def loop(ocp) -> Loop:
 def test_the_problem_has_these_ingredients_with_an_inflated_penalty(ocp, loop):
     np.testing.assert_allclose(ocp.terminal.P, (1.0 + INFLATION) * loop.P, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(ocp.terminal.gain, loop.gain, rtol=1e-9, atol=1e-9)
-    assert ocp.terminal.radius == load_scenario("girona500_contact").mpc.terminal_radius
+    assert ocp.terminal.radius == load_scenario("girona500_ideal").mpc.terminal_radius
 
 
 def test_without_inflation_the_penalty_solves_the_riccati_equation(loop):

@@ -13,7 +13,7 @@ from uvms_drake.station.scenario import load_scenario
 
 
 def first_guess(*overrides):
-    scenario = load_scenario("girona500_contact", overrides)
+    scenario = load_scenario("girona500_ideal", overrides)
     ocp = make_ocp(scenario)
     return ocp, ocp.resting_plan(0.0, start_state(scenario, ocp))
 

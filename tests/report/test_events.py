@@ -199,7 +199,8 @@ def test_a_script_without_handlers_gets_it_on_stderr():
 
 
 def test_a_run_says_on_stderr_and_in_its_summary_what_is_alarming(tmp_path, capsys):
-    assert main(["run", "--uncertified", "--no-figures", "--no-replay", "--duration", "0.5",
+    assert main(["run", "girona500_ideal", "--uncertified", "--no-figures", "--no-replay",
+                 "--duration", "0.5",
                  "--set", "faults=[!ExcessDisturbance {factor: 5}]",
                  "--output", str(tmp_path / "out")]) == 0
     out, err = capsys.readouterr()
@@ -219,6 +220,6 @@ def test_a_worker_of_a_campaign_is_silent(monkeypatch, caplog):
 
     caplog.set_level(logging.WARNING, LOGGER.name)
     monkeypatch.setattr(run, "simulate", alarmed)
-    campaign = make_campaign(load_scenario("girona500_contact", ["duration=0.6"]), 3, None)
+    campaign = make_campaign(load_scenario("girona500_ideal", ["duration=0.6"]), 3, None)
     assert run.run_one(campaign, 0)["result"]["error"] == "RuntimeError: enough"
     assert caplog.messages == []

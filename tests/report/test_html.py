@@ -40,7 +40,7 @@ def test_it_is_one_file_with_figures_in_it_that_loads_nothing(record, tmp_path):
 
 def test_it_says_what_it_is_about_and_how_to_run_it_again(record):
     text = format_report(record, [], None)
-    for part in ("girona500_contact", "compliant wall", "stiffness: 1000.0", "Drake 1.",
+    for part in ("girona500_ideal", "compliant wall", "stiffness: 1000.0", "Drake 1.",
                  "uvms-drake run scenario.yaml --uncertified", "seed 0", "20 N", "tip_pitch"):
         assert part in text, part
 

@@ -94,7 +94,7 @@ def test_a_wall_is_a_square_metre_about_its_middle_and_faces_are_lit_from_above(
     assert abs(normals_of(level)[0] @ EYE) == pytest.approx(abs(EYE[2]))
 
 
-@pytest.mark.parametrize("name", ["girona500_contact", "girona500_bilateral", "paper_kinematic"])
+@pytest.mark.parametrize("name", ["girona500_ideal", "girona500_bilateral", "paper_kinematic"])
 def test_the_force_is_written_where_there_is_one(name):
     record = replace(synthetic_record(4.0), scenario=load_scenario(name))
     texts = [text.get_text() for text in draw_robot(record).axes[0].texts]

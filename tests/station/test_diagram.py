@@ -1,4 +1,4 @@
-"""The closed loop of a scenario, and what the main one achieves."""
+"""The closed loop of a scenario, and what the ideal one achieves."""
 
 import numpy as np
 import pytest
@@ -48,18 +48,18 @@ def assert_identical(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -
         np.testing.assert_array_equal(other[name], values, err_msg=name)
 
 
-# The main scenario -------------------------------------------------------------------------------
+# The ideal scenario -------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def main() -> Record:
-    """The main scenario as it is: 20 s, disturbed, seed 0."""
-    return simulate(load_scenario("girona500_contact"))
+    """The ideal scenario as it is: 20 s, disturbed, seed 0."""
+    return simulate(load_scenario("girona500_ideal"))
 
 
 @pytest.fixture(scope="module")
 def undisturbed() -> Record:
-    return simulate(load_scenario("girona500_contact", ["disturbance.bound=0", "duration=12"]))
+    return simulate(load_scenario("girona500_ideal", ["disturbance.bound=0", "duration=12"]))
 
 
 def last_normal_forces(record: Record) -> np.ndarray:
@@ -154,7 +154,7 @@ def test_the_papers_spring_is_pressed_from_inside_the_contact():
 
 
 def test_a_current_that_the_controller_does_not_know_is_felt():
-    calm, flow = (logs_of(load_scenario("girona500_contact", [*SHORT, *more]), 0.6)
+    calm, flow = (logs_of(load_scenario("girona500_ideal", [*SHORT, *more]), 0.6)
                   for more in ([], ["current=[0, 0.05, 0]"]))
     np.testing.assert_array_equal(calm["nominal_state"], flow["nominal_state"])
     assert 1e-5 < np.max(np.abs(flow["state"] - calm["state"])) < 0.05
@@ -162,7 +162,7 @@ def test_a_current_that_the_controller_does_not_know_is_felt():
 
 def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
     overrides = ["duration=1.2", CLOSE]
-    known, closer = (simulate(load_scenario("girona500_contact", [*overrides, *more]))
+    known, closer = (simulate(load_scenario("girona500_ideal", [*overrides, *more]))
                      for more in ([], ["surface_error.shift=[-0.005, 0, 0]"]))
     np.testing.assert_array_equal(closer.chi_des, known.chi_des)
     np.testing.assert_array_equal(closer.nominal_state, known.nominal_state)
@@ -175,7 +175,7 @@ def test_a_surface_that_is_elsewhere_is_felt_and_the_task_stays_what_it_was():
 
 def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     """Bit for bit, with a law that is told the limits and with one that is not."""
-    scenario = load_scenario("girona500_contact", [CLOSE])
+    scenario = load_scenario("girona500_ideal", [CLOSE])
     told = []
 
     def without_limits(ocp, ancillary, targets, limits):
@@ -213,7 +213,7 @@ def test_the_command_is_cut_unless_the_integrator_is_implicit(law, scheme, limit
 
 
 def with_random_disturbance(seed: int = 0) -> Scenario:
-    scenario = load_scenario("girona500_contact", [*SHORT, CLOSE, f"seed={seed}"])
+    scenario = load_scenario("girona500_ideal", [*SHORT, CLOSE, f"seed={seed}"])
     scenario.disturbance = RandomDisturbance(bound=0.1, bandwidth=2.0)
     return scenario
 
@@ -264,7 +264,7 @@ def test_a_clone_of_the_context_goes_on_as_the_original(pause):
 
 
 def test_the_station_exports_what_it_documents():
-    station = make_station(load_scenario("girona500_contact", SHORT))
+    station = make_station(load_scenario("girona500_ideal", SHORT))
     names = {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
     assert names == {*LOGGED, "plan", "report", "solve_seconds", "tube_report",
                      "tube_alarm"}
@@ -274,7 +274,7 @@ def test_the_station_exports_what_it_documents():
 
 
 def test_the_start_is_the_scenarios_at_rest():
-    scenario = load_scenario("girona500_contact", SHORT)
+    scenario = load_scenario("girona500_ideal", SHORT)
     state = start_state(scenario, make_ocp(scenario))
     np.testing.assert_array_equal(state[:6], scenario.start.eta)
     np.testing.assert_array_equal(state[6:10], scenario.start.q)
@@ -283,49 +283,49 @@ def test_the_start_is_the_scenarios_at_rest():
 
 def test_plant_and_controller_have_models_of_their_own():
     """A mismatch put into the controller's model leaves the plant as it is."""
-    scenario = load_scenario("girona500_contact", SHORT)
+    scenario = load_scenario("girona500_ideal", SHORT)
     assert make_ocp(scenario).model is not make_ocp(scenario).model
 
 
 @pytest.mark.parametrize(("name", "overrides", "key"), [
-    ("girona500_contact", ["start.eta.3=0.296", "limits.roll=0.299"], "start.eta"),
-    ("girona500_contact", ["start.eta.4=0.296", "limits.pitch=0.299"], "start.eta"),
-    ("girona500_contact", ["start.q.1=0.1", *WIDE], "start.eta"),  # the tip's pitch
-    ("girona500_contact", ["start.q.2=0.7295", *WIDE], "start.q"),
-    ("girona500_contact", ["start.q.0=-0.6", *WIDE], "start.q"),
-    ("girona500_contact", ["limits.q_lower=[-0.4, 0.8995, -1, -3]"], "start.q"),
-    ("girona500_contact", ["limits.q_upper=[0.1505, 1.3, 0.7, 3]"], "start.q"),
-    ("girona500_contact", ["limits.q_lower=[-0.53, -0.1, -1, -3]"], "limits.q_lower"),
-    ("girona500_contact", ["limits.q_upper=[1.4, 1.3, 0.7]"], "limits.q_upper"),
-    ("girona500_contact", ["limits.q_upper=[1.4, 1.0, 0.7, 3]"], "task.posture"),
-    ("girona500_contact", ["start.q=[0, 1]"], "start.q"),
-    ("girona500_contact", ["task.force=[-20, 0, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_contact", ["task.force=[20, 5, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_contact", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_contact", ["task.pose.4=0.9"], "task.pose"),
-    ("girona500_contact", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
-    ("girona500_contact", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.posture"),
-    ("girona500_contact", ["task.posture=[0, 1.1]"], "task.posture"),
-    ("girona500_contact", ["limits.u.4=0.14"], "limits.u[4]"),
-    ("girona500_contact", ["limits.u.4=0"], "limits.u"),
-    ("girona500_contact", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "limits.tau"),
-    ("girona500_contact", ["limits.tau=[1, 1, 1]"], "limits.tau"),
-    ("girona500_contact", ["task.force=[400, 0, 0, 0, 0, 0]"], "task.force"),
-    ("girona500_contact", ["task.force.0=400", "limits.static_force=500"], "limits.u"),
-    ("girona500_contact", ["limits.static_force=1.5"], "limits.static_force"),
-    ("girona500_contact", ["limits.static_force=0"], "limits.static_force"),
+    ("girona500_ideal", ["start.eta.3=0.296", "limits.roll=0.299"], "start.eta"),
+    ("girona500_ideal", ["start.eta.4=0.296", "limits.pitch=0.299"], "start.eta"),
+    ("girona500_ideal", ["start.q.1=0.1", *WIDE], "start.eta"),  # the tip's pitch
+    ("girona500_ideal", ["start.q.2=0.7295", *WIDE], "start.q"),
+    ("girona500_ideal", ["start.q.0=-0.6", *WIDE], "start.q"),
+    ("girona500_ideal", ["limits.q_lower=[-0.4, 0.8995, -1, -3]"], "start.q"),
+    ("girona500_ideal", ["limits.q_upper=[0.1505, 1.3, 0.7, 3]"], "start.q"),
+    ("girona500_ideal", ["limits.q_lower=[-0.53, -0.1, -1, -3]"], "limits.q_lower"),
+    ("girona500_ideal", ["limits.q_upper=[1.4, 1.3, 0.7]"], "limits.q_upper"),
+    ("girona500_ideal", ["limits.q_upper=[1.4, 1.0, 0.7, 3]"], "task.posture"),
+    ("girona500_ideal", ["start.q=[0, 1]"], "start.q"),
+    ("girona500_ideal", ["task.force=[-20, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_ideal", ["task.force=[20, 5, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_ideal", ["task.force=[0, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_ideal", ["task.pose.4=0.9"], "task.pose"),
+    ("girona500_ideal", ["task.posture=[0, 1.35, 0.4, 0]"], "task.posture"),
+    ("girona500_ideal", ["task.posture=[0, 1.1, 0, 0]", *WIDE], "task.posture"),
+    ("girona500_ideal", ["task.posture=[0, 1.1]"], "task.posture"),
+    ("girona500_ideal", ["limits.u.4=0.14"], "limits.u[4]"),
+    ("girona500_ideal", ["limits.u.4=0"], "limits.u"),
+    ("girona500_ideal", ["limits.tau=[1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"], "limits.tau"),
+    ("girona500_ideal", ["limits.tau=[1, 1, 1]"], "limits.tau"),
+    ("girona500_ideal", ["task.force=[400, 0, 0, 0, 0, 0]"], "task.force"),
+    ("girona500_ideal", ["task.force.0=400", "limits.static_force=500"], "limits.u"),
+    ("girona500_ideal", ["limits.static_force=1.5"], "limits.static_force"),
+    ("girona500_ideal", ["limits.static_force=0"], "limits.static_force"),
     ("girona500_bilateral", ["limits.static_force=25"], "start.eta"),
-    ("girona500_contact", ["limits.nu1=0.03", "tube.nu1=0.03"], "limits.nu1"),
-    ("girona500_contact", ["limits.roll=0.003", "tube.roll=0.004"], "limits.roll"),
-    ("girona500_contact", ["tube.qdot=-1"], "tube.qdot"),
-    ("girona500_contact", ["tube.joints=0.75", *WIDE], "limits.q2"),
-    ("girona500_contact", ["surface.stiffness=-1"], "surface.stiffness"),
-    ("girona500_contact", ["disturbance.bound=-0.1"], "disturbance.bound"),
-    ("girona500_contact", ["disturbance.weights=[1, 1, 1, 1, 1, 1]"], "disturbance.weights"),
-    ("girona500_contact", ["ancillary.k=0"], "ancillary.k"),
-    ("girona500_contact", ["mpc.weight_u.3=0"], "mpc.weight_u"),
-    ("girona500_contact", ["mpc.horizon=0"], "mpc.horizon"),
-    ("girona500_contact", ["model=no_such_robot"], "model"),
+    ("girona500_ideal", ["limits.nu1=0.03", "tube.nu1=0.03"], "limits.nu1"),
+    ("girona500_ideal", ["limits.roll=0.003", "tube.roll=0.004"], "limits.roll"),
+    ("girona500_ideal", ["tube.qdot=-1"], "tube.qdot"),
+    ("girona500_ideal", ["tube.joints=0.75", *WIDE], "limits.q2"),
+    ("girona500_ideal", ["surface.stiffness=-1"], "surface.stiffness"),
+    ("girona500_ideal", ["disturbance.bound=-0.1"], "disturbance.bound"),
+    ("girona500_ideal", ["disturbance.weights=[1, 1, 1, 1, 1, 1]"], "disturbance.weights"),
+    ("girona500_ideal", ["ancillary.k=0"], "ancillary.k"),
+    ("girona500_ideal", ["mpc.weight_u.3=0"], "mpc.weight_u"),
+    ("girona500_ideal", ["mpc.horizon=0"], "mpc.horizon"),
+    ("girona500_ideal", ["model=no_such_robot"], "model"),
     ("girona500_bilateral", ["task.pose=[0, 0, 0, 0, 0, 0]"], "task.pose"),
     ("girona500_bilateral", ["surface.stiffness.0.1=51"], "surface.stiffness"),
     ("paper_kinematic", ["surface_error.stiffness=1.1"], "surface_error"),
@@ -340,7 +340,7 @@ def test_what_cannot_be_used_is_named(name, overrides, key):
 
 
 def test_a_plane_needs_a_pose():
-    scenario = load_scenario("girona500_contact")
+    scenario = load_scenario("girona500_ideal")
     scenario.task.pose = None
     with pytest.raises(InvalidParameter) as caught:
         make_station(scenario)

@@ -73,7 +73,7 @@ STEP = 0.2
 
 
 def scenario_of(duration: float, *faults, overrides=()):
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         f"duration={duration}", f"log_period={PERIOD}", CLOSE, *overrides])
     check_faults(faults, "dynamic")
     return replace(scenario, faults=list(faults))
@@ -150,7 +150,8 @@ def test_random_faults_are_the_same_in_every_run_of_a_seed():
 def test_without_a_first_plan_it_is_one_line(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(scp, "solve_staged", lambda program: None)
     output = tmp_path / "out"
-    assert main(["run", "--uncertified", "--duration", "0.1", "--output", str(output)]) == 1
+    assert main(["run", "girona500_ideal", "--uncertified", "--duration", "0.1", "--output",
+                 str(output)]) == 1
     err = capsys.readouterr().err
     assert "no solution at the start" in err
     assert "Traceback" not in err
@@ -225,7 +226,8 @@ def test_without_a_measurement_at_the_start_it_is_one_line(tmp_path, capsys):
     with pytest.raises(RunFailed, match=r"^the measured state is not finite at t = 0\.000 s$"):
         simulate(at_once)
     output = tmp_path / "out"
-    assert main(["run", "--uncertified", "--duration", "1", "--output", str(output),
+    assert main(["run", "girona500_ideal", "--uncertified", "--duration", "1", "--output",
+                 str(output),
                  "--set", "faults=[!LostState {start: 0}]"]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1
@@ -234,7 +236,7 @@ def test_without_a_measurement_at_the_start_it_is_one_line(tmp_path, capsys):
 
 
 def test_a_lost_measurement_starts_when_there_is_a_plan_if_its_start_is_left_out():
-    scenario = load_scenario("girona500_contact", ["duration=1.2", "faults=[!LostState {}]"])
+    scenario = load_scenario("girona500_ideal", ["duration=1.2", "faults=[!LostState {}]"])
     record, _ = run(scenario)
     np.testing.assert_array_equal(record.state_lost, record.time > 1.0 - 1e-9)
 
@@ -347,16 +349,16 @@ EVERY = [SolverFailure(0.25, 1.0, 2.0), SolverTimeout(0.5, 3.0), DroppedPeriod(1
 
 def test_faults_go_through_a_file_and_back(tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_text(dump_scenario(replace(load_scenario("girona500_contact"), faults=EVERY)))
+    path.write_text(dump_scenario(replace(load_scenario("girona500_ideal"), faults=EVERY)))
     again = load_scenario(str(path), ["seed=1"])
     assert again.faults == EVERY
 
 
 def test_faults_can_be_set_by_overrides():
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "faults=[!FrozenState {start: 0.5}, {probability: 0.1}]", "faults.0.duration=2"])
     assert scenario.faults == [FrozenState(0.5, 2.0), SolverFailure(0.1)]
-    assert load_scenario("girona500_contact").faults == []
+    assert load_scenario("girona500_ideal").faults == []
 
 
 @pytest.mark.parametrize(("faults", "expected"), [
@@ -374,7 +376,7 @@ def test_faults_can_be_set_by_overrides():
     ("{}", "faults = {}: must be a list")])
 def test_a_fault_without_a_meaning_is_one_line(faults, expected):
     with pytest.raises(ScenarioError) as caught:
-        load_scenario("girona500_contact", [f"faults={faults}"])
+        load_scenario("girona500_ideal", [f"faults={faults}"])
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -26,7 +26,7 @@ SENSOR = ForceSensor(tare=0.2)
 
 
 def scenario_of(duration: float, *overrides, **changes):
-    scenario = load_scenario("girona500_contact", [f"duration={duration}", CLOSE, *overrides])
+    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, *overrides])
     return replace(scenario, **{"sensing": [SENSOR], **changes})
 
 
@@ -146,7 +146,7 @@ def test_the_attitude_is_that_which_is_measured_before_it():
 
 
 def test_a_sensor_comes_from_a_file_and_voids_the_certificate(tmp_path):
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "sensing=[!ForceSensor {lag: 0.03, tool: {mass: 2.0, centre: [0, 0, 0.1]}}]"])
     sensor, = scenario.sensing
     assert (sensor.lag, sensor.tool.mass) == (0.03, 2.0)
@@ -156,7 +156,7 @@ def test_a_sensor_comes_from_a_file_and_voids_the_certificate(tmp_path):
     path.write_text(dump_scenario(scenario))
     assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
     with pytest.raises(ScenarioError, match=r"sensing\[0\]\.tool\.mass = -2\.0: must be zero"):
-        load_scenario("girona500_contact", ["sensing=[!ForceSensor {tool: {mass: -2}}]"])
+        load_scenario("girona500_ideal", ["sensing=[!ForceSensor {tool: {mass: -2}}]"])
 
 
 # Faults ------------------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ def test_a_sensor_that_never_knows_is_one_that_feels_nothing():
 
 
 def test_a_lost_state_does_not_take_the_force_along():
-    record = simulate(load_scenario("girona500_contact", [
+    record = simulate(load_scenario("girona500_ideal", [
         "duration=2", CLOSE, "sensing=[!ForceSensor {tare: 0.2}]",
         "faults=[!LostState {start: 1.2, duration: 0.3}]"]))
     lost = record.state_lost > 0.0

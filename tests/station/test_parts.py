@@ -48,7 +48,7 @@ class Short(Part):
 
 
 def scenario_of(duration: float, **lists):
-    return replace(load_scenario("girona500_contact", [f"duration={duration}", CLOSE]), **lists)
+    return replace(load_scenario("girona500_ideal", [f"duration={duration}", CLOSE]), **lists)
 
 
 def given_up(scenario) -> list[str]:
@@ -110,13 +110,13 @@ def test_the_station_exports_a_parts_signal_and_names_its_systems_by_their_place
 def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(name, void, tmp_path):
     tag = {"sensing": "SampledState", "actuation": "ZeroOrderHold"}[name]
     for entry in (f"!{tag} {{period: 0.02}}", "{period: 0.02}"):
-        scenario = load_scenario("girona500_contact", [f"{name}=[{entry}]"])
+        scenario = load_scenario("girona500_ideal", [f"{name}=[{entry}]"])
         assert getattr(scenario, name)[0].period == 0.02
         assert given_up(scenario) == [void]
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
     assert getattr(load_scenario(str(path)), name) == getattr(scenario, name)
-    assert not given_up(load_scenario("girona500_contact"))
+    assert not given_up(load_scenario("girona500_ideal"))
 
 
 @pytest.mark.parametrize(("override", "expected"), [
@@ -126,7 +126,7 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(name, void, 
      "actuation[0] = '!Hold': must be !ZeroOrderHold, or left out: there is no choice")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
-        load_scenario("girona500_contact", [override])
+        load_scenario("girona500_ideal", [override])
     assert expected in str(caught.value)
 
 

@@ -20,4 +20,4 @@ def test_nothing_is_in_vain_in_a_shipped_scenario(name):
     ("simulator.max_step_size=1",
      "simulator.max_step_size = 1 s is cut to 0.02 s by the log or the MPC")])
 def test_what_has_no_effect_is_said(override, expected):
-    assert remarks(load_scenario("girona500_contact", [override])) == [expected]
+    assert remarks(load_scenario("girona500_ideal", [override])) == [expected]

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("few_searches")
 
 @pytest.fixture(scope="module")
 def scenario(few_searches) -> Scenario:
-    scenario = load_scenario("girona500_contact", ["duration=13.5", CLOSE[1], *FEW])
+    scenario = load_scenario("girona500_ideal", ["duration=13.5", CLOSE[1], *FEW])
     return certified_once(scenario).applied_to(scenario)
 
 

@@ -14,7 +14,7 @@ from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario_file import scenario_path, shipped_scenarios
 
-SHIPPED = ("girona500_bilateral", "girona500_contact", "girona500_unmeasured", "paper_dynamic",
+SHIPPED = ("girona500_bilateral", "girona500_ideal", "girona500_contact", "paper_dynamic",
            "paper_dynamic_resolved", "paper_kinematic", "paper_kinematic_certified")
 
 
@@ -24,9 +24,9 @@ def test_the_scenarios_are_shipped():
 
 def test_a_file_takes_over_what_it_does_not_say_from_its_base(tmp_path):
     scenario = load_text(
-        tmp_path, "base: girona500_contact\nduration: 10\ntask: {force: [15, 0, 0, 0, 0, 0]}\n"
+        tmp_path, "base: girona500_ideal\nduration: 10\ntask: {force: [15, 0, 0, 0, 0, 0]}\n"
         "surface: {stiffness: 800}\ndisturbance: !RandomDisturbance {bound: 0.05}\n")
-    assert dump_scenario(scenario) == dump_scenario(load_scenario("girona500_contact", [
+    assert dump_scenario(scenario) == dump_scenario(load_scenario("girona500_ideal", [
         "name=mine", "description=''", "duration=10", "task.force=[15, 0, 0, 0, 0, 0]",
         "surface.stiffness=800", "disturbance=!RandomDisturbance {bound: 0.05}"]))
 
@@ -45,14 +45,14 @@ def test_a_base_is_a_file_beside_and_may_have_one_itself(tmp_path):
     ("base: girona500_contcat", "must be one of girona500_bilateral"),
     ("base: nothing.yaml", "must be a file that exists, or one of"),
     ("base: mine.yaml", "base = 'mine.yaml': must be another file: this one has itself as its"),
-    ("base: [girona500_contact]", "base = ['girona500_contact']: must be a shipped scenario's"),
+    ("base: [girona500_ideal]", "base = ['girona500_ideal']: must be a shipped scenario's"),
     ("base: ''", "must be a file: this is a folder"),
-    ("base: girona500_contact\nsurface: {stifness: 1}", "surface.stifness = 1: must be under one"),
-    ("base: girona500_contact\nsurface: !BilateralSpring {}", "must be left out: K⁻¹𝔉_des"),
+    ("base: girona500_ideal\nsurface: {stifness: 1}", "surface.stifness = 1: must be under one"),
+    ("base: girona500_ideal\nsurface: !BilateralSpring {}", "must be left out: K⁻¹𝔉_des"),
     ("seed: 010", "line 1: 010 is not decimal in YAML"),
-    ("base: girona500_contact\nduration: 1:30", "line 2: 1:30 is not decimal in YAML"),
+    ("base: girona500_ideal\nduration: 1:30", "line 2: 1:30 is not decimal in YAML"),
     ("seed: 1e30", "seed = 1000000000000000019884624838656: must be at most 9223372036854775807"),
-    ("base: girona500_contact\nstart: {eta: [0, 0, 0, 0, 0, 100]}",
+    ("base: girona500_ideal\nstart: {eta: [0, 0, 0, 0, 0, 100]}",
      "must be with angles within ±2π")])
 def test_what_a_file_cannot_mean_is_one_line(text, expected, tmp_path):
     (tmp_path / "mine.yaml").write_text(text)
@@ -66,12 +66,12 @@ def test_what_a_file_cannot_mean_is_one_line(text, expected, tmp_path):
 
 
 def test_a_file_of_the_same_content_loads_by_path():
-    path = str(scenario_path("girona500_contact"))
-    assert dump_scenario(load_scenario(path)) == dump_scenario(load_scenario("girona500_contact"))
+    path = str(scenario_path("girona500_ideal"))
+    assert dump_scenario(load_scenario(path)) == dump_scenario(load_scenario("girona500_ideal"))
 
 
 def test_overrides_change_values_at_any_depth():
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "seed=7", "surface.stiffness=2e3", "limits.u.0=0.125", "current=[0, 0.1, 0]",
         "simulator.max_step_size=1e-3"])
     assert scenario.seed == 7
@@ -96,18 +96,18 @@ def test_an_override_reaches_into_what_the_file_leaves_at_its_default(tmp_path):
 
 
 def test_an_override_with_a_tag_changes_the_type():
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "disturbance=!RandomDisturbance {bound: 0.05, bandwidth: 2}"])
     assert type(scenario.disturbance) is RandomDisturbance
     assert (scenario.disturbance.bound, scenario.disturbance.bandwidth) == (0.05, 2.0)
 
 
 def test_an_optional_value_can_be_taken_away():
-    assert load_scenario("girona500_contact", ["task.pose=null"]).task.pose is None
+    assert load_scenario("girona500_ideal", ["task.pose=null"]).task.pose is None
 
 
 def test_the_last_override_of_a_key_wins():
-    assert load_scenario("girona500_contact", ["seed=1", "seed=2"]).seed == 2
+    assert load_scenario("girona500_ideal", ["seed=1", "seed=2"]).seed == 2
 
 
 def test_private_top_level_keys_are_room_for_anchors(tmp_path):
@@ -140,20 +140,20 @@ def test_private_top_level_keys_are_room_for_anchors(tmp_path):
 ])
 def test_a_bad_override_is_one_line_with_the_file_the_option_and_what_is_allowed(
         override, expected):
-    text = error_of("girona500_contact", ["log_period=0.05", override])
+    text = error_of("girona500_ideal", ["log_period=0.05", override])
     option = shlex.quote(" ".join(override.split()))
-    source = f" (girona500_contact.yaml with --set log_period=0.05 --set {option})"
+    source = f" (girona500_ideal.yaml with --set log_period=0.05 --set {option})"
     assert text.endswith(source)
     assert expected in text.removesuffix(source)
 
 
 def test_a_bad_override_is_named_where_it_makes_another_value_bad():
-    assert error_of("girona500_contact", ["duration=0.001"]) == (
+    assert error_of("girona500_ideal", ["duration=0.001"]) == (
         "log_period = 0.02: must be at most the duration, 0.001 s "
-        "(girona500_contact.yaml with --set duration=0.001)")
+        "(girona500_ideal.yaml with --set duration=0.001)")
 
 
 def test_an_unknown_scenario_names_the_shipped_ones_and_the_closest():
     assert error_of("girona500_contcat") == (
         f"scenario = 'girona500_contcat': must be one of {', '.join(SHIPPED)}, "
-        "or a YAML file that exists (did you mean 'girona500_contact'?)")
+        "or a YAML file that exists (did you mean 'girona500_ideal'?)")

@@ -63,7 +63,7 @@ def test_a_place_that_is_said_while_it_runs_is_where_it_presses():
 
 def test_the_controller_is_told_nothing_of_the_surface():
     """Its model is the same for any surface of the world."""
-    models = [load_model(load_scenario("girona500_unmeasured", [f"surface.law.stiffness={k}"]))
+    models = [load_model(load_scenario("girona500_contact", [f"surface.law.stiffness={k}"]))
               for k in (100.0, 900.0)]
     assert repr(models[0].surface) == repr(models[1].surface)
     assert not models[0].surface.force(np.ones(6), np.ones(6)).any()
@@ -75,7 +75,7 @@ QUICK = ["certificate.constant_samples=200", "certificate.tube_samples=40",
 
 def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     """The budget's parts add up to the radii, and the force is bounded by what was explored."""
-    certificate = certify(load_scenario("girona500_unmeasured", QUICK))
+    certificate = certify(load_scenario("girona500_contact", QUICK))
     assert certificate.certified, certificate.failed
     tube = certificate.tube
     for name, parts in certificate.budget.items():
@@ -95,7 +95,7 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
     ("faults=[!LostForce {start: 1.0, duration: 1.0}]", "faults"),
 ])
 def test_what_voids_the_certificate_is_named(few_searches, override, broken):
-    certificate = certify(load_scenario("girona500_unmeasured", [*QUICK, override]))
+    certificate = certify(load_scenario("girona500_contact", [*QUICK, override]))
     assert certificate.failed.name.startswith(broken), certificate.failed
 
 
@@ -106,11 +106,11 @@ def test_what_voids_the_certificate_is_named(few_searches, override, broken):
 ])
 def test_what_is_missing_or_too_much_is_named(overrides, message):
     with pytest.raises(InvalidParameter, match=message):
-        make_station(load_scenario("girona500_unmeasured", overrides))
+        make_station(load_scenario("girona500_contact", overrides))
 
 
 def test_the_force_along_the_direction_is_that_of_the_task():
-    assert pressing_force(load_scenario("girona500_unmeasured")) == 20.0
+    assert pressing_force(load_scenario("girona500_contact")) == 20.0
 
 
 def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():

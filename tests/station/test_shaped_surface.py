@@ -10,7 +10,7 @@ from uvms_drake.station.record import load_record
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 
 FILE = """
-base: girona500_contact
+base: girona500_ideal
 duration: 0.5
 limits: {{static_force: null}}
 simulator: {{max_step_size: 0.01}}
@@ -77,7 +77,8 @@ def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
      "task.force = [20., 0., 0., 0., 0., 0.]: must be along a normal of the surface near the pose, "
      "which is [0.6, 0.0, -0.8] there")])
 def test_a_bad_surface_is_one_line(tmp_path, capsys, override, expected):
-    assert main(["run", "--uncertified", "--output", str(tmp_path / "out"), "--set", override,
+    assert main(["run", "girona500_ideal", "--uncertified", "--output", str(tmp_path / "out"),
+                 "--set", override,
                  "--set", "limits.static_force=null"]) == 2
     err = capsys.readouterr().err
     assert expected in err
@@ -86,5 +87,5 @@ def test_a_bad_surface_is_one_line(tmp_path, capsys, override, expected):
 
 def test_a_limit_on_the_static_force_and_a_certificate_need_what_it_does_not_offer(capsys):
     """Nobody who does not know a surface knows either; see `contact`."""
-    assert main(["certify", "--set", "surface=!ShapedSurface {}"]) == 2
+    assert main(["certify", "girona500_ideal", "--set", "surface=!ShapedSurface {}"]) == 2
     assert "one that has `static_force_rows`" in capsys.readouterr().err

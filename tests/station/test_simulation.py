@@ -40,7 +40,7 @@ def logs_of(record):
 
 @pytest.fixture(scope="module")
 def record():
-    return simulate(load_scenario("girona500_contact", SHORT))
+    return simulate(load_scenario("girona500_ideal", SHORT))
 
 
 def test_the_record_has_all_signals_at_all_samples(record):
@@ -77,7 +77,7 @@ def test_where_the_controller_knows_all_else_the_disturbance_is_the_effective_on
 
 def test_another_surface_is_in_the_effective_disturbance():
     """By the difference of the two forces on the robot."""
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         *SHORT, "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]", "surface_error.stiffness=1.2",
         "surface_error.shift=[-0.002, 0, 0]", "surface_error.turn=[0, 0.05, 0.02]"])
     record = simulate(scenario)
@@ -141,7 +141,7 @@ def test_the_same_seed_gives_the_same_log_byte_for_byte(record, tmp_path):
 
 def test_a_value_that_cannot_be_used_is_named(record):
     del record
-    scenario = load_scenario("girona500_contact", ["disturbance.bound=-0.1"])
+    scenario = load_scenario("girona500_ideal", ["disturbance.bound=-0.1"])
     with pytest.raises(InvalidParameter, match=r"disturbance\.bound = -0\.1"):
         simulate(scenario)
 
@@ -156,7 +156,7 @@ def test_the_first_plan_is_announced_before_it_is_made(monkeypatch):
     monkeypatch.setattr("uvms_drake.control.nominal_mpc.FIRST_SOLVE_ITERATIONS", 2)
     said = []
     with pytest.raises(RunFailed, match="out of the reach"):
-        simulate(load_scenario("girona500_contact", ["start.eta.0=-50"]),
+        simulate(load_scenario("girona500_ideal", ["start.eta.0=-50"]),
                  progress=lambda *what: said.append(what))
     assert said == [("first plan", 0.0)]
 
@@ -167,6 +167,6 @@ def test_a_failed_run_keeps_its_own_message():
 
 
 def test_the_end_of_a_run_is_logged_where_the_period_does_not_go_into_it():
-    record = simulate(load_scenario("girona500_contact", ["duration=0.33", "log_period=0.1"]))
+    record = simulate(load_scenario("girona500_ideal", ["duration=0.33", "log_period=0.1"]))
     np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2, 0.3, 0.33], atol=1e-12)
     np.testing.assert_allclose(record.mpc_time, [0.0, 0.2], atol=1e-12)

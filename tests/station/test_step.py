@@ -60,14 +60,14 @@ def test_a_shipped_scenario_has_a_step_that_is_short_enough(name):
 
 def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they_need():
     gains = ["ancillary.k=200", "ancillary.sigma=200"]
-    scenario = load_scenario("girona500_contact", gains)
+    scenario = load_scenario("girona500_ideal", gains)
     model = load_model(scenario)
     with pytest.raises(InvalidParameter) as caught:
         check_step(scenario, model)
     assert str(caught.value) == (
         "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the loop has "
         "a rate of 200 1/s, and longer steps make errors of their own")
-    shorter = load_scenario("girona500_contact", [*gains, "simulator.max_step_size=0.0055"])
+    shorter = load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.0055"])
     check_step(shorter, model)
 
 
@@ -77,7 +77,7 @@ def sliding(friction, speed):
     They are those of the accelerations by the velocities [1/s], while the tip slides the way in
     which it is moved most easily.
     """
-    scenario = load_scenario("girona500_contact", ["limits.static_force=null"])
+    scenario = load_scenario("girona500_ideal", ["limits.static_force=null"])
     scenario.surface = ShapedSurface(Plane(), Linear(), 0.0, friction, 0.01)
     model = load_model(scenario)
     config = model.configuration(make_ocp(scenario, model).y_des)
@@ -101,7 +101,7 @@ def test_the_rate_of_friction_is_that_of_a_tip_that_slides_at_half_its_creep():
 
 def test_friction_that_the_step_is_too_long_for_is_refused():
     slow = "surface=!ShapedSurface {friction: 0.3, creep: 0.005}"
-    scenario = load_scenario("girona500_contact", [slow, "limits.static_force=null"])
+    scenario = load_scenario("girona500_ideal", [slow, "limits.static_force=null"])
     model = load_model(scenario)
     with pytest.raises(InvalidParameter, match=r"^simulator\.max_step_size = 0\.02: must be at "
                        r"most 0\.00\d+ s with runge_kutta3: the loop has a rate of \d+ 1/s, and"):

@@ -1,6 +1,6 @@
 """The tube of `resolved` on the full dynamics, on a wall of 1000 N/m, under adversaries.
 
-Plant, controller, monitor and adversary of the main scenario; the nominal motion is the MPC's plan.
+Plant, controller, monitor and adversary of `girona500_ideal`; the nominal motion is the MPC's plan.
 """
 
 from types import SimpleNamespace
@@ -53,7 +53,7 @@ class Cascade(LeafSystem):
 def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, law=LAW, radii=None,
                 step: float = 0.02, scheme: str = "runge_kutta3") -> SimpleNamespace:
     """Runs the loop from `start` (20,); the logs have a sample every 0.02 s."""
-    scenario, builder, model = load_scenario("girona500_contact"), DiagramBuilder(), ocp.model
+    scenario, builder, model = load_scenario("girona500_ideal"), DiagramBuilder(), ocp.model
     plant = builder.AddNamedSystem("uvms", make_uvms_plant(
         model=scenario.model, surface=scenario.surface, disturbance=None))
     controller = builder.AddNamedSystem("controller", make_tube_mpc(ocp, law))
@@ -90,7 +90,7 @@ def closed_loop(ocp, attack: AdversarialDisturbance, start, duration: float, *, 
 @pytest.fixture(scope="module")
 def radii(short_ocp) -> dict[str, float]:
     """The set-wise radii, with the suprema from dense samples of the declared limits."""
-    model, limits = short_ocp.model, load_scenario("girona500_contact").limits
+    model, limits = short_ocp.model, load_scenario("girona500_ideal").limits
     rng, count = np.random.default_rng(0), 20_000
     y = np.zeros((count, 10))
     y[:, 4] = limits.tip_pitch * rng.choice([-1.0, 1.0], count) * rng.uniform(0, 1, count) ** 0.2

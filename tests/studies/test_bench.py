@@ -46,7 +46,7 @@ SHORT = ["mpc.horizon=6"]
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("girona500_contact", SHORT)
+    return load_scenario("girona500_ideal", SHORT)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def model(scenario) -> ContactModel:
 
 @pytest.fixture(scope="module")
 def measured(scenario) -> tuple[Bench, list[str]]:
-    """Measurements of the main scenario, and what was said meanwhile."""
+    """Measurements of the ideal scenario, and what was said meanwhile."""
     said: list[str] = []
     return measure(scenario, LITTLE, lambda what, _: said.append(what)), said
 
@@ -214,7 +214,7 @@ def test_what_is_measured_next_is_said(measured):
 
 
 @pytest.mark.parametrize(("name", "overrides"), [
-    ("girona500_contact", ["mpc.iterations=2", f"limits.tau={[500] * 10}", f"tube.tau={[10] * 10}",
+    ("girona500_ideal", ["mpc.iterations=2", f"limits.tau={[500] * 10}", f"tube.tau={[10] * 10}",
                            "simulator.target_realtime_rate=0.5"]),
     ("girona500_bilateral", ["ancillary=!Transpose {k: 20, sigma: 1}", "duration=0.1",
                              "simulator.integration_scheme=runge_kutta2"])])

@@ -12,7 +12,7 @@ from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
 @pytest.fixture(scope="module")
 def rows(model, few_searches):
-    return compare_laws(load_scenario("girona500_contact", FEW), model,
+    return compare_laws(load_scenario("girona500_ideal", FEW), model,
                         [Resolved(k=20.0, sigma=5.0), Transpose(k=40.0, sigma=5.0)])
 
 

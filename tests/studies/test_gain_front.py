@@ -14,7 +14,7 @@ from uvms_drake.studies.gain_front import format_front, front
 pytestmark = pytest.mark.usefixtures("few_searches")
 
 def test_larger_gains_certify_a_smaller_force_error(model):
-    points = front(load_scenario("girona500_contact", FEW), model, disturbances=(1.0,),
+    points = front(load_scenario("girona500_ideal", FEW), model, disturbances=(1.0,),
                    gains=(0.5, 1.0))
     assert points[1].force < points[0].force
     assert points[0].emptied
@@ -24,7 +24,7 @@ def test_larger_gains_certify_a_smaller_force_error(model):
 
 def test_where_a_law_has_no_tube_the_front_says_why(model):
     """The paper's law feeds back χ, which does not determine the joints of an arm."""
-    scenario = replace(load_scenario("girona500_contact", FEW),
+    scenario = replace(load_scenario("girona500_ideal", FEW),
                        ancillary=Transpose(k=40.0, sigma=5.0))
     (point,) = front(scenario, model, disturbances=(1.0,), gains=(1.0,))
     assert point.force == np.inf
@@ -37,6 +37,6 @@ def test_a_law_without_a_certificate_has_no_front(model):
     class Derived(Resolved):
         """Another law than the one it is derived from."""
 
-    scenario = replace(load_scenario("girona500_contact", FEW), ancillary=Derived())
+    scenario = replace(load_scenario("girona500_ideal", FEW), ancillary=Derived())
     with pytest.raises(InvalidParameter, match="ancillary = 'Derived': must be a law with a cert"):
         front(scenario, model)

@@ -14,7 +14,7 @@ from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 pytestmark = pytest.mark.usefixtures("few_searches")
 
 def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(model):
-    scenario = load_scenario("girona500_contact", FEW)
+    scenario = load_scenario("girona500_ideal", FEW)
     law, error = propose_gains(scenario, model, 15.0)
     assert max(law.k, law.sigma) <= 15.0
     scenario.ancillary = law
@@ -26,15 +26,15 @@ def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(mo
 
 
 def test_more_bandwidth_never_certifies_a_larger_error(model):
-    scenario = load_scenario("girona500_contact", FEW)
+    scenario = load_scenario("girona500_ideal", FEW)
     assert propose_gains(scenario, model, 30.0)[1] < propose_gains(scenario, model, 15.0)[1]
 
 
 def test_a_disturbance_beyond_the_inputs_has_no_gains(model):
     with pytest.raises(RunFailed, match="what would help"):
-        propose_gains(load_scenario("girona500_contact", [*FEW, "disturbance.bound=5"]), model, 8.0)
+        propose_gains(load_scenario("girona500_ideal", [*FEW, "disturbance.bound=5"]), model, 8.0)
 
 
 def test_a_bandwidth_must_be_positive(model):
     with pytest.raises(InvalidParameter, match="bandwidth"):
-        propose_gains(load_scenario("girona500_contact", FEW), model, -1.0)
+        propose_gains(load_scenario("girona500_ideal", FEW), model, -1.0)

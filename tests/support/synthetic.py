@@ -22,7 +22,7 @@ NUMBERS = (
 
 def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
     """Returns a record of 4 joints; the force is 20 N (1 − e^{−3(t − 2)}) from 2 s on."""
-    scenario = load_scenario("girona500_contact", [*NUMBERS, f"duration={duration}"])
+    scenario = load_scenario("girona500_ideal", [*NUMBERS, f"duration={duration}"])
     time = np.arange(0.0, duration + 1e-9, scenario.log_period)
     mpc_time = np.arange(0.0, duration, scenario.mpc.time_step)
     wave = np.sin(time)[:, None] * np.linspace(1.0, 0.2, 10)
@@ -77,7 +77,7 @@ def synthetic_felt_record(duration: float = 4.0, **changes: object) -> Record:
     It is believed to begin at x = 3 mm from 2.1 s on, and to be of 1000 N/m less 100 N/m each
     second from then on.
     """
-    scenario = load_scenario("girona500_unmeasured", [
+    scenario = load_scenario("girona500_contact", [
         f"duration={duration}", "task.force_tolerance=2", "surface.geometry.point=[0, 0, 0]",
         "surface.geometry.normal=[-1, 0, 0]", "surface.law.stiffness=700"])
     record = synthetic_record(duration)

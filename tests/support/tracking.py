@@ -1,4 +1,4 @@
-"""The tracking problem of the main scenario's robot, and its nominal motion towards many aims."""
+"""The tracking problem of the ideal scenario's robot, and its nominal motion towards many aims."""
 
 from collections.abc import Iterable, Iterator
 
@@ -27,7 +27,7 @@ def tracking_ocp(force: float = 20.0, model: UvmsModel | None = None,
 
     The terminal set is a checked one for 20 N.
     """
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "mpc.horizon=5", "mpc.terminal_radius=0.5", *overrides])
     model = model or UvmsModel(read_uvms(scenario.model))
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper,

@@ -10,7 +10,7 @@ from uvms_drake.station.scenario import Scenario, load_scenario
 
 def close_to_the_wall(*overrides: str) -> Scenario:
     """Returns the scenario for 6 s from 15 mm before x = 0, at the place and in the posture."""
-    scenario = load_scenario("girona500_unmeasured", ["duration=6.0", *overrides])
+    scenario = load_scenario("girona500_contact", ["duration=6.0", *overrides])
     model = load_model(scenario)
     y = np.concatenate([np.asarray(scenario.task.pose, dtype=float), scenario.task.posture])
     y[0] = -0.015

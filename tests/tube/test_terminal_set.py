@@ -78,8 +78,8 @@ def broken(ocp: DynamicOcp, radius: float, xi: np.ndarray) -> dict[str, np.ndarr
 
 @pytest.fixture(scope="module")
 def robot() -> DynamicOcp:
-    """The main scenario, with weights under which the terminal set is wide."""
-    return make_ocp(load_scenario("girona500_contact", [
+    """The ideal scenario, with weights under which the terminal set is wide."""
+    return make_ocp(load_scenario("girona500_ideal", [
         "mpc.weight_zeta=[5, 5, 5, 5, 5, 5, 10, 10, 10, 10]",
         "mpc.weight_u=[10, 10, 10, 10, 10, 10, 0.01, 0.01, 0.01, 0.01]"]))
 

@@ -33,9 +33,9 @@ def press(meshcat, name):
 
 
 @pytest.mark.parametrize(("name", "overrides"), [
-    ("girona500_contact", ["visual.rate=30", "visual.magnification=7"]),
+    ("girona500_ideal", ["visual.rate=30", "visual.magnification=7"]),
     ("girona500_bilateral", []),
-    ("girona500_unmeasured", []),
+    ("girona500_contact", []),
     ("paper_kinematic", [])])
 def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
     scenario = load_scenario(name, ["duration=0.5", *overrides])
@@ -49,14 +49,14 @@ def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
 
 
 def test_a_watched_run_shows_the_robot_where_it_is(meshcat, model):
-    record = simulate(load_scenario("girona500_contact", ["duration=0.4"]), meshcat=meshcat)
+    record = simulate(load_scenario("girona500_ideal", ["duration=0.4"]), meshcat=meshcat)
     X_vehicle = packed_transform(meshcat, "ned/uvms/vehicle")
     np.testing.assert_allclose(X_vehicle[:3, 3], record.config[-1, :3], atol=UNSEEN)
 
 
 def test_the_button_ends_a_run_as_one_of_a_shorter_duration(meshcat):
     pressed = stop_button(meshcat)
-    scenario = load_scenario("girona500_contact", ["duration=5"])
+    scenario = load_scenario("girona500_ideal", ["duration=5"])
 
     def progress(_, done):
         if done * scenario.duration >= 0.3:
@@ -81,7 +81,7 @@ def test_the_ghost_is_off_by_the_magnified_deviation(meshcat):
 
 def test_the_sliders_change_desired_force_and_disturbance_while_it_runs(meshcat):
     """From 2.5 s on 25 N are wanted and no disturbance; both are as in the scenario before."""
-    scenario = load_scenario("girona500_contact", ["duration=4"])
+    scenario = load_scenario("girona500_ideal", ["duration=4"])
 
     def move(_: str, done: float) -> None:
         if done * scenario.duration >= 2.5:

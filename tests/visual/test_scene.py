@@ -167,7 +167,7 @@ def test_a_close_look_is_from_the_same_side(record, monkeypatch):
 
 
 def test_a_limit_is_active_if_the_real_or_the_nominal_motion_uses_it_up(model):
-    scenario = load_scenario("girona500_contact")
+    scenario = load_scenario("girona500_ideal")
     limits = make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface)
     use = LimitUse(model, limits, tighten(limits, scenario.tube))
     rest, u = np.concatenate([scenario.start.eta, scenario.start.q, np.zeros(10)]), np.zeros(10)

@@ -58,7 +58,7 @@ keys that are changed most ('uvms-drake keys' lists all, with units and defaults
   disturbance.bound, current, ancillary.k, ancillary.sigma, mpc.horizon, mpc.time_step,
   limits.u, limits.static_force, simulator.max_step_size, log_period
 
-A file of one's own that begins with 'base: girona500_contact' says only what differs.
+A file of one's own that begins with 'base: girona500_ideal' says only what differs.
 
 Exit status {BROKEN}: a certified run has left its tube, or a run has violated a limit.
 """

@@ -63,11 +63,11 @@ def robot() -> ContactModel:
 
 @cache
 def robot_constants() -> tuple[LemmaConstants, np.ndarray]:
-    """Returns the constants of (lemma:tube), sampled over the set of `girona500_contact`, and a J.
+    """Returns the constants of (lemma:tube), sampled over the set of `girona500_ideal`, and a J.
 
     J (6, 10) is the sample of largest norm. The constants are estimates, on the small side.
     """
-    scenario = load_scenario("girona500_contact")
+    scenario = load_scenario("girona500_ideal")
     model = ContactModel(uvms(), check_surface(scenario.surface))
     config, zeta = declared_set(scenario, model).sample(model, SAMPLES, np.random.default_rng(0))
     names = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")

@@ -91,7 +91,7 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
     """
     if not isinstance(raw, dict) or not raw:
         raise InvalidParameter("the file", raw, "a mapping of keys to values, such as "
-                               "`base: girona500_contact`")
+                               "`base: girona500_ideal`")
     own = {key: value for key, value in raw.items() if not str(key).startswith("_")}
     if "base" not in own:
         return own

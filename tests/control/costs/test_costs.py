@@ -63,8 +63,8 @@ def moving(guess: Plan) -> Plan:
     return guess.redone(guess.start, 0.1 * rng.normal(size=guess.decision.shape))
 
 
-CASES = [("girona500_contact", LevelVehicle(4000.0)), ("girona500_contact", Power()),
-         ("girona500_contact", Slow()), ("paper_kinematic_certified", LevelVehicle(40.0)),
+CASES = [("girona500_ideal", LevelVehicle(4000.0)), ("girona500_ideal", Power()),
+         ("girona500_ideal", Slow()), ("paper_kinematic_certified", LevelVehicle(40.0)),
          ("paper_kinematic_certified", Slow())]
 
 
@@ -100,7 +100,7 @@ def test_the_program_has_the_slope_of_the_cost(name, term, derivative):
 
 
 def test_the_closed_form_of_the_task_is_the_model_of_its_residual():
-    _, ocp, guess = with_terms("girona500_contact")
+    _, ocp, guess = with_terms("girona500_ideal")
     plan = moving(guess)
     program, model = ocp.staged_program(plan), ocp.linearise(plan)
     points, *chain = ocp.linearised_inputs(plan, model, program.A, program.B)[0]
@@ -123,14 +123,14 @@ def test_fast_solver_and_reference_agree(name, term):
 
 
 def test_with_a_term_of_ones_own_there_is_no_certificate():
-    scenario, *_ = with_terms("girona500_contact", LevelVehicle(), Power())
+    scenario, *_ = with_terms("girona500_ideal", LevelVehicle(), Power())
     assert [condition.name for condition in assumptions(scenario) if not condition.holds] == [
         "mpc.terms[0], LevelVehicle, which the terminal set leaves out",
         "mpc.terms[1], Power, which the terminal set leaves out"]
 
 
 def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
-    scenario = load_scenario("girona500_contact", [
+    scenario = load_scenario("girona500_ideal", [
         "duration=0.4", "mpc.terms=[!LevelVehicle {weight: 200}]"])
     path = tmp_path / "again.yaml"
     path.write_text(dump_scenario(scenario))
@@ -140,6 +140,6 @@ def test_a_scenario_with_a_term_runs_and_is_the_same_after_yaml(tmp_path):
 
 def test_a_term_that_cannot_be_differentiated_is_named():
     with pytest.raises(TypeError, match=r"mpc\.terms\[0\].*complex"):
-        with_terms("girona500_contact", Unsigned())
+        with_terms("girona500_ideal", Unsigned())
     with pytest.raises(InvalidParameter, match=r"mpc\.terms\[1\]\.weight"):
-        with_terms("girona500_contact", LevelVehicle(), LevelVehicle(-1.0))
+        with_terms("girona500_ideal", LevelVehicle(), LevelVehicle(-1.0))

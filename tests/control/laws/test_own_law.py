@@ -40,7 +40,7 @@ def with_law(name: str, law: AncillaryLaw):
     return replace(scenario, ancillary=law)
 
 
-@pytest.mark.parametrize("name", ["girona500_contact", "paper_kinematic_certified"])
+@pytest.mark.parametrize("name", ["girona500_ideal", "paper_kinematic_certified"])
 @pytest.mark.parametrize("law", [Sloppy(), Derived()])
 def test_a_law_that_nobody_has_proven_anything_of_is_void_and_says_so(name, law):
     certificate = certify(with_law(name, law))
@@ -54,7 +54,7 @@ def test_a_law_that_nobody_has_proven_anything_of_is_void_and_says_so(name, law)
 
 @pytest.fixture(scope="module")
 def record():
-    return simulate(with_law("girona500_contact", Sloppy()))
+    return simulate(with_law("girona500_ideal", Sloppy()))
 
 
 def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(record):
@@ -68,7 +68,7 @@ def test_it_runs_and_its_deviation_is_watched_without_a_bound_along_the_run(reco
 
 def test_its_scenario_is_written_with_its_name_and_its_gains():
     assert "ancillary: !Sloppy\n  gain: 3.0\n" in dump_scenario(
-        with_law("girona500_contact", Sloppy(3.0)))
+        with_law("girona500_ideal", Sloppy(3.0)))
 
 
 def test_without_a_velocity_it_cannot_move_the_kinematic_robot():

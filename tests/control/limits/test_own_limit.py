@@ -54,7 +54,7 @@ class KnownElbow(Elbow):
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("girona500_contact", [
+    return load_scenario("girona500_ideal", [
         "mpc.horizon=5", f"limits.more=[{BOX}, {VELOCITY}]"])
 
 
