@@ -25,6 +25,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
+from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -83,6 +84,7 @@ class AncillaryFeedback(LeafSystem):
         - nominal_acceleration
         - nominal_input
         - measured_force (optional)
+        - vehicle_wrench (optional)
         output_ports:
         - u
         - tau
@@ -98,6 +100,8 @@ class AncillaryFeedback(LeafSystem):
       that takes it in place of the force by the model's surface. It is to be the last finite one,
       as a `LastFinite` gives it; while it is not finite, because there was none yet, the law takes
       the surface's.
+    - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, to a law that takes what the thrusters give
+      now; see `VEHICLE_WRENCH`.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
@@ -125,10 +129,12 @@ class AncillaryFeedback(LeafSystem):
         self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
         self._input_port = self.DeclareVectorInputPort("nominal_input", model.size)
-        self._force_port = self.DeclareVectorInputPort("measured_force", 6)
+        self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
+        self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
-            "state", "nominal_state", "nominal_acceleration", "nominal_input", "measured_force"))
+            "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
+            VEHICLE_WRENCH))
         self._command = self.DeclareCacheEntry(
             description="the command",
             value_producer=ValueProducer(
@@ -154,6 +160,8 @@ class AncillaryFeedback(LeafSystem):
             now = self._pair_port.Eval(context)
         if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
             now = now._replace(contact=self._force_port.Eval(context))
+        if self._wrench_port.HasValue(context):
+            now = now._replace(wrench=self._wrench_port.Eval(context))
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))

@@ -15,6 +15,7 @@ from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.tracking_ocp import TrackingOcp
+from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -31,7 +32,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         fresh_force ──────▶ explored_front ──▶ nominal_mpc
                                   ▲      front     │ nominal state, ...
                            state ─┴──────────▶ ancillary ──▶ tau, u
-        measured_force ─────────────────────────▲
+        measured_force, vehicle_wrench ─────────▲
 
     .. pydrake_system::
 
@@ -39,6 +40,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         input_ports:
         - state
         - measured_force
+        - vehicle_wrench (optional)
         - fresh_force
         - fault (optional)
         - desired_force (optional)
@@ -110,7 +112,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
-    builder.ExportInput(feedback.GetInputPort("measured_force"), "measured_force")
+    for name in (MEASURED_FORCE, VEHICLE_WRENCH):
+        builder.ExportInput(feedback.GetInputPort(name), name)
     builder.ExportInput(front.GetInputPort("measured_force"), "fresh_force")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")

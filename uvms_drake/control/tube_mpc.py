@@ -11,6 +11,7 @@ from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc, Targets
 from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH
 
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
@@ -23,7 +24,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         state ─┬─▶│ nominal_mpc │──────────────┐
                │  └─────────────┘        ┌─────▼─────┐
                └────────────────────────▶│ ancillary │──▶ tau, u
-        measured_force ─────────────────▶└───────────┘
+        measured_force, vehicle_wrench ─▶└───────────┘
 
     .. pydrake_system::
 
@@ -48,6 +49,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `measured_force`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
+    - `vehicle_wrench`: τ_v (6) [N, N m], likewise.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
@@ -71,7 +73,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
-    builder.ExportInput(feedback.GetInputPort("measured_force"), "measured_force")
+    for name in (MEASURED_FORCE, VEHICLE_WRENCH):
+        builder.ExportInput(feedback.GetInputPort(name), name)
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     for name in ("tau", "u", "lost", "limited", "pair"):
         builder.ExportOutput(feedback.GetOutputPort(name), name)

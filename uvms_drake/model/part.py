@@ -20,6 +20,12 @@ MEASURED_FORCE = "measured_force"
 """Name of the signal 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates. If a part
 of sensing gives it, the law takes it in place of the force by the law of the surface."""
 
+VEHICLE_WRENCH = "vehicle_wrench"
+"""Name of the signal τ_v (6) [N, N m] in body axes: the wrench on the vehicle that the thrusters
+give now, by their model driven by the commands. If a part of actuation gives it, a law that
+`takes_wrench` takes it as it is. Its port is to come from states alone: with a direct feedthrough
+from the command it closes an algebraic loop, which Drake refuses."""
+
 
 class Signals(dict[str, OutputPort]):
     """The vectors of a closed loop by name; all of them are logged.

@@ -15,7 +15,7 @@ from uvms_drake.control.nominal_mpc import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import MEASURED_FORCE, Signals
+from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.sensing.force_watch import ForceWatch
 from uvms_drake.sensing.last_finite import LastFinite
@@ -55,14 +55,15 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
                        ┌──────┐ state   ┌─────────┐ (force) ┌──────────┐
         disturbance ──▶│ uvms │────────▶│ sensing │────────▶│ tube_mpc │◀── fault
                    ┌──▶└──────┘         └─────────┘         └──────────┘
-                   │                   ┌───────────┐ tau         │
-                   └───────────────────│ actuation │◀────────────┘
-                                       └───────────┘
+                   │                   ┌───────────┐ tau     ▲   │
+                   └───────────────────│ actuation │◀────────┼───┘
+                                       └───────────┘─────────┘ (vehicle_wrench)
 
     Sensing and actuation are chains of parts, none by default: the scenario's, and its faults of
     the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
     true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
     signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
+    If a part of actuation gives the signal `vehicle_wrench`, a law that `takes_wrench` takes it.
     Where the contact is felt, a `ForceWatch` looks at it first, and while it is lost it is zero.
 
     .. pydrake_system::
@@ -153,6 +154,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults),
         scenario.seed)
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
+    if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
+        builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
     solver_faults = faults_at("solver", scenario.faults)
     if solver_faults:
         source = SolverFaults.AddToBuilder(

@@ -37,6 +37,9 @@ class Pair(NamedTuple):
     contact: np.ndarray | None = None
     """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: that of the model's
     surface."""
+    wrench: np.ndarray | None = None
+    """τ_v, the wrench that the thrusters give the vehicle now (6,) in body axes [N, N m]; None:
+    the one that is commanded."""
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
@@ -120,6 +123,8 @@ class AncillaryLaw(ABC):
 
     takes_force: ClassVar[bool] = False
     """Whether the command takes `Pair.contact`."""
+    takes_wrench: ClassVar[bool] = False
+    """Whether the command takes `Pair.wrench`."""
 
     @property
     def name(self) -> str:
