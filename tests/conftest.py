@@ -20,6 +20,7 @@ from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.station import robot
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 
@@ -99,8 +100,9 @@ def parsed_once(girona: Uvms) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yaml, "load", once(yaml.load))
         patch.setattr(yaml, "compose", once(yaml.compose))
-        patch.setattr(contact_model, "read_uvms",
-                      lambda model: girona if model == GIRONA else read_uvms(model))
+        for module in (contact_model, robot):
+            patch.setattr(module, "read_uvms",
+                          lambda model: girona if model == GIRONA else read_uvms(model))
         yield
 
 

@@ -1,10 +1,13 @@
 """Where the robots live, and how one is put into a `MultibodyPlant`.
 
-A robot is a folder with `<name>.sdf`, `hydrodynamics.yaml` and `package.xml`. Its SDFormat file
-has a floating body `vehicle` in FRD axes, a serial chain of revolute joints, and a frame `tip`
-(the paper's Σ_E).
+A robot is a folder with `<name>.sdf` or `<name>.urdf`, `hydrodynamics.yaml` and `package.xml`. Its
+SDFormat or URDF file has a floating body `vehicle` in FRD axes, a serial chain of revolute joints,
+and a frame `tip` (the paper's Σ_E). What else it may say is in `robot_check`.
 """
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,11 +46,17 @@ def model_dir(model: str) -> Path:
     """Returns the folder of a robot, given the name of a shipped one or a path."""
     shipped = sorted(path.parent.name for path in models_dir().glob("*/package.xml"))
     folder = models_dir() / model if model in shipped else Path(model)
-    complete = all((folder / name).is_file()
-                   for name in (f"{folder.name}.sdf", "hydrodynamics.yaml", "package.xml"))
-    require(complete, "model", model, f"one of {', '.join(shipped)}, or a folder with <name>.sdf, "
-            "hydrodynamics.yaml and package.xml")
+    complete = all(file.is_file() for file in (
+        robot_file(folder), folder / "hydrodynamics.yaml", folder / "package.xml"))
+    require(complete, "model", model, f"one of {', '.join(shipped)}, or a folder with <name>.sdf "
+            "or <name>.urdf, hydrodynamics.yaml and package.xml")
     return folder
+
+
+def robot_file(folder: Path) -> Path:
+    """Returns the file of the dry robot in its folder: SDFormat, or else URDF."""
+    sdf, urdf = (folder / f"{folder.name}.{kind}" for kind in ("sdf", "urdf"))
+    return urdf if urdf.is_file() and not sdf.is_file() else sdf
 
 
 def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
@@ -56,7 +65,7 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     Args:
         plant: A plant that is not finalized; `add_uvms` does not finalize it.
         model: Name of a shipped robot or path of a robot's folder.
-        sdf: Text that stands for that of the robot's SDFormat file, if any.
+        sdf: Text that stands for that of the robot's file, if any, and is of the same format.
 
     Raises:
         InvalidParameter: The robot's files cannot be used.
@@ -70,7 +79,7 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     hydrodynamics = load_hydrodynamics(folder / "hydrodynamics.yaml")
     for name in hydrodynamics.bodies:
         require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",
-                name, f"a body of {folder.name}.sdf")
+                name, f"a body of {robot_file(folder).name}")
     return Uvms(
         plant=plant,
         model_instance=instance,
@@ -81,16 +90,48 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     )
 
 
-def _parse(plant: MultibodyPlant, folder: Path, sdf: str | None) -> ModelInstanceIndex:
-    file = str(folder / f"{folder.name}.sdf")
+def _parse(plant: MultibodyPlant, folder: Path, text: str | None) -> ModelInstanceIndex:
+    file = robot_file(folder)
     parser = Parser(plant)
     try:
         parser.package_map().AddPackageXml(str(folder / "package.xml"))
-        (instance,) = (parser.AddModels(file) if sdf is None
-                       else parser.AddModelsFromString(sdf, "sdf"))
+        with _inertias_as_given(file):
+            (instance,) = (parser.AddModels(str(file)) if text is None
+                           else parser.AddModelsFromString(text, file.suffix[1:]))
     except RuntimeError as reason:
-        raise InvalidParameter("model", file, f"a readable robot: {_one_line(reason)}") from None
+        raise InvalidParameter(
+            "model", str(file), f"a readable robot: {_one_line(reason)}") from None
     return instance
+
+
+@contextmanager
+def _inertias_as_given(file: Path) -> Iterator[None]:
+    """Raises `InvalidParameter` if Drake's parser takes another inertia than the file has.
+
+    It does so for one that no body can have, and says so in its log only.
+    """
+    said: list[str] = []
+    logger = logging.getLogger("drake")
+    level = logger.level
+
+    def heard(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        if "inertia" in text:
+            said.append(text)
+        return "inertia" not in text and record.levelno >= level
+
+    logger.addFilter(heard)
+    logger.setLevel(min(level, logging.WARNING))
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        logger.removeFilter(heard)
+    if said:
+        raise InvalidParameter(
+            str(file), "an inertia that Drake replaces", "one that a body can have, its principal "
+            "moments about the centre of mass positive and none above the sum of the others: "
+            + " ".join(" ".join(said).split()))
 
 
 def _one_line(error: Exception) -> str:

@@ -339,7 +339,7 @@ class UvmsModel:
 
 def read_uvms(model: str) -> Uvms:
     """Returns a shipped robot or a robot's folder, in a plant of its own."""
-    plant = MultibodyPlant(time_step=0.1)  # Nothing is simulated with it.
+    plant = MultibodyPlant(time_step=0.0)
     uvms = add_uvms(plant, model)
     plant.Finalize()
     return uvms

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import BodyIndex
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, HydrodynamicParameters
-from uvms_drake.model.uvms import Uvms, add_uvms, model_dir
+from uvms_drake.model.uvms import Uvms, add_uvms, model_dir, robot_file
 
 INERTIAL = re.compile(r"<(mass|i[xyz][xyz])>\s*([^<]*?)\s*</\1>")
 FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever")
@@ -55,8 +55,7 @@ def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | No
         return add_uvms(plant, model)
     sdf = None
     if error.mass != 1.0:  # Drake can change an inertia in a Context, but not a plant's default.
-        folder = model_dir(model)
-        text = (folder / f"{folder.name}.sdf").read_text(encoding="utf-8")
+        text = robot_file(model_dir(model)).read_text(encoding="utf-8")
         sdf = scaled_inertias(text, error.mass)
     uvms = add_uvms(plant, model, sdf)
     if sdf is not None:
@@ -74,7 +73,7 @@ def _check_scaled(plant: MultibodyPlant, model: str, factor: float) -> None:
                          for each in (body, plant.get_body(BodyIndex(i))))
         scaled = np.allclose(after, factor * before, rtol=0.0, atol=1e-9 * np.max(abs(before)))
         require(scaled, "model_error.mass", factor,
-                f"1 for this robot: its SDFormat file does not give the mass and the inertia of "
+                f"1 for this robot: its file does not give the mass and the inertia of "
                 f"'{body.name()}' by numbers of its own")
 
 

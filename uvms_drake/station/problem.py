@@ -14,17 +14,22 @@ from uvms_drake.control.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.surface_error import displaced
+from uvms_drake.station.robot import sound_robot
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
 
 def load_model(scenario: Scenario) -> ContactModel:
-    """Returns the controller's model of robot and surface."""
+    """Returns the controller's model of robot and surface.
+
+    Raises:
+        InvalidParameter: The surface has no meaning, or the robot is none; see `sound_robot`.
+    """
     with within("surface"):
         surface = check_surface(scenario.surface)
     with within("contact"):
         told = scenario.contact.told(surface)
-    return ContactModel.load(scenario.model, told)
+    return ContactModel(sound_robot(scenario.model), told)
 
 
 def true_surface(scenario: Scenario) -> Surface:

@@ -1,0 +1,171 @@
+"""What the files of a robot may say: that which the controller's model and a plant can be.
+
+Each check is a function of a robot in a finalized plant and yields its complaints. They come in two
+rounds: as long as the links are no chain, nothing can be said about inertias and trim.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from pydrake.multibody.tree import (
+    BodyIndex,
+    ForceElementIndex,
+    RevoluteSpring,
+    RigidBody,
+    UniformGravityFieldElement,
+)
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.trim import middle_posture, trim_of
+from uvms_drake.model.uvms import Uvms, robot_file
+
+Complaints = Iterator[InvalidParameter]
+
+FLOATS = (0.8, 1.25)
+"""Displaced mass over mass of what can be a robot that swims."""
+UNSTABLE = 1e-3
+"""Depth of the centre of buoyancy below that of mass that is taken as rounding [m]."""
+LIGHTEST = 1e-8
+"""Inertia about a joint's axis below which a joint moves nothing [kg m²]."""
+
+
+def robot_complaints(uvms: Uvms, folder: Path) -> list[InvalidParameter]:
+    """Returns what is wrong with a robot, by file and key; nothing, if nothing is.
+
+    Args:
+        uvms: The robot, in a finalized plant of its own.
+        folder: Its folder.
+    """
+    sdf, water = robot_file(folder), folder / "hydrodynamics.yaml"
+    rounds: tuple[tuple[tuple[Path, Callable[[Uvms], Complaints]], ...], ...] = (
+        ((sdf, bodies_are_joined), (sdf, the_tip_is_on_the_last_link), (sdf, nothing_pulls),
+         (sdf, motors_drive_the_joints)),
+        ((sdf, inertias_are_given), (sdf, joints_move_something), (water, the_water_carries_it),
+         (water, it_is_upright)))
+    for checks in rounds:
+        found = [InvalidParameter(f"{file}: {complaint.key}", complaint.value, complaint.allowed)
+                 for file, check in checks for complaint in check(uvms)]
+        if found:
+            return found
+    return []
+
+
+def bodies_are_joined(uvms: Uvms) -> Complaints:
+    """Every body hangs on the vehicle by joints, and the plant has no other and no loop."""
+    plant = uvms.plant
+    chain = {body.index() for link in links_of(uvms) for body in plant.GetBodiesWeldedTo(link)}
+    for i in range(1, plant.num_bodies()):  # 0 is World.
+        body = plant.get_body(BodyIndex(i))
+        if body.index() not in chain:
+            yield InvalidParameter(
+                "link", body.name(), "joined to the vehicle by joints, or it floats by itself: a "
+                "joint of type fixed makes it a part of another link")
+    if plant.num_constraints() > 0:
+        yield InvalidParameter(
+            "constraints", plant.num_constraints(),
+            "0: the arm is a chain, without loops, mimicking joints and tendons")
+
+
+def the_tip_is_on_the_last_link(uvms: Uvms) -> Complaints:
+    """`tip` moves with the outermost joint, else its pose is not a function of all of them."""
+    last = links_of(uvms)[-1]
+    if uvms.tip.body().index() in {body.index() for body in uvms.plant.GetBodiesWeldedTo(last)}:
+        return
+    mover = uvms.joints[-1].name()
+    yield InvalidParameter(
+        "frame tip", uvms.tip.body().name(), f"attached to '{last.name()}', which the last joint, "
+        f"'{mover}', moves: joints beyond the tip, as of a gripper, are to be of type fixed")
+
+
+def nothing_pulls(uvms: Uvms) -> Complaints:
+    """Gravity is the only force element: the controller's model knows of no other."""
+    plant = uvms.plant
+    for i in range(plant.num_force_elements()):
+        element = plant.get_force_element(ForceElementIndex(i))
+        if isinstance(element, UniformGravityFieldElement):
+            continue
+        if isinstance(element, RevoluteSpring):
+            yield InvalidParameter(
+                f"joint {element.joint().name()}: spring_stiffness", element.default_stiffness(),
+                "0: the controller's model has no springs")
+        else:
+            yield InvalidParameter("force element", type(element).__name__,
+                                   "left out: the controller's model knows of gravity alone")
+
+
+def motors_drive_the_joints(uvms: Uvms) -> Complaints:
+    """Every joint has an actuator, with which the inertia of its rotor is read."""
+    plant = uvms.plant
+    driven = {plant.get_joint_actuator(index).joint().index()
+              for index in plant.GetJointActuatorIndices(uvms.model_instance)}
+    for joint in uvms.joints:
+        if joint.index() not in driven:
+            yield InvalidParameter(
+                f"joint {joint.name()}: actuator", None, "there, as every joint is driven: of "
+                "SDFormat its effort must not be 0, of URDF it needs a transmission")
+
+
+def inertias_are_given(uvms: Uvms) -> Complaints:
+    """No inertia is a default of the file format's, and each is one that a body can have."""
+    for index in uvms.plant.GetBodyIndices(uvms.model_instance):
+        body = uvms.plant.get_body(index)
+        M = body.default_spatial_inertia()
+        if not M.IsPhysicallyValid():
+            yield InvalidParameter(
+                f"link {body.name()}: inertial", principal_moments(body),
+                "what a body can have: a mass, and principal moments of inertia about its centre "
+                "of mass of which none exceeds the sum of the others [kg m²]")
+        elif np.array_equal(M.CopyToFullMatrix6(), np.eye(6)):
+            yield InvalidParameter(
+                f"link {body.name()}: inertial", "1 kg, 1 kg m²",
+                "given: these are what SDFormat takes where a link has none; a frame needs no link")
+
+
+def joints_move_something(uvms: Uvms) -> Complaints:
+    """What is beyond a joint has an inertia about its axis, or its motor has."""
+    plant = uvms.plant
+    context = plant.CreateDefaultContext()
+    for joint, angle in zip(uvms.joints, middle_posture(uvms), strict=True):
+        joint.set_angle(context, float(angle))
+    M = plant.CalcMassMatrix(context)
+    for joint in uvms.joints:
+        inertia = float(M[joint.velocity_start(), joint.velocity_start()])
+        if inertia < LIGHTEST:
+            yield InvalidParameter(
+                f"joint {joint.name()}: inertia about its axis", inertia,
+                f"{LIGHTEST:g} kg m² or more: of the links beyond, and of its motor, by "
+                "drake:rotor_inertia and drake:gear_ratio")
+
+
+def the_water_carries_it(uvms: Uvms) -> Complaints:
+    """Buoyancy is about the weight: a volume in litres, or a body left out, is not."""
+    trim, (least, most) = trim_of(uvms, middle_posture(uvms)), FLOATS
+    share = trim.displaced_mass / trim.mass if trim.mass > 0.0 else np.inf
+    if not least <= share <= most:
+        yield InvalidParameter(
+            "displaced_volume of all bodies, as mass of water over that of the robot",
+            float(f"{share:.4g}"), f"between {least:g} and {most:g} (volumes are in m³, the "
+            "density in kg/m³, and a body that is not named is dry)")
+
+
+def it_is_upright(uvms: Uvms) -> Complaints:
+    """The centre of buoyancy is not below that of mass, as it is with z pointing up."""
+    trim = trim_of(uvms, middle_posture(uvms))
+    if trim.righting_lever < -UNSTABLE:
+        yield InvalidParameter(
+            "center_of_buoyancy of all bodies, above the centre of mass by",
+            f"{trim.righting_lever:.3g} m", "zero or positive, or the vehicle turns over: axes are "
+            "FRD, z down (numbers with z up are turned by diag(1, -1, -1))")
+
+
+def links_of(uvms: Uvms) -> list[RigidBody]:
+    """Returns the vehicle and the body that each joint moves, from the vehicle outwards."""
+    return [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
+
+
+def principal_moments(body: RigidBody) -> np.ndarray:
+    """Returns the principal moments of inertia (3,) [kg m²] about the centre of mass."""
+    M = body.default_spatial_inertia()
+    about_center = M.Shift(M.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+    return np.linalg.eigvalsh(about_center)

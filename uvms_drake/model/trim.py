@@ -1,0 +1,60 @@
+"""Weight against buoyancy: how a robot lies in still water, with its arm held in one posture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics
+from uvms_drake.model.uvms import Uvms
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Masses and their centres, in axes of the vehicle (FRD) about its origin."""
+
+    mass: float
+    """Dry mass m [kg]."""
+    displaced_mass: float
+    """Mass ρV of the displaced water [kg]."""
+    center_of_mass: np.ndarray
+    """p_BG (3,) [m]."""
+    center_of_buoyancy: np.ndarray
+    """p_BC (3,) [m]; of a robot without any buoyancy, that of mass."""
+
+    @property
+    def righting_lever(self) -> float:
+        """z_G − z_C [m]: by how much the centre of buoyancy is above that of mass."""
+        return float(self.center_of_mass[2] - self.center_of_buoyancy[2])
+
+
+def middle_posture(uvms: Uvms) -> np.ndarray:
+    """Returns the middle of the joints' limits (n,) [rad]; zero for a joint without."""
+    limits = np.array([[joint.position_lower_limits()[0], joint.position_upper_limits()[0]]
+                       for joint in uvms.joints]).reshape(-1, 2)
+    middle = np.zeros(len(limits))
+    finite = np.all(np.isfinite(limits), axis=1)
+    middle[finite] = limits[finite].mean(axis=1)
+    return middle
+
+
+def trim_of(uvms: Uvms, posture: np.ndarray) -> Trim:
+    """Returns the trim of a robot in a finalized plant at the joint angles (n,) [rad]."""
+    plant = uvms.plant
+    context = plant.CreateDefaultContext()
+    for joint, angle in zip(uvms.joints, posture, strict=True):
+        joint.set_angle(context, float(angle))
+    masses, moments = np.zeros(2), np.zeros((2, 3))
+    for index in plant.GetBodyIndices(uvms.model_instance):
+        body = plant.get_body(index)
+        X_VB = plant.CalcRelativeTransform(
+            context, uvms.vehicle.body_frame(), body.body_frame())
+        water = uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+        for i, (mass, center) in enumerate((
+                (body.default_mass(), body.default_com()),
+                (uvms.hydrodynamics.fluid_density * water.displaced_volume,
+                 np.asarray(water.center_of_buoyancy, dtype=float)))):
+            masses[i] += mass
+            moments[i] += mass * (X_VB @ center)
+    centers = moments / np.maximum(masses, 1e-300)[:, None]
+    return Trim(float(masses[0]), float(masses[1]), centers[0],
+                centers[1] if masses[1] > 0.0 else centers[0])
