@@ -44,7 +44,7 @@ class Told(Resolved):
 
 def station_of(law, part):
     return make_station(replace(
-        load_scenario("girona500_contact", ["duration=1"]), ancillary=law, actuation=[part]))
+        load_scenario("girona500_ideal", ["duration=1"]), ancillary=law, actuation=[part]))
 
 
 def test_the_law_takes_what_the_thrusters_give_now():

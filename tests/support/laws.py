@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst, Transpose
 from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.tip_first import BlockGains
 
 K, SIGMA = 13.0, 4.0  # 1/s
 
@@ -20,6 +21,12 @@ def resolved_input(model, state, nominal, acceleration, k, sigma) -> np.ndarray:
 def transpose_input(model, state, nominal, nominal_input, k, sigma, joints=False) -> np.ndarray:
     return Transpose(k, sigma, joints).command(
         model, pair_of(model, state, nominal), not_asked, lambda: nominal_input).u()
+
+
+def tip_first_input(model, state, nominal, acceleration, k, sigma) -> np.ndarray:
+    gains = BlockGains(k, sigma)
+    return TipFirst(gains, gains).command(
+        model, pair_of(model, state, nominal), lambda: acceleration, not_asked).u()
 
 
 def pairs(model, states, where: str):

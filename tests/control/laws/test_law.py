@@ -1,9 +1,9 @@
-"""Tests of `uvms_drake.control.laws.law`: what both laws have in common."""
+"""Tests of `uvms_drake.control.laws.law`: what all laws have in common."""
 
 import numpy as np
 import pytest
 from support import dh
-from support.laws import SIGMA, K, pairs, resolved_input, transpose_input
+from support.laws import SIGMA, K, pairs, resolved_input, tip_first_input, transpose_input
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
@@ -15,9 +15,10 @@ def test_without_an_error_the_nominal_input_is_passed_on(model, states, where):
     acceleration = np.linspace(-0.3, 0.3, 10)
     for state in states[where]:
         nominal_input = acceleration - model.drift(state[:10], state[10:])
-        np.testing.assert_allclose(
-            resolved_input(model, state, state, acceleration, K, SIGMA), nominal_input,
-            rtol=1e-9, atol=1e-9)
+        for law in (resolved_input, tip_first_input):
+            np.testing.assert_allclose(
+                law(model, state, state, acceleration, K, SIGMA), nominal_input,
+                rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(
             transpose_input(model, state, state, nominal_input, K, SIGMA), nominal_input,
             atol=1e-12)
@@ -31,7 +32,7 @@ def turned(state: np.ndarray, angle: float) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("law", [resolved_input, transpose_input])
+@pytest.mark.parametrize("law", [resolved_input, transpose_input, tip_first_input])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_errors_across_the_jump_of_the_yaw_angle_are_small(uvms, states, law, sign):
     """Real yaw π − ε against nominal −π + ε gives the input of −ε against ε, from behind."""

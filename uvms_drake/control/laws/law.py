@@ -24,6 +24,8 @@ class Pair(NamedTuple):
 
     kinematics: Kinematics
     """Geometry of the two robots, stacks (2,)."""
+    config: np.ndarray
+    """Configurations 𝔮, 𝔮̄ (2, 6+n) [m, rad]."""
     zeta: np.ndarray
     """Velocities ζ, ζ̄ (2, 6+n) [m/s, rad/s]."""
     y: np.ndarray
@@ -40,6 +42,9 @@ class Pair(NamedTuple):
     wrench: np.ndarray | None = None
     """τ_v, the wrench that the thrusters give the vehicle now (6,) in body axes [N, N m]; None:
     the one that is commanded."""
+    estimate: np.ndarray | None = None
+    """δ̂, what an observer takes the disturbance of the law's outputs for (6+n,) [m/s², rad/s²];
+    None: there is no observer."""
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
@@ -48,7 +53,7 @@ def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> P
     config, zeta = both[:, : model.size], both[:, model.size:]
     kinematics = model.kinematics(config)
     y, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)
-    return Pair(kinematics, zeta, y, J_x, J_x_dot, np.linalg.inv(J_x[0]))
+    return Pair(kinematics, config, zeta, y, J_x, J_x_dot, np.linalg.inv(J_x[0]))
 
 
 @dataclass(frozen=True)

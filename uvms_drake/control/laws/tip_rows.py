@@ -1,0 +1,68 @@
+"""Which rows of y = (χ, q) are the tip's task s ∈ Rⁿ that the arm holds: its position first.
+
+An arm of n joints can hold n rows. Where they are not named they are chosen for the robot: the
+position, from six joints on the whole pose, and then the rows which the arm can hold best, that is
+with the largest geometric mean, over postures within its joint ranges, of the smallest singular
+value of J_sq, the derivative of s by q. The vehicle is level there: then nothing depends on where
+it is and heads. An arm of one or two joints cannot hold a position; its joints are held.
+"""
+
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.uvms_model import UvmsModel
+
+POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+"""Names of the rows of χ: position in Σ_I and ZYX Euler angles of the end-effector."""
+POSTURES = 400
+"""Postures at which rows are compared."""
+SINGULAR = 1e-9
+"""Smallest singular value of a J_sq that is regular; less is rounding."""
+
+
+def row_names(num_joints: int) -> tuple[str, ...]:
+    """Returns the names of the rows of y = (χ, q): x, y, z, roll, pitch, yaw, q1 ... qn."""
+    return (*POSE, *(f"q{j + 1}" for j in range(num_joints)))
+
+
+@lru_cache(maxsize=16)
+def tip_rows(model: UvmsModel, names: tuple[str, ...] = ()) -> np.ndarray:
+    """Returns the indices (n,) in y of the tip's task, in ascending order.
+
+    Args:
+        model: The robot.
+        names: The n rows as `row_names` has them; none for those chosen for the robot.
+
+    Raises:
+        InvalidParameter: They are not n different rows.
+    """
+    n, known = model.num_joints, row_names(model.num_joints)
+    if not names:
+        return best_rows(model)
+    right = len(names) == n and len(set(names)) == n and set(names) <= set(known)
+    require(right, "ancillary.rows", list(names), f"{n} different ones, for {n} joints, of "
+            f"{', '.join(known)}; or none, for the best")
+    return np.sort([known.index(name) for name in names])
+
+
+def best_rows(model: UvmsModel) -> np.ndarray:
+    """Returns the indices (n,) in y of the rows that are chosen for a robot."""
+    n = model.num_joints
+    if n < 3:
+        return np.arange(6, 6 + n)
+    first = 3 if n < 6 else 6
+    config = np.zeros((POSTURES, 6 + n))
+    config[:, 6:] = np.random.default_rng(0).uniform(
+        np.maximum(model.q_lower, -np.pi), np.minimum(model.q_upper, np.pi), (POSTURES, n))
+    by_joints = model.kinematics(config).J_chi[..., 6:]
+    J_q = np.concatenate([by_joints, np.broadcast_to(np.eye(n), (POSTURES, n, n))], axis=1)
+
+    def quality(rows: np.ndarray) -> float:
+        smallest = np.linalg.svd(J_q[:, rows], compute_uv=False)[:, -1]
+        return float(np.mean(np.log(np.maximum(smallest, SINGULAR))))
+
+    return max((np.array([*range(first), *more])
+                for more in combinations(range(first, 6 + n), n - first)), key=quality)
