@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.laws.tip_first`: the loops that it promises, whatever thrusters do."""
+"""Tests of `uvms_drake.control.laws.tip_first`: what it promises, whatever thrusters do."""
 
 from dataclasses import replace
 
@@ -151,7 +151,7 @@ def test_at_a_singular_posture_it_refuses():
     bent = np.zeros(18)
     bent[7:9] = 0.3, 0.5
     assert np.isfinite(command(arm, bent, bent, np.zeros(9))).all()
-    with pytest.raises(InvalidParameter, match="rows = 'at the joint angles .* singular postures"):
+    with pytest.raises(InvalidParameter, match=r"rows = 'at the joint angles .* singular postures"):
         command(arm, 0.0 * bent, 0.0 * bent, np.ones(9))
 
 

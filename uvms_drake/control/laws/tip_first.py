@@ -14,7 +14,7 @@ the actuators give τ, the robot has ζ̇ = ζ̇_des + d, and each row is a loop
 *The thrusters as they are.* They lag, have limits and dead time. Let τ_v be what they give the
 vehicle now. The joints' torques are not those of (L) then, but those of
 
-    M ζ̇_now + b + Jᵀ𝔉_s = (τ_v, τ_q),    J_s ζ̇_now = v_s − J̇_s ζ,    in (ζ̇_now, τ_q).              (A)
+    M ζ̇_now + b + Jᵀ𝔉_s = (τ_v, τ_q),    J_s ζ̇_now = v_s − J̇_s ζ,    in (ζ̇_now, τ_q).           (A)
 
 *The tip's rows obey (R) whatever the thrusters do.* The robot obeys M(ζ̇ − d) + b + Jᵀ𝔉 = (τ_v, τ_q)
 with that very τ_v. The difference to (A) is M(ζ̇ − d − ζ̇_now) = Jᵀ(𝔉_s − 𝔉), so that ζ̇ = ζ̇_now + d'
@@ -23,7 +23,7 @@ What the thrusters give wrongly, τ_v + ε in truth, adds M⁻¹(ε, 0) to d, no
 
 *When it has a solution.* (A) is [M_v; J_s] ζ̇_now = (τ_v − b_v, v_s − J̇_s ζ), M_v the vehicle's rows
 of M, and then τ_q. det[M_v; J_s] = det M_vv det J_g with the generalised Jacobian
-J_g = J_sq − J_sv M_vv⁻¹M_vq: how the tip moves by the joints of a robot whose vehicle floats freely.
+J_g = J_sq − J_sv M_vv⁻¹M_vq: how the tip moves by the joints of a robot whose vehicle floats free.
 So (A) is solvable where J_g is regular, (L) where J_sq is. Near a singular posture the torques grow
 as one over the smallest singular value and limits cut them; at one, the law refuses. A certificate
 has to keep the robot away from there.
