@@ -1,8 +1,9 @@
 """Where the robots live, and how one is put into a `MultibodyPlant`.
 
-A robot is a folder with `<name>.sdf` or `<name>.urdf`, `hydrodynamics.yaml` and `package.xml`. Its
-SDFormat or URDF file has a floating body `vehicle` in FRD axes, a serial chain of revolute joints,
-and a frame `tip` (the paper's Σ_E). What else it may say is in `robot_check`.
+A robot is a folder with `<name>.sdf` or `<name>.urdf`, `hydrodynamics.yaml` and `package.xml`, and
+with `thrusters.yaml` if they are known. Its SDFormat or URDF file has a floating body `vehicle` in
+FRD axes, a serial chain of revolute joints, and a frame `tip` (the paper's Σ_E). What else it may
+say is in `robot_check`.
 """
 
 import logging
@@ -17,7 +18,9 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, Rig
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.program import FOLDER
+from uvms_drake.model import thruster_data
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters, load_hydrodynamics
+from uvms_drake.model.thruster_data import ThrusterParameters, load_thrusters
 
 STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
 
@@ -33,6 +36,8 @@ class Uvms:
     """The arm's joints, from the vehicle outwards."""
     tip: Frame
     hydrodynamics: HydrodynamicParameters
+    thrusters: ThrusterParameters | None = None
+    """None if they are not known."""
 
 
 def models_dir() -> Path:
@@ -80,6 +85,7 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     for name in hydrodynamics.bodies:
         require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",
                 name, f"a body of {robot_file(folder).name}")
+    thrusters = folder / thruster_data.FILE
     return Uvms(
         plant=plant,
         model_instance=instance,
@@ -87,6 +93,7 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
         joints=_serial_joints(plant, instance),
         tip=plant.GetFrameByName("tip", instance),
         hydrodynamics=hydrodynamics,
+        thrusters=load_thrusters(thrusters) if thrusters.is_file() else None,
     )
 
 

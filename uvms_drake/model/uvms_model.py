@@ -84,6 +84,8 @@ class UvmsModel:
         self._links = read_links(uvms)
         self.gravity: np.ndarray = uvms.plant.gravity_field().gravity_vector()
         """g in Σ_I (3,) [m/s²]."""
+        self.thrusters = uvms.thrusters
+        """What is known of the thrusters, if anything."""
         self._joint_rows = np.eye(self.size)[6:]
         # 1 where joint j moves link k: (n+1, n).
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)

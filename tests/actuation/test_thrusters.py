@@ -1,0 +1,178 @@
+"""Tests of `uvms_drake.actuation.thrusters`: each system alone, and the part."""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
+from support.thrusters import eight_thrusters
+
+from uvms_drake.actuation.thrusters import ThrusterAllocation, Thrusters, make_thrusters
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.allocation import Allocation
+from uvms_drake.model.part import VEHICLE_WRENCH, Signals
+from uvms_drake.model.thrusters import ThrusterModel
+
+TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
+
+
+class Bench:
+    """A part between a constant or free τ and what it makes of it."""
+
+    def __init__(self, model, part, tau=TAU):
+        part.check()
+        builder, self.signals = DiagramBuilder(), Signals()
+        free = tau is None
+        source = builder.AddSystem(PassThrough(10) if free else ConstantVectorSource(tau))
+        if free:
+            builder.ExportInput(source.get_input_port(), "tau")
+        out = part.add_to(builder, model, source.get_output_port(), self.signals, seed=0)
+        for name, port in (*self.signals.items(), ("exerted", out)):
+            builder.ExportOutput(port, name)
+        self.diagram = builder.Build()
+
+    def simulator(self, context=None):
+        simulator = Simulator(self.diagram, context)
+        integrator = simulator.get_mutable_integrator()
+        integrator.set_maximum_step_size(0.005)
+        integrator.set_fixed_step_mode(True)
+        simulator.Initialize()
+        return simulator
+
+    def at(self, context, name):
+        return self.diagram.GetOutputPort(name).Eval(context)
+
+
+def with_thrusters(model, parameters):
+    """Returns the model with other thrusters."""
+    model = copy(model)
+    model.thrusters = parameters
+    return model
+
+
+@pytest.fixture(scope="module")
+def other(model):
+    return with_thrusters(model, eight_thrusters(bias=3.0))
+
+
+def test_a_force_follows_its_command_after_the_dead_time_with_the_lag(model):
+    """f(t) = f∞ (1 − exp(−(t − θ)/T)), f∞ by the allocation of what is asked for at once."""
+    bench = Bench(model, Thrusters(lag=0.12, dead_time=0.05))
+    wanted = Allocation.to(ThrusterModel.of(model.thrusters)).forces(TAU[:6])
+    simulator = bench.simulator()
+    for time in (0.0, 0.04, 0.05, 0.08, 0.2, 0.5):
+        simulator.AdvanceTo(time)
+        share = 1.0 - np.exp(-max(time - 0.05, 0.0) / 0.12)
+        np.testing.assert_allclose(
+            bench.at(simulator.get_context(), "thruster_force"), share * wanted, atol=2e-5)
+
+
+def test_torques_pass_at_once_and_the_wrench_arrives_but_for_roll(model):
+    bench = Bench(model, Thrusters())
+    simulator = bench.simulator()
+    np.testing.assert_allclose(
+        bench.at(simulator.get_context(), "exerted"), np.append(np.zeros(6), TAU[6:]))
+    simulator.AdvanceTo(3.0)
+    context = simulator.get_context()
+    short = bench.at(context, "wrench_shortfall")
+    np.testing.assert_allclose(bench.at(context, "exerted")[:6], TAU[:6] - short, atol=1e-6)
+    np.testing.assert_allclose(short[[0, 1, 2, 4, 5]], 0.0, atol=1e-9)
+    assert abs(short[3]) > 1.0
+    np.testing.assert_array_equal(
+        bench.at(context, VEHICLE_WRENCH), bench.at(context, "exerted")[:6])
+
+
+@pytest.mark.parametrize(("part", "off"), [
+    (Thrusters(error=np.array([0.1])), lambda file: ThrusterModel.of(file).off_by(0.1)),
+    (Thrusters(error=np.linspace(-0.3, 0.3, 8)),
+     lambda file: ThrusterModel.of(file).off_by(np.linspace(-0.3, 0.3, 8))),
+    (Thrusters(sag=2.0), lambda file: ThrusterModel.of(file, 2.0))])
+def test_what_the_controller_is_not_told_is_in_the_forces_only(other, part, off):
+    bench = Bench(other, part)
+    simulator = bench.simulator()
+    simulator.AdvanceTo(3.0)
+    context, file = simulator.get_context(), other.thrusters
+    forces = off(file).forces_of(bench.at(context, "thruster_command"))
+    np.testing.assert_allclose(bench.at(context, "thruster_force"), forces, atol=1e-6)
+    np.testing.assert_allclose(
+        bench.at(context, "exerted")[:6], ThrusterModel.of(file).B @ forces, atol=1e-6)
+    np.testing.assert_allclose(bench.at(context, VEHICLE_WRENCH), TAU[:6], atol=1e-6)
+    assert np.max(np.abs(bench.at(context, "exerted")[:6] - TAU[:6])) > 0.3
+
+
+def test_a_cloned_context_goes_on_with_what_is_on_its_way(model):
+    """After a step of the command, within the dead time."""
+    bench = Bench(model, Thrusters(dead_time=0.05), tau=None)
+    context = bench.diagram.CreateDefaultContext()
+    port = bench.diagram.GetInputPort("tau")
+    port.FixValue(context, TAU)
+    simulator = bench.simulator(context)
+    simulator.AdvanceTo(0.1)
+    port.FixValue(simulator.get_mutable_context(), -TAU)
+    simulator.AdvanceTo(0.12)
+    again = bench.simulator(simulator.get_context().Clone())
+    for each in (simulator, again):
+        each.AdvanceTo(0.3)
+    first, second = (bench.at(each.get_context(), "exerted") for each in (simulator, again))
+    np.testing.assert_array_equal(first, second)
+    assert first[0] < 0.0
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.05])
+def test_what_the_thrusters_give_now_does_not_depend_on_the_command_now(model, dead_time):
+    """A law may ask for it: no algebraic loop."""
+    diagram = Bench(model, Thrusters(dead_time=dead_time), tau=None).diagram
+    feeds = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())
+             if diagram.HasDirectFeedthrough(i)}
+    assert feeds == {"thruster_command", "wrench_shortfall", "exerted"}
+
+
+def test_thrusters_of_several_lags_have_each_its_own():
+    parameters = ThrusterModel.of(eight_thrusters())
+    lags = np.linspace(0.1, 0.4, 8)
+    diagram = make_thrusters(replace(parameters, lag=lags), 0.01, 2)
+    context = diagram.CreateDefaultContext()
+    diagram.get_input_port().FixValue(context, parameters.commands_of(np.full(8, 10.0)))
+    simulator = Simulator(diagram, context)
+    simulator.AdvanceTo(0.22)
+    np.testing.assert_allclose(diagram.get_output_port().Eval(simulator.get_context()),
+                               10.0 * (1.0 - np.exp(-0.2 / lags)), rtol=1e-3)
+
+
+def test_the_allocation_alone_commands_what_gives_the_wrench(other):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(TAU))
+    thrusters = ThrusterModel.of(other.thrusters)
+    system = ThrusterAllocation.AddToBuilder(
+        builder, other, Allocation.to(thrusters), tau=source.get_output_port())
+    context = system.GetMyContextFromRoot(builder.Build().CreateDefaultContext())
+    command = system.GetOutputPort("command").Eval(context)
+    np.testing.assert_allclose(thrusters.B @ thrusters.forces_of(command), TAU[:6], atol=1e-9)
+    np.testing.assert_allclose(system.GetOutputPort("shortfall").Eval(context), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("part", "message"), [
+    (Thrusters(period=0.0), r"^period = 0\.0: must be positive$"),
+    (Thrusters(lag=0.0), r"^lag = 0\.0: must be positive, or left out$"),
+    (Thrusters(dead_time=0.012), r"^dead_time = 0\.012: must be a multiple of the period, 0\.005"),
+    (Thrusters(dead_time=-0.01), r"^dead_time = -0\.01: must be a multiple"),
+    (Thrusters(sag=np.inf), r"^sag = inf: must be a number$"),
+    (Thrusters(error=np.array([np.nan])), r"^error = \[nan\]: must be finite numbers"),
+])
+def test_a_setting_without_a_meaning_is_refused(part, message):
+    with pytest.raises(InvalidParameter, match=message):
+        part.check()
+
+
+def test_what_the_robot_does_not_have_is_named(model):
+    for thrusters, part, message in (
+            (None, Thrusters(), r"^thrusters = None: must be left out: the robot has no thrust"),
+            (model.thrusters, Thrusters(error=np.zeros(3)), r"^error = .*: must be 5 finite num"),
+            (model.thrusters, Thrusters(sag=1.0), r"^sag = 1\.0: must be 0: the voltage"),
+            (model.thrusters, Thrusters(period=0.02), r"^dead_time = 0\.05: must be a multiple")):
+        with pytest.raises(InvalidParameter, match=message):
+            Bench(with_thrusters(model, thrusters), part)
+    assert "at once" in Thrusters().assumption()

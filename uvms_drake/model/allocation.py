@@ -1,0 +1,139 @@
+"""Allocation: which forces of the thrusters give a wrench on the vehicle.
+
+With W diagonal, one weight for each axis that is driven, and B_d their rows of the thrust map,
+
+    f = argmin ‖W(B_d f − τ_d)‖₂² + ε²‖f − b‖₂²,   lower ≤ f ≤ upper,   ε → 0.              (1)
+
+Where the limits do not bind, f = B_d⁺τ_d + b for every W, linear in the wrench, with a bias b in
+the null space of B_d: thrusters that work against each other and so stay out of their dead bands
+(it takes m above the rank of B_d). Where they do, W says which axes are kept best.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.thrusters import ThrusterModel
+
+RIDGE = 1e-4
+"""ε of (1) in units of the largest force, where W B_d of that force is one."""
+NULL = 1e-9
+
+
+def bias_against_dead_bands(B: np.ndarray, size: float) -> np.ndarray:
+    """Returns b (m,) in the null space of B, whose entries are `size` at least, or zero.
+
+    Zero are those of thrusters that the null space does not move. Of the directions N Nᵀs, s = ±1,
+    N a basis of the null space, it is the one with the largest smallest entry for its length.
+
+    Args:
+        B: (r, m).
+        size: [N].
+    """
+    m = B.shape[1]
+    _, singular, right = np.linalg.svd(B)
+    N = right[np.count_nonzero(singular > NULL * singular[0]):].T
+    free = np.linalg.norm(N, axis=1) > NULL
+    if size == 0.0 or not np.any(free):
+        return np.zeros(m)
+    signs = 1.0 - 2.0 * (np.arange(2 ** (m - 1))[:, None] >> np.arange(m) & 1)
+    directions = signs @ N @ N.T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True) + NULL
+    least = np.min(np.abs(directions[:, free]), axis=1)
+    best = int(np.argmax(least))
+    return size / least[best] * np.where(free, directions[best], 0.0)
+
+
+def bounded_least_squares(A: np.ndarray, y: np.ndarray, lower: np.ndarray, upper: np.ndarray
+                          ) -> np.ndarray:
+    """Returns the x (m,) in [lower, upper] with the smallest ‖A x − y‖₂, by active sets.
+
+    Stark and Parker, "Bounded-variable least-squares: an algorithm and applications", 1995.
+
+    Args:
+        A: (r, m), of rank m: the solution is unique.
+        y: (r,).
+        lower: (m,).
+        upper: (m,), above.
+    """
+    x = 0.5 * (lower + upper)
+    fixed = np.zeros(len(x), dtype=bool)
+    while True:
+        # The free ones to their optimum, or as far as the first bound on the way, which holds them.
+        free = np.flatnonzero(~fixed)
+        best = x.copy()
+        best[free] = np.linalg.lstsq(A[:, free], y - A[:, fixed] @ x[fixed], rcond=None)[0]
+        bound = np.where(best > upper, upper, lower)
+        beyond = (best > upper) | (best < lower)
+        if np.any(beyond):
+            part = np.where(beyond, (bound - x) / np.where(beyond, best - x, 1.0), np.inf)
+            first = int(np.argmin(part))
+            x += max(float(part[first]), 0.0) * (best - x)
+            x[first], fixed[first] = bound[first], True
+            continue
+        # One that is held and would rather go back in is let go.
+        x = best
+        gain = A.T @ (y - A @ x) * np.where(x == lower, 1.0, -1.0) * fixed
+        worst = int(np.argmax(gain))
+        if gain[worst] <= NULL * np.linalg.norm(A[:, worst]) * np.linalg.norm(y):
+            return x
+        fixed[worst] = False
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """Allocation (1) to the thrusters of a robot."""
+
+    thrusters: ThrusterModel
+
+    @staticmethod
+    def to(thrusters: ThrusterModel) -> "Allocation":
+        """Returns the allocation to thrusters whose bias is within their limits."""
+        out = Allocation(thrusters)
+        within = bool(np.all((thrusters.lower <= out.bias) & (out.bias <= thrusters.upper)))
+        require(within, "bias", thrusters.bias,
+                f"smaller: it takes forces up to {np.max(np.abs(out.bias)):.4g} N")
+        return out
+
+    @functools.cached_property
+    def matrix(self) -> np.ndarray:
+        """(m, 6) B_d⁺ with zeros for the axes that are given up."""
+        out = np.zeros((self.thrusters.size, 6))
+        out[:, self.thrusters.driven] = np.linalg.pinv(self._B)
+        return out
+
+    @functools.cached_property
+    def bias(self) -> np.ndarray:
+        """(m,) b [N]."""
+        return bias_against_dead_bands(self._B, self.thrusters.bias)
+
+    @functools.cached_property
+    def weights(self) -> np.ndarray:
+        """Diagonal of W: one over the most that the thrusters give on each driven axis [N, N m]."""
+        largest = np.maximum(-self.thrusters.lower, self.thrusters.upper)
+        return 1.0 / (np.abs(self._B) @ largest)
+
+    @property
+    def _B(self) -> np.ndarray:
+        return self.thrusters.B[self.thrusters.driven]
+
+    @functools.cached_property
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.thrusters.lower, self.thrusters.upper
+
+    def forces(self, wrench: np.ndarray) -> np.ndarray:
+        """Returns the forces (m,) [N] for a wrench τ_v (6,) in axes of B about Bo [N, N m]."""
+        lower, upper = self._limits
+        forces = self.matrix @ wrench + self.bias
+        if np.all((lower <= forces) & (forces <= upper)):
+            return forces
+        ridge = RIDGE / np.max(np.maximum(-lower, upper))
+        A = np.vstack([self.weights[:, None] * self._B, ridge * np.eye(len(forces))])
+        y = np.concatenate([self.weights * wrench[self.thrusters.driven], ridge * self.bias])
+        return bounded_least_squares(A, y, lower, upper)
+
+    def shortfall(self, wrench: np.ndarray) -> np.ndarray:
+        """Returns the part (6,) of a wrench that the thrusters do not give, at rest."""
+        return wrench - self.thrusters.B @ self.forces(wrench)

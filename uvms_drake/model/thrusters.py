@@ -1,0 +1,158 @@
+"""Thrusters as functions of arrays: curves, their inverse, and the wrench that they give."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from uvms_drake.common.errors import require, vector
+from uvms_drake.model.thruster_data import (
+    AXES,
+    ThrusterKind,
+    ThrusterParameters,
+    driven_rows,
+    thrust_map,
+)
+
+
+@dataclass(frozen=True)
+class ThrustCurve:
+    """Force by command and command by force of one thruster, piecewise linear."""
+
+    command: np.ndarray
+    """Commands (p,), rising."""
+    force: np.ndarray
+    """Forces at them [N], rising, zero over the dead band."""
+
+    @cached_property
+    def dead_band(self) -> tuple[float, float]:
+        """Smallest and largest command that give no force."""
+        still = self.command[self.force == 0.0]
+        if still.size:
+            return float(still[0]), float(still[-1])
+        zero = float(np.interp(0.0, self.force, self.command))
+        return zero, zero
+
+    @cached_property
+    def _inverse(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Forces and commands up to the dead band, and from it on."""
+        start, end = self.dead_band
+        back, ahead = self.force < 0.0, self.force > 0.0
+        return ((np.append(self.force[back], 0.0), np.append(self.command[back], start)),
+                (np.append(0.0, self.force[ahead]), np.append(end, self.command[ahead])))
+
+    def force_of(self, command: float) -> float:
+        """Returns the force [N]; beyond the table, the largest."""
+        return float(np.interp(command, self.command, self.force))
+
+    def command_of(self, force: float) -> float:
+        """Returns the command of a force [N], or of the largest that there is; its inverse.
+
+        No force is the middle of the dead band; any other is out of it.
+        """
+        if force == 0.0:
+            return 0.5 * sum(self.dead_band)
+        back, ahead = self._inverse
+        return float(np.interp(force, *(ahead if force > 0.0 else back)))
+
+
+def curve_at(kind: ThrusterKind, voltage: float | None) -> ThrustCurve:
+    """Returns the curve at a voltage [V]: at each command the force is linear in the voltage.
+
+    Args:
+        kind: With its curves.
+        voltage: None stands for that of the only curve.
+    """
+    curves, volts = kind.curves, [curve.voltage for curve in kind.curves]
+    if voltage is None:
+        require(len(curves) == 1, "voltage", voltage, f"given, for curves of {volts} V")
+        volts = [0.0]
+    known = [each for each in volts if each is not None]
+    at = 0.0 if voltage is None else voltage
+    require(bool(known) and known[0] <= at <= known[-1], "voltage", voltage,
+            f"within those of the curves, {volts} V")
+    commands = np.unique(np.concatenate([curve.command for curve in curves]))
+    forces = np.array([np.interp(commands, curve.command, curve.force) for curve in curves])
+    return ThrustCurve(commands, np.array([np.interp(at, known, each) for each in forces.T]))
+
+
+@dataclass(frozen=True)
+class ThrusterModel:
+    """All m thrusters of a robot at one voltage."""
+
+    names: tuple[str, ...]
+    B: np.ndarray
+    """(6, m) the wrench of unit forces; see `thrust_map`."""
+    curves: tuple[ThrustCurve, ...]
+    lag: np.ndarray
+    """Time constants of the forces (m,) [s]."""
+    smallest: np.ndarray
+    """Sizes of force below which the curves are not to be trusted (m,) [N]."""
+    dead_time: float
+    """[s]."""
+    bias: float
+    """See `ThrusterParameters` [N]."""
+    driven: np.ndarray
+    """Indices of the axes that are driven; the other ones are given up."""
+
+    @staticmethod
+    def of(parameters: ThrusterParameters, sag: float = 0.0) -> "ThrusterModel":
+        """Returns the model of a robot's file.
+
+        Args:
+            parameters: From the file, checked.
+            sag: By how much the voltage is below the file's [V].
+        """
+        voltage = parameters.voltage
+        require(sag == 0.0 or voltage is not None, "sag", sag,
+                "0: the voltage of the thrusters is unknown")
+        thrusters = list(parameters.thrusters.values())
+        kinds = [parameters.kinds[item.kind] for item in thrusters]
+        curves = {name: curve_at(kind, None if voltage is None else voltage - sag)
+                  for name, kind in parameters.kinds.items()}
+        return ThrusterModel(
+            tuple(parameters.thrusters), thrust_map(thrusters),
+            tuple(curves[item.kind] for item in thrusters),
+            np.array([kind.lag for kind in kinds]), np.array([kind.smallest for kind in kinds]),
+            parameters.dead_time, parameters.bias, driven_rows(parameters.undriven))
+
+    @property
+    def size(self) -> int:
+        """Number m of thrusters."""
+        return len(self.names)
+
+    @property
+    def undriven(self) -> np.ndarray:
+        """Indices of the axes that are given up."""
+        return np.setdiff1d(np.arange(len(AXES)), self.driven)
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Least forces (m,) [N], zero or negative."""
+        return np.array([curve.force[0] for curve in self.curves])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Largest forces (m,) [N]."""
+        return np.array([curve.force[-1] for curve in self.curves])
+
+    def forces_of(self, commands: np.ndarray) -> np.ndarray:
+        """Returns what the thrusters give in the long run (m,) [N] for commands (m,)."""
+        return np.array([curve.force_of(command) for curve, command
+                         in zip(self.curves, commands, strict=True)])
+
+    def commands_of(self, forces: np.ndarray) -> np.ndarray:
+        """Returns the commands (m,) for forces (m,) [N]."""
+        return np.array([curve.command_of(force) for curve, force
+                         in zip(self.curves, forces, strict=True)])
+
+    def off_by(self, error: np.ndarray | float) -> "ThrusterModel":
+        """Returns the thrusters that give more than these, by shares (), (1,) or (m,)."""
+        shares = np.asarray(error, dtype=float)
+        if shares.size == 1:
+            shares = np.full(self.size, shares.item())
+        shares = vector("error", shares, self.size)
+        require(bool(np.all(shares > -1.0)), "error", shares, "above -1")
+        return replace(self, curves=tuple(
+            replace(curve, force=(1.0 + share) * curve.force)
+            for curve, share in zip(self.curves, shares, strict=True)))
