@@ -110,7 +110,7 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
     ("sensing=[{joints: {rate: 0}}]", "sensing[0].joints.rate = 0.0: must be positive"),
     ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be positive"),
     ("actuation=[!Hold {}]",
-     "actuation[0] = '!Hold': must be !SampledCommand, or left out: there is no choice")])
+     "actuation[0] = '!Hold': must be a mapping tagged !SampledCommand or !Thrusters")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("girona500_ideal", [override])
