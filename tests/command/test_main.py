@@ -248,7 +248,7 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["--set", "task.force_tolerance=0"], "task.force_tolerance = 0.0: must be positive"),
     (["--set", "task.force=[1]"], "task.force = [1.]: must be 6 finite numbers"),
     (["--duration", "-1"], "duration = -1.0: must be positive"),
-    (["--set", "model=girona501"], "model = 'girona501': must be one of box_uvms, girona"),
+    (["--set", "model=girona501"], "model = 'girona501': must be one of bluerov2_alpha5, "),
     (["--set", "surface.stiffness=-1"], "surface.stiffness = -1.0: must be positive"),
     (["girona500_bilateral", "--set", "surface.stiffness.0.1=99"], "it is not symmetric"),
     (["girona500_bilateral", "--set", "surface.stiffness.0.0=-9"], "its smallest eigenvalue is -"),
