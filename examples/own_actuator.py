@@ -1,7 +1,7 @@
 """Actuator parts between controller and plant: thrusters that lag, behind a command that is held.
 
 The lag is a part of one's own, made of Drake's FirstOrderLowPassFilter; the hold is a part that
-comes with the project, made of Drake's ZeroOrderHold. What each takes of the theory it says itself.
+comes with the project. What each takes of the theory it says itself.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import FirstOrderLowPassFilter
 
 import uvms_drake as uv
-from uvms_drake.actuation.zero_order_hold import ZeroOrderHold
+from uvms_drake.actuation.sampled_command import SampledCommand
 
 FASTEST = 4e-3  # s, of the joints, which do not lag here
 
@@ -45,7 +45,7 @@ def main() -> None:
     arguments = parser.parse_args()
     scenario = uv.load_scenario("girona500_ideal", [
         f"duration={arguments.duration}", "simulator.max_step_size=0.004"])
-    scenario.actuation = [ZeroOrderHold(period=0.02), ThrusterLag()]
+    scenario.actuation = [SampledCommand(period=0.02, delay=0.005), ThrusterLag()]
     broken = [item.name for item in uv.certify(scenario).conditions if not item.holds]
     print(*broken, sep="\n")
 

@@ -14,7 +14,7 @@ from uvms_drake.model.part import Part
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 from uvms_drake.sensing.force_sensor import ForceSensor
-from uvms_drake.sensing.sampled_state import SampledState
+from uvms_drake.sensing.navigation import Navigation
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.faults import faults_at
 from uvms_drake.station.scenario import dump_scenario, load_scenario
@@ -139,8 +139,8 @@ def test_a_scenarios_seed_is_that_of_the_sensor():
 
 
 def test_the_attitude_is_that_which_is_measured_before_it():
-    """Behind a sampler; the state passes through unchanged."""
-    record = simulate(scenario_of(0.4, sensing=[SampledState(0.02), SENSOR]))
+    """Behind a navigation; the state passes through unchanged."""
+    record = simulate(scenario_of(0.4, sensing=[Navigation(), SENSOR]))
     assert set(record.signals) == {
         "measured_state", "measured_force", "force_reading", "felt_force"}
 

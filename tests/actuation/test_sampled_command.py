@@ -1,0 +1,110 @@
+"""Tests of `uvms_drake.actuation.sampled_command`: the loop of a computer, against one by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from uvms_drake.actuation.sampled_command import SampledCommand
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.laws.resolved import Resolved
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.dynamic import make_simulated_uvms
+from uvms_drake.station.motions import make_ocp, motion_of
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.simulation import simulate
+
+PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0
+"""Sums of them are exact, so that events that are meant to be of one instant are."""
+CLOSE = "start.eta=[-1.105, -0.05, -0.05, 0.02, 0.02, 0.05]"
+
+
+def scenario_of(duration: float, *overrides: str, part=None):
+    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, *overrides])
+    return replace(scenario, actuation=[part or SampledCommand(PERIOD, DELAY)],
+                   disturbance=ConstantDisturbance(0.05))
+
+
+def by_hand(scenario, steps: int) -> list[np.ndarray]:
+    """Returns the states at the ticks of a loop in Python around plant and controller."""
+    model = load_model(scenario)
+    motion, ocp = motion_of(scenario), make_ocp(scenario, model)
+    uvms = make_simulated_uvms(scenario, scenario.disturbance, scenario.start.config)
+    robot = Simulator(uvms)
+    ApplySimulatorConfig(scenario.simulator, robot)
+    controller = Simulator(motion.make_controller(scenario, model, ocp))
+
+    def state():
+        return uvms.GetOutputPort("state").Eval(robot.get_context()).copy()
+
+    def command(now):
+        system, context = controller.get_system(), controller.get_mutable_context()
+        system.GetInputPort("state").FixValue(context, state())
+        controller.AdvanceTo(now)
+        controller.AdvancePendingEvents()
+        return system.GetOutputPort("tau").Eval(context).copy()
+
+    def apply(tau):
+        uvms.GetInputPort("tau").FixValue(robot.get_mutable_context(), tau)
+
+    states = []
+    for k in range(steps):
+        states.append(state())
+        tau = command(k * PERIOD)
+        if k == 0:
+            apply(tau)
+        robot.AdvanceTo(k * PERIOD + DELAY)
+        apply(tau)
+        robot.AdvanceTo((k + 1) * PERIOD)
+    return states
+
+
+def test_the_loop_is_that_of_a_computer_bit_for_bit():
+    """Over two plans that the MPC makes anew, and into the wall."""
+    scenario = scenario_of(0.625, "mpc.time_step=0.25", f"log_period={PERIOD}")
+    record = simulate(scenario)
+    np.testing.assert_array_equal(record.state[:-1], by_hand(scenario, 40))
+    assert record.force[-1, 0] > 0.0
+
+
+def test_the_law_is_asked_once_a_period_and_its_command_held(monkeypatch):
+    asked, command = [], Resolved.command
+
+    def counted(self, *args):
+        asked.append(1)
+        return command(self, *args)
+
+    monkeypatch.setattr(Resolved, "command", counted)
+    record = simulate(scenario_of(0.4, "log_period=0.01", part=SampledCommand(0.02, 0.012)))
+    # Every 10 ms, for the log and for the tick, and at 0.2 s again, after a plan is made.
+    assert len(asked) == 41 + 1
+    held, tau = record.signals["held_command"], record.tau
+    np.testing.assert_array_equal(held[0], tau[0])
+    for k in range(1, 20):  # A log is made before the events of its instant.
+        np.testing.assert_array_equal(held[2 * k], held[2 * k + 1])
+        if k % 10:  # At 0.2 s the plan is made anew after the log.
+            np.testing.assert_array_equal(held[2 * k + 2], tau[2 * k])
+    assert np.all(np.any(np.diff(held[2::2], axis=0) != 0.0, axis=1))
+
+
+def test_at_the_logs_instants_alone_it_is_asked_once_a_period(monkeypatch):
+    asked, command = [], Resolved.command
+
+    def counted(self, *args):
+        asked.append(1)
+        return command(self, *args)
+
+    monkeypatch.setattr(Resolved, "command", counted)
+    simulate(scenario_of(0.18, part=SampledCommand(0.02, 0.01)))
+    assert len(asked) == 9 + 1
+
+
+@pytest.mark.parametrize(("part", "key"), [
+    (SampledCommand(period=0.0), "period"), (SampledCommand(delay=-0.1), "delay"),
+    (SampledCommand(0.02, 2.1), "delay")])
+def test_a_clock_that_none_is_is_refused(part, key):
+    with pytest.raises(InvalidParameter) as caught:
+        part.check()
+    assert caught.value.key == key

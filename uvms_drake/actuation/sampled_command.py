@@ -1,0 +1,50 @@
+"""A controller in a computer: it runs at a clock's ticks, and takes its time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.part import Part, Signals
+from uvms_drake.model.sampled import Clock, SampledVector
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+@dataclass
+class SampledCommand(Part):
+    """The feedback runs every `period`; its command goes out `delay` later and is held until then.
+
+    At a tick t_k the law reads the measured state, the measured force and the plan of that instant;
+    its command acts from t_k + δ to t_k + h + δ, and in between nobody asks the law. Before the
+    first one goes out it is that of the start: a controller runs before a task begins. What acts on
+    the robot is logged as `held_command`; `u` and `tau` of the log are what the law would command.
+
+    Vehicles run at 10 Hz (COLA2, of the Girona 500) to 50 or 100 Hz (BlueROV2 with an arm); the
+    default delay is half a period. The MPC has a period of its own and takes no time: its plans
+    start at the nominal state, so that they can be made ahead.
+    """
+
+    period: float = 0.02
+    """h, time between two ticks [s]."""
+    delay: float = 0.01
+    """δ, from a tick to where its command acts [s]; at most 100 periods."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(0.0 < self.period < np.inf, "period", self.period, "positive")
+        require(0.0 <= self.delay <= 100.0 * self.period, "delay", self.delay,
+                f"from 0 to 100 periods, {100.0 * self.period:g} s")
+
+    def assumption(self) -> str:
+        """Returns the assumption that it breaks."""
+        return "the proofs take the feedback for continuous"
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals, seed: int) -> OutputPort:
+        """Adds a `SampledVector`; see `Part`."""
+        clock = Clock(range(port.size()), self.period, self.delay)
+        held = SampledVector.AddToBuilder(
+            builder, [clock], vector=port, name="sampled_command").get_output_port()
+        signals["held_command"] = held
+        return held

@@ -1,0 +1,128 @@
+"""A vector that is sampled by clocks, passed on late, and held: what sensors and computers do."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
+
+
+SAME = 1e-6
+"""Part of a period by which instants differ that are meant to be the same."""
+
+
+class Clock(NamedTuple):
+    """Which components of a vector are sampled when, and how well."""
+
+    rows: Sequence[int]
+    """Their indices."""
+    period: float
+    """h, time between two samples [s]."""
+    delay: float = 0.0
+    """δ, from a sample to where it is passed on [s]."""
+    error: Callable[[float], np.ndarray] | None = None
+    """What a sample is off by (rows,), a function of its time [s]; None: by nothing."""
+
+    @property
+    def kept(self) -> int:
+        """Number of samples that are under way or held, at most."""
+        return 1 + math.ceil(self.delay / self.period - SAME)
+
+
+class SampledVector(LeafSystem):
+    """Passes the sample of kh on from kh + δ to (k + 1)h + δ, for each clock's components.
+
+    Until the first sample it is the vector itself, and until that is passed on that sample, as if
+    the clock had gone on for some time: Drake's ZeroOrderHold is zero until its first event, and
+    the first plan is made before that. At the instant of a sample without delay it is still the one
+    before.
+
+    .. pydrake_system::
+
+        name: SampledVector
+        input_ports:
+        - vector
+        output_ports:
+        - held
+
+    - `vector`, `held` (size).
+
+    The discrete state has two groups for each clock: the number k of the last sample, NaN if there
+    is none (1), with the samples that may be under way, each at k modulo their number; and what is
+    held. A late sample is passed on at the first step of the simulation that begins at its instant
+    but for rounding: of two periodic events that are as near as that, Drake may leave one out.
+
+    Args:
+        size: Size of the vector.
+        clocks: Of all its components, each once.
+    """
+
+    def __init__(self, size: int, clocks: Sequence[Clock]):
+        super().__init__()
+        assert sorted(row for clock in clocks for row in clock.rows) == list(range(size))
+        self._clocks = [clock._replace(rows=list(clock.rows)) for clock in clocks]
+        self._port = self.DeclareVectorInputPort("vector", size)
+        for i, clock in enumerate(self._clocks):
+            samples = np.append(np.nan, np.zeros(clock.kept * len(clock.rows)))
+            self.DeclareDiscreteState(samples)  # group 2i
+            self.DeclareDiscreteState(len(clock.rows))  # group 2i + 1
+            self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
+            if clock.delay > 0.0:
+                self.DeclarePeriodicPublishEvent(  # It only makes a step begin there.
+                    clock.period, clock.delay % clock.period, lambda context: None)
+        if any(clock.delay > 0.0 for clock in clocks):
+            self.DeclarePerStepDiscreteUpdateEvent(self._pass_on)
+        now = {self.time_ticket()} if any(clock.error for clock in clocks) else set()
+        self.DeclareVectorOutputPort(
+            "held", size, self._calc, {self.xd_ticket(), self._port.ticket(), *now})
+
+    def _samples(self, context: Context, i: int) -> tuple[float, np.ndarray]:
+        """Returns k, NaN if there is no sample yet, and the samples (kept, rows)."""
+        last, *samples = context.get_discrete_state(2 * i).value()
+        return last, np.reshape(samples, (self._clocks[i].kept, -1))
+
+    def _measured(self, context: Context, clock: Clock) -> np.ndarray:
+        """Returns a sample of now (rows,)."""
+        vector: np.ndarray = self._port.Eval(context)[clock.rows]
+        return vector if clock.error is None else vector + clock.error(context.get_time())
+
+    def _sample(self, i: int, context: Context, state: DiscreteValues) -> None:
+        clock, (last, samples) = self._clocks[i], self._samples(context, i)
+        k, sample = round(context.get_time() / clock.period), self._measured(context, clock)
+        samples[slice(None) if np.isnan(last) else k % clock.kept] = sample
+        state.set_value(2 * i, np.append(k, samples))
+        if clock.delay == 0.0 or np.isnan(last):
+            state.set_value(2 * i + 1, sample)
+
+    def _pass_on(self, context: Context, state: DiscreteValues) -> None:
+        for i, clock in enumerate(self._clocks):
+            last, samples = self._samples(context, i)
+            if clock.delay > 0.0 and not np.isnan(last):
+                k = math.floor((context.get_time() - clock.delay) / clock.period + SAME)
+                state.set_value(2 * i + 1, samples[min(k, int(last)) % clock.kept])
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        held = np.empty(output.size())
+        for i, clock in enumerate(self._clocks):
+            there = not np.isnan(context.get_discrete_state(2 * i).value()[0])
+            held[clock.rows] = (context.get_discrete_state(2 * i + 1).value() if there
+                                else self._measured(context, clock))
+        output.SetFromVector(held)
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, clocks: Sequence[Clock], *, vector: OutputPort,
+                     name: str = "sampled_vector") -> "SampledVector":
+        """Adds the system behind the port `vector`."""
+        system = SampledVector(vector.size(), clocks)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(vector, system.get_input_port())
+        return system

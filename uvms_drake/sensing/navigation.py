@@ -1,0 +1,255 @@
+"""What a vehicle knows of its own motion: late, sampled, noisy, drifting, and blind now and then.
+
+Between sensors and controller stands a navigation filter. What is modelled is the error of what it
+says, with a bound for each component: the state is sampled at t_k = k h, with h and the latency δ
+those of its channel, and for t_k + δ ≤ t < t_k + h + δ the controller has
+
+    x̂(t) = x(t_k) + ε(t_k),     ε = noise + (drift of the position) + (error of the velocity).     (1)
+
+*Noise* is drawn anew for each sample, Gaussian and cut to a multiple of its σ, so that it is
+bounded. The *drift* of each component of the position grows at a constant rate from zero and turns
+round at ± its bound, as a triangular wave. The *velocity* is known by a Doppler log (DVL): between
+its fixes the filter goes on with what its accelerometers say, whose bias makes the error grow,
+
+    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                       (2)
+
+A fix may be lost, but not for longer than a declared gap. A value that is held over the gap would
+be wrong by what the vehicle accelerates meanwhile, 0.1 m/s² × 0.4 s, and no vehicle with a DVL is
+without accelerometers; so it is propagated. Everything that is drawn is a function of the seed and
+of the time, so that ε needs no state.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.model.part import Part, Signals, StateReading
+from uvms_drake.model.sampled import Clock, SampledVector
+from uvms_drake.model.uvms_model import UvmsModel
+
+STREAM = 2
+"""Key of a navigation's random numbers, which keeps them apart from those of others."""
+
+
+def _generator(seed: int, *key: int) -> np.random.Generator:
+    return np.random.Generator(np.random.Philox(
+        np.random.SeedSequence(seed, spawn_key=(STREAM, *key))))
+
+
+def triangle(x: np.ndarray) -> np.ndarray:
+    """Returns the wave through 0 that has the slopes ± 1 and turns round at ± 1."""
+    return 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * x))
+
+
+@dataclass
+class Channel:
+    """Components of the state that are measured together."""
+
+    rate: float = 50.0
+    """Samples per second [Hz]."""
+    noise: float = 0.0
+    """Standard deviation σ of a sample, of each component [m, rad, m/s, rad/s]."""
+    latency: float = 0.01
+    """δ, from a sample to where the controller has it [s]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(0.0 < self.rate < np.inf, "rate", self.rate, "positive")
+        require(0.0 <= self.noise < np.inf, "noise", self.noise, "zero or positive")
+        require(0.0 <= self.latency <= 100.0 / self.rate, "latency", self.latency,
+                f"from 0 to 100 periods, {100.0 / self.rate:g} s")
+
+
+@dataclass
+class Drift:
+    """A slow error of the position."""
+
+    rate: float = 0.0002
+    """Bound of its rate, of each component [m/s]; the rate is drawn by the scenario's seed."""
+    bound: float = 0.02
+    """Where each component turns round [m]."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        for key in ("rate", "bound"):
+            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
+
+    def at(self, time: float, rates: np.ndarray) -> np.ndarray:
+        """Returns the error (3,) [m] of drawn rates (3,) [m/s]."""
+        if self.bound == 0.0:
+            return np.zeros(3)
+        return self.bound * triangle(rates * time / self.bound)
+
+
+@dataclass
+class Dvl:
+    """The Doppler log that corrects the velocity."""
+
+    rate: float = 9.5
+    """Fixes per second [Hz]."""
+    noise: np.ndarray = field(default_factory=lambda: np.array([0.0041, 0.0039, 0.0009]))
+    """Standard deviation σ of a fix (3,) [m/s]."""
+    gap: float = 0.38
+    """Longest time between two fixes [s]."""
+    lost: float = 0.1
+    """Probability that a fix is lost; 1: every gap is the longest."""
+    growth: float = 0.02
+    """Bound of the growth of the error without a fix, of each component [m/s²]: the bias of the
+    accelerometers, drawn by the scenario's seed."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(0.0 < self.rate < np.inf, "rate", self.rate, "positive")
+        noise = vector("noise", self.noise, 3)
+        require(bool(np.all(noise >= 0.0)), "noise", noise, "zero or positive")
+        require(1.0 / self.rate <= self.gap < np.inf, "gap", self.gap,
+                f"at least a period, {1.0 / self.rate:g} s")
+        require(0.0 <= self.lost <= 1.0, "lost", self.lost, "from 0 to 1")
+        require(0.0 <= self.growth < np.inf, "growth", self.growth, "zero or positive")
+
+    @property
+    def most(self) -> int:
+        """Largest number of periods from one fix to the next."""
+        return int(self.gap * self.rate + 1e-9)
+
+    def last_fix(self, time: float, seed: int) -> int:
+        """Returns the index j of the last fix, at j over the rate, that is not lost.
+
+        Every fix whose index is a multiple of `most` is there, which keeps the gaps short.
+        """
+        j = int(time * self.rate + 1e-9)
+        while j % self.most and _generator(seed, 1, j).uniform() < self.lost:
+            j -= 1
+        return j
+
+
+class Imperfection(NamedTuple):
+    """What one navigation is off by, within its bounds."""
+
+    drift: np.ndarray
+    """Rates (3,) [m/s]."""
+    bias: np.ndarray
+    """a (3,) [m/s²] of the accelerometers."""
+
+
+@dataclass
+class Navigation(Part):
+    """The controller has the state that a navigation filter gives it, with what that is off by.
+
+    It is logged as `measured_state`. Noise and rates are those measured on a vehicle in a pool: DVL
+    9.5 Hz with gaps up to 0.376 s and 4.1, 3.9, 0.9 mm/s, gyro 1.6 to 2.1 mrad/s at 100 Hz, a
+    filter's odometry smooth to 0.5 mm at 25 to 31.5 Hz (sbdMJ/UnderwaterScanningRobot, 2026-08);
+    that of the Girona 1000's scenario for Stonefish gives 100 Hz. An arm's joints come at 50 Hz, 10
+    ms a packet (Reach Bravo), and the packets of a DVL A50 take 4 ms, 13 ms at most (Water Linked).
+    Nobody has published the others, which are assumed: a position relative to what is worked on,
+    which drifts by centimetres only; an attitude to 1 mrad; a bias of the accelerometers of 2 mg;
+    the noise of the joints.
+    """
+
+    motions = ("dynamic",)
+
+    position: Channel = field(default_factory=lambda: Channel(50.0, 0.0005, 0.01))
+    """Position of the vehicle in Σ_I [m]."""
+    attitude: Channel = field(default_factory=lambda: Channel(100.0, 0.001, 0.01))
+    """Its Euler angles [rad]."""
+    velocity: Channel = field(default_factory=lambda: Channel(50.0, 0.0, 0.01))
+    """Its velocity in body axes [m/s]; the error of the DVL comes on top of this noise."""
+    turning: Channel = field(default_factory=lambda: Channel(100.0, 0.002, 0.01))
+    """Its angular velocity in body axes [rad/s]."""
+    joints: Channel = field(default_factory=lambda: Channel(50.0, 0.0002, 0.01))
+    """Joint angles [rad]."""
+    joint_rates: Channel = field(default_factory=lambda: Channel(50.0, 0.002, 0.01))
+    """Rates of the joints [rad/s]."""
+    noise_multiple: float = 3.0
+    """Multiple of σ to which all noise is cut, so that it is bounded."""
+    drift: Drift = field(default_factory=Drift)
+    """Of the position."""
+    dvl: Dvl = field(default_factory=Dvl)
+    """What corrects the velocity."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        for key in (*CHANNELS, "drift", "dvl"):
+            with within(key):
+                getattr(self, key).check()
+        require(0.0 <= self.noise_multiple < np.inf, "noise_multiple", self.noise_multiple,
+                "zero or positive")
+
+    def assumption(self) -> str:
+        """Returns the assumption that it breaks."""
+        return "the proofs take the state for known at all times"
+
+    def state_reading(self, time: float, size: int) -> StateReading:
+        """Returns the bounds of its errors up to a time; see `Part`.
+
+        The growth of the velocity's error over the longest gap is in them.
+        """
+        error, latency, period = np.zeros((3, 2 * size))
+        for key, rows in _rows(size).items():
+            channel: Channel = getattr(self, key)
+            error[rows] = self.noise_multiple * channel.noise
+            latency[rows], period[rows] = channel.latency, 1.0 / channel.rate
+        error[:3] += min(self.drift.bound, self.drift.rate * time)
+        error[size: size + 3] += (self.noise_multiple * np.asarray(self.dvl.noise)
+                                  + self.dvl.growth * self.dvl.most / self.dvl.rate)
+        return StateReading(error, latency, period)
+
+    def imperfection(self, seed: int) -> Imperfection:
+        """Returns what the navigation of a seed is off by, uniform within its bounds."""
+        drift, bias = _generator(seed, 0).uniform(-1.0, 1.0, (2, 3))
+        return Imperfection(self.drift.rate * drift, self.dvl.growth * bias)
+
+    def error(self, key: str, count: int, seed: int, time: float) -> np.ndarray:
+        """Returns what a sample of a time is off by; see (1) and (2).
+
+        Args:
+            key: Of the channel.
+            count: Number of its components.
+            seed: Of all that is drawn.
+            time: Of the sample [s].
+        """
+        channel: Channel = getattr(self, key)
+        error = np.zeros(count)
+        if channel.noise > 0.0:
+            stream = 2, CHANNELS.index(key), round(time * channel.rate)
+            error += channel.noise * self._unit(count, seed, *stream)
+        if key == "position":
+            error += self.drift.at(time, self.imperfection(seed).drift)
+        if key == "velocity":
+            j = self.dvl.last_fix(time, seed)
+            error += self.dvl.noise * self._unit(3, seed, 3, j)
+            error += self.imperfection(seed).bias * (time - j / self.dvl.rate)
+        return error
+
+    def _unit(self, count: int, seed: int, *key: int) -> np.ndarray:
+        """Returns cut Gaussian numbers (count,) with σ = 1."""
+        numbers = _generator(seed, *key).standard_normal(count)
+        return np.clip(numbers, -self.noise_multiple, self.noise_multiple)
+
+    def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
+               signals: Signals, seed: int) -> OutputPort:
+        """Adds a `SampledVector` with a clock for each channel; see `Part`."""
+        clocks = []
+        for key, rows in _rows(model.size).items():
+            channel: Channel = getattr(self, key)
+            clocks.append(Clock(rows, 1.0 / channel.rate, channel.latency,
+                                partial(self.error, key, len(rows), seed)))
+        measured = SampledVector.AddToBuilder(
+            builder, clocks, vector=port, name="navigation").get_output_port()
+        signals["measured_state"] = measured
+        return measured
+
+
+CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rates")
+"""Keys of the channels, in the order of the state."""
+
+
+def _rows(size: int) -> dict[str, range]:
+    """Returns the indices of each channel in (𝔮, ζ) of 2 `size` components."""
+    ends = 0, 3, 6, size, size + 3, size + 6, 2 * size
+    return {key: range(*span) for key, span in zip(CHANNELS, zip(ends, ends[1:], strict=False),
+                                                   strict=True)}
