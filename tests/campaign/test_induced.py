@@ -38,7 +38,7 @@ def test_where_everything_is_known_nothing_is_induced(first):
     "model_error.mass=1.01", "model_error.added_mass=1.1", "model_error.drag=1.1",
     "model_error.buoyancy_lever=1.1", "surface_error.stiffness=1.01",
     "surface_error.shift=[0.001, 0, 0]", "surface_error.turn=[0, 0.01, 0]",
-    "current=[0, 0.02, 0]"])
+    "current=[0, 0.02, 0]", "waves=[{amplitude: 0.05, period: 2}]"])
 def test_what_is_predicted_from_the_first_plan_is_what_the_run_then_has(first, override):
     ocp, plan = first
     scenario = load_scenario("girona500_ideal", [*CALM, override])

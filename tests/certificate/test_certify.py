@@ -125,6 +125,7 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
     (["ancillary.sigma=0.5"], "σ"),
     (["mpc.horizon=4"], "first plan, distance"),
     (["current=[0.1, 0, 0]"], "current"),
+    (["waves=[{amplitude: 0.1}]"], "waves"),
     (["limits.static_force=22"], "first plan, violation between"),
     (["limits.static_force=21"], "left by the tube, task.force"),
     (["mpc.initial_state=measured"], "mpc.initial_state"),

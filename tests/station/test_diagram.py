@@ -153,9 +153,10 @@ def test_the_papers_spring_is_pressed_from_inside_the_contact():
     np.testing.assert_allclose(record.force, record.chi @ stiffness.T, atol=1e-9)
 
 
-def test_a_current_that_the_controller_does_not_know_is_felt():
+@pytest.mark.parametrize("water", ["current=[0, 0.05, 0]", "waves=[{amplitude: 0.05}]"])
+def test_water_that_moves_without_the_controllers_knowing_is_felt(water):
     calm, flow = (logs_of(load_scenario("girona500_ideal", [*SHORT, *more]), 0.6)
-                  for more in ([], ["current=[0, 0.05, 0]"]))
+                  for more in ([], [water]))
     np.testing.assert_array_equal(calm["nominal_state"], flow["nominal_state"])
     assert 1e-5 < np.max(np.abs(flow["state"] - calm["state"])) < 0.05
 

@@ -447,9 +447,10 @@ def test_what_voids_a_certificate_is_named_with_what_would_help(overrides, begin
     assert "what would help" in verdict(void)
 
 
-def test_a_current_is_bad_input_where_there_is_no_water():
-    with pytest.raises(InvalidParameter, match="current"):
-        certify(load_scenario(NAME, [*FEW, "current=[0.1, 0, 0]"]))
+@pytest.mark.parametrize("water", ["current=[0.1, 0, 0]", "waves=[{}]"])
+def test_water_that_moves_is_bad_input_where_there_is_none(water):
+    with pytest.raises(InvalidParameter, match=water.partition("=")[0]):
+        certify(load_scenario(NAME, [*FEW, water]))
 
 
 @pytest.mark.parametrize(("override", "begins"), [

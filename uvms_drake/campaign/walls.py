@@ -137,5 +137,6 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
         contact_of(scenario).turned(scenario, R), surface=scenario.surface.moved(R, shift),
         surface_error=error,
         current=R @ np.asarray(scenario.current, dtype=float),
+        waves=[replace(wave, direction=wave.direction + yaw) for wave in scenario.waves],
         start=replace(scenario.start, eta=pose(scenario.start.eta)),
         task=replace(task, force=force, pose=None if task.pose is None else pose(task.pose)))

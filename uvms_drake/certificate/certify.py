@@ -23,6 +23,7 @@ from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
+from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
@@ -86,6 +87,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     mpc = scenario.mpc
     given_up: list[tuple[str, float]] = [
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
+        ("waves, which the controller does not know", largest_speed(scenario.waves)),
         ("model_error, which the controller does not know", scenario.model_error.size),
         ("surface_error, which the controller does not know", scenario.surface_error.size),
         ("faults, which the proofs do not cover", len(uncovered(scenario.faults))),

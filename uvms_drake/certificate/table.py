@@ -36,6 +36,7 @@ HELP = {
     "joints of weight zero": "positive joint weights in mpc.weight_y",
     "current":
         "still water, or --uncertified: a current is a model error that d̃ does not count",
+    "waves": "still water, or --uncertified: waves act as a disturbance that d̃ does not count",
     "model_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "surface_error": "leaving it out: it acts as a disturbance that d̃ does not count",
     "faults": "no faults but those of the solver",

@@ -2,10 +2,16 @@
 
 Frames: W is World (inertial), B a body with origin Bo, P a point of B. Velocities and forces of a
 body are in axes of B and in Fossen's order: ν = (v_WBo_B, ω_WB_B), f = (force, moment about Bo).
-ν_r = ν − (R_BW v_c, 0) is the velocity through the water, in a current v_c that is uniform, steady
-and irrotational. Every law takes stacks of any leading shape.
+ν_r = ν − (R_BW v_c, 0) is the velocity through the water, which moves with v_c(t), the same all
+over the robot. Every law takes stacks of any leading shape.
 
-Reference: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Control*.
+Water that accelerates does so by a gradient of its pressure, −∇p + ρg = ρv̇_c. It pushes a body with
+ρV v̇_c (the force of Froude and Krylov), as if gravity were g − v̇_c for what floats and not for what
+weighs; and the added mass resists the acceleration through the water. The water inside of a
+flooded hull counts as added mass: its M_A v̇_c is the same force on the room that it takes.
+
+References: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Control*; Newman
+(1977), *Marine Hydrodynamics*, chapter 4.
 """
 
 from dataclasses import dataclass
@@ -37,18 +43,21 @@ from uvms_drake.model.spatial import cross, cross_force, skew, times
 _FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.
 
 
-def relative_acceleration(acceleration: np.ndarray, nu_r: np.ndarray) -> np.ndarray:
+def relative_acceleration(acceleration: np.ndarray, nu_r: np.ndarray, water: np.ndarray
+                          ) -> np.ndarray:
     """Returns ν̇_r (..., 6), the rate of the components of ν_r in the turning axes of B.
 
-    Bo accelerates by a and the current turns with −ω as B sees it, v̇_c = −ω × v_c; hence
-    ν̇_r = (a − ω × v − v̇_c, α) = (a − ω × v_r, α).
+    Bo accelerates by a and the water by a_c; as B sees it the water's velocity also turns with −ω,
+    so that its components change by a_c − ω × v_c. Hence ν̇_r = (a − ω × v − (a_c − ω × v_c), α) =
+    (a − a_c − ω × v_r, α).
 
     Args:
         acceleration: (a_WBo_B, α_WB_B) (..., 6) [m/s², rad/s²].
         nu_r: ν_r (..., 6) [m/s, rad/s].
+        water: a_c in axes of B (..., 3) [m/s²].
     """
     out = acceleration.copy()
-    out[..., :3] -= cross(nu_r[..., 3:], nu_r[..., :3])
+    out[..., :3] -= water + cross(nu_r[..., 3:], nu_r[..., :3])
     return out
 
 
@@ -77,7 +86,7 @@ def buoyancy_force(displaced_mass: np.ndarray, p_BoBb_B: np.ndarray, g_B: np.nda
     Args:
         displaced_mass: ρV (...) [kg].
         p_BoBb_B: Centre of buoyancy (..., 3) [m].
-        g_B: Gravity in axes of B (..., 3) [m/s²].
+        g_B: Gravity less the acceleration of the water, in axes of B (..., 3) [m/s²].
     """
     force = -displaced_mass[..., None] * g_B
     return np.concatenate([force, cross(p_BoBb_B, force)], axis=-1)
@@ -101,7 +110,10 @@ class Water:
     """Quadratic drag coefficients (nd, 6)."""
 
     def fluid_force(self, nu_r: np.ndarray, nu_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
-        """Returns the force on each body (nb, 6): Kirchhoff's, drag and buoyancy."""
+        """Returns the force on each body (nb, 6): Kirchhoff's, drag and buoyancy.
+
+        `g_B` is gravity less the acceleration of the water, see `buoyancy_force`.
+        """
         nu_P = (self.drag_points @ nu_r.ravel()).reshape(-1, 6)
         drag = self.drag_points.T @ drag_force(self.linear, self.quadratic, nu_P).ravel()
         return (kirchhoff_force(self.M_A, nu_r, nu_r_dot) + drag.reshape(-1, 6)
@@ -161,6 +173,7 @@ class Hydrodynamics(LeafSystem):
         - plant_state
         - generalized_force (optional)
         - current (optional)
+        - current_acceleration (optional)
         - acceleration_disturbance (optional)
         output_ports:
         - applied_generalized_force
@@ -170,8 +183,8 @@ class Hydrodynamics(LeafSystem):
 
     - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
     - `generalized_force` (nv) [N, N m]: τ, sum of all other forces; unconnected means zero.
-    - `current` (3) [m/s]: v_c, velocity of the water in World; its own acceleration is neglected;
-      unconnected means still water.
+    - `current` (3) [m/s]: v_c, velocity of the water in World; unconnected means still water.
+    - `current_acceleration` (3) [m/s²]: v̇_c in World; unconnected means that the current is steady.
     - `acceleration_disturbance` (nv) [m/s², rad/s²]: d; unconnected means zero.
     - `applied_generalized_force` (nv) [N, N m]: to
       `plant.get_applied_generalized_force_input_port()`.
@@ -202,6 +215,7 @@ class Hydrodynamics(LeafSystem):
             "plant_state", plant.num_multibody_states())
         self._force_port = self.DeclareVectorInputPort("generalized_force", nv)
         self._current_port = self.DeclareVectorInputPort("current", 3)
+        self._current_rate_port = self.DeclareVectorInputPort("current_acceleration", 3)
         self._disturbance_port = self.DeclareVectorInputPort("acceleration_disturbance", nv)
         self._solution = self.DeclareCacheEntry(
             description="v̇ and the force that brings it about",
@@ -260,7 +274,9 @@ class Hydrodynamics(LeafSystem):
         M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
         plant.CalcForceElementsContribution(workspace, self._forces)
         bias = plant.CalcInverseDynamics(workspace, self._no_acceleration, self._forces)
-        J, force = self._water_at_no_acceleration(_eval_or_zero(self._current_port, context))
+        J, force = self._water_at_no_acceleration(
+            _eval_or_zero(self._current_port, context),
+            _eval_or_zero(self._current_rate_port, context))
 
         nb, _, nv = J.shape
         J_all, M_A_J = J.reshape(6 * nb, nv), (self._water.M_A @ J).reshape(6 * nb, nv)
@@ -269,7 +285,8 @@ class Hydrodynamics(LeafSystem):
         v_dot += _eval_or_zero(self._disturbance_port, context)
         solution.set_value((v_dot, M_RB @ v_dot + bias))
 
-    def _water_at_no_acceleration(self, v_c_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _water_at_no_acceleration(self, v_c_W: np.ndarray, a_c_W: np.ndarray
+                                  ) -> tuple[np.ndarray, np.ndarray]:
         """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0."""
         plant, workspace = self._plant, self._workspace
         W, V, zero = plant.world_frame(), JacobianWrtVariable.kV, np.zeros(3)
@@ -281,8 +298,9 @@ class Hydrodynamics(LeafSystem):
         J, A_B = J.take(_FROM_DRAKE, 1), A_B.reshape(-1, 6).take(_FROM_DRAKE, 1)
         nu_r = J @ plant.GetVelocities(workspace)
         nu_r[:, :3] -= v_c_W @ R_WB
-        g_B = plant.gravity_field().gravity_vector() @ R_WB
-        return J, self._water.fluid_force(nu_r, relative_acceleration(A_B, nu_r), g_B)
+        nu_r_dot = relative_acceleration(A_B, nu_r, a_c_W @ R_WB)
+        g_B = (plant.gravity_field().gravity_vector() - a_c_W) @ R_WB
+        return J, self._water.fluid_force(nu_r, nu_r_dot, g_B)
 
 
 def _eval_or_zero(port: InputPort, context: Context) -> np.ndarray:

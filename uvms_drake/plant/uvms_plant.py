@@ -31,7 +31,7 @@ def make_uvms_plant(
 
     ::
 
-        current ─────────────────────────────────────┐
+        current, current_acceleration ───────────────┐
         tau ──▶ tau_to_drake_order ──┐               ▼
         applied_… ─▶ applied_forces ─┼─▶ (+) ─▶ hydrodynamics ─▶ plant ─┬─▶ plant_state, body_…
                    ┌─▶ surface ──────┘               ▲                  ├─▶ to_paper_order ─▶ state
@@ -50,6 +50,7 @@ def make_uvms_plant(
         input_ports:
         - tau (optional)
         - current (optional)
+        - current_acceleration (optional)
         - applied_spatial_force (optional)
         - applied_generalized_force (optional)
         - disturbance (with disturbance=None)
@@ -67,6 +68,8 @@ def make_uvms_plant(
     - `tau` (6 + n) [N, N m]: generalised force of thrusters and joints, in the paper's order, the
       vehicle's part in body axes; unconnected means zero.
     - `current` (3) [m/s]: velocity of the water in World; unconnected means still water.
+    - `current_acceleration` (3) [m/s²]: its rate; unconnected means that it is steady. Both are
+      those of a `WaterMotion`.
     - `applied_spatial_force`: list[ExternallyAppliedSpatialForce], where Drake's `Propeller` and
       `Wing`, a tether or another thing that pulls is connected; unconnected means none.
     - `applied_generalized_force` (nv) [N, N m]: further force in the plant's order, not the
@@ -143,7 +146,8 @@ def make_uvms_plant(
 
     # The ports.
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
-    builder.ExportInput(water.GetInputPort("current"), "current")
+    for name in ("current", "current_acceleration"):
+        builder.ExportInput(water.GetInputPort(name), name)
     for name in ("applied_spatial_force", "applied_generalized_force"):
         builder.ExportInput(applied.GetInputPort(name), name)
     builder.ExportOutput(state.GetOutputPort("state"), "state")

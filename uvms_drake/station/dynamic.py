@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
@@ -23,6 +22,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant
+from uvms_drake.plant.waves import WaterMotion, check_waves
 from uvms_drake.station.motion import Motion
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp, true_surface
 from uvms_drake.station.scenario import Scenario
@@ -58,6 +58,7 @@ class Dynamic(Motion[DynamicOcp]):
     def check(self, scenario: Scenario) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
         vector("current", scenario.current, 3)
+        check_waves(scenario.waves)
 
     def disturbance_size(self, size: int) -> int:
         """Returns the number of components of d."""
@@ -81,10 +82,10 @@ class Dynamic(Motion[DynamicOcp]):
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds the current; the desired force comes from a slider, or from outside."""
-        current = builder.AddNamedSystem("current", ConstantVectorSource(
-            vector("current", scenario.current, 3)))
-        builder.Connect(current.get_output_port(), uvms.GetInputPort("current"))
+        """Adds the water's motion; the desired force comes from a slider, or from outside."""
+        water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+        for name in ("current", "current_acceleration"):
+            builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
         desired = controller.GetInputPort("desired_force")
         if meshcat is None:
             builder.ExportInput(desired, "desired_force")

@@ -43,6 +43,8 @@ class Kinematic(Motion[KinematicOcp]):
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
         require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
                 "zero where there is no water (motion: kinematic)")
+        require(not scenario.waves, "waves", scenario.waves,
+                "left out where there is no water (motion: kinematic)")
         require(scenario.model_error.size == 0.0, "model_error", scenario.model_error,
                 "left out where the velocity is the input (motion: kinematic)")
         require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,

@@ -26,6 +26,7 @@ from uvms_drake.model.surface import AnyContact, AnySurface, KnownSurface, Unila
 from uvms_drake.plant import AnyDisturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
 from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
+from uvms_drake.plant.waves import Wave
 from uvms_drake.sensing import AnySensing
 from uvms_drake.station.cost import check_cost
 from uvms_drake.station.faults import AnyFault, check_components, check_faults
@@ -99,6 +100,8 @@ class Scenario:
     start: Start = field(default_factory=Start)
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
+    waves: list[Wave] = field(default_factory=list)
+    """Waves on top of it, which the controller does not know either."""
     model_error: ModelError = field(default_factory=ModelError)
     """Difference of the simulated robot from the one that the controller knows."""
     surface: AnySurface = field(default_factory=UnilateralPlane)

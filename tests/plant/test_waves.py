@@ -1,0 +1,248 @@
+"""Waves against the velocity potential, and bodies in water that accelerates, by closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.hydrodynamics_data import (
+    AddedMass,
+    BodyHydrodynamics,
+    Drag,
+    HydrodynamicParameters,
+)
+from uvms_drake.plant.hydrodynamics import Hydrodynamics
+from uvms_drake.plant.waves import (
+    WaterMotion,
+    Wave,
+    check_waves,
+    largest_acceleration,
+    largest_speed,
+    water_motion,
+)
+
+G, RHO = 9.81, 1000.0
+SLANTED = Wave(amplitude=0.3, period=5.0, direction=0.7, phase=0.4, depth=3.0, sea_depth=8.0)
+DEEP = Wave(amplitude=0.25, period=6.0, depth=2.4)
+POSE = RigidTransform(RollPitchYaw(0.4, -0.9, 2.1), np.array([0.3, 0.2, 4.0]))
+
+
+# Waves -------------------------------------------------------------------------------------------
+
+
+def potential(wave, x, z, time):
+    """Returns the velocity potential at x along the wave and the depth z (Newman, ch. 6)."""
+    k, h = wave.wavenumber, wave.sea_depth
+    phase = wave.frequency * time + wave.phase - k * x
+    return -wave.amplitude * G / wave.frequency * np.cosh(k * (h - z)) / np.cosh(k * h) * np.sin(
+        phase)
+
+
+def test_the_water_moves_by_the_gradient_of_the_velocity_potential():
+    d, z = 1e-5, SLANTED.depth
+    e = np.array([np.cos(0.7), np.sin(0.7), 0.0])
+    for time in (0.0, 0.9, 2.3, 4.1):
+        along = (potential(SLANTED, d, z, time) - potential(SLANTED, -d, z, time)) / (2.0 * d)
+        down = (potential(SLANTED, 0.0, z + d, time)
+                - potential(SLANTED, 0.0, z - d, time)) / (2.0 * d)
+        velocity, _ = SLANTED.motion(time)
+        np.testing.assert_allclose(velocity, along * e + np.array([0.0, 0.0, down]), atol=1e-8)
+
+
+def test_the_acceleration_is_the_rate_of_the_velocity():
+    for time in (0.0, 0.9, 2.3, 4.1):
+        ahead, behind = (SLANTED.motion(time + d)[0] for d in (1e-5, -1e-5))
+        np.testing.assert_allclose(SLANTED.motion(time)[1], (ahead - behind) / 2e-5, atol=1e-9)
+
+
+def test_waves_disperse():
+    k, h = SLANTED.wavenumber, SLANTED.sea_depth
+    assert k * np.tanh(k * h) == pytest.approx(SLANTED.frequency**2 / G, rel=1e-12)
+    assert 2.0 * np.pi / DEEP.wavenumber == pytest.approx(56.2, abs=0.05)
+    shallow = replace(SLANTED, period=200.0)
+    assert shallow.frequency / shallow.wavenumber == pytest.approx(np.sqrt(G * 8.0), rel=1e-3)
+
+
+def test_water_goes_round_in_deep_water_and_to_and_fro_on_the_floor():
+    along, down = DEEP.speeds
+    assert along == down == pytest.approx(0.2, abs=2e-3)
+    assert replace(DEEP, sea_depth=500.0).speeds == pytest.approx(DEEP.speeds, rel=1e-9)
+    along, down = replace(SLANTED, depth=8.0).speeds
+    assert down == 0.0 < along
+
+
+def test_no_water_is_faster_than_the_bounds():
+    waves = [SLANTED, DEEP, replace(DEEP, period=3.1, direction=-2.0, amplitude=0.1)]
+    motions = [water_motion(np.zeros(3), waves, t) for t in np.linspace(0.0, 400.0, 4000)]
+    speeds, rates = np.max(np.linalg.norm(motions, axis=2), axis=0)
+    assert 0.75 * largest_speed(waves) < speeds <= largest_speed(waves)
+    assert 0.75 * largest_acceleration(waves) < rates <= largest_acceleration(waves)
+
+
+@pytest.mark.parametrize(("change", "key"), [
+    ({"period": 0.0}, "period"), ({"depth": 0.0}, "depth"), ({"sea_depth": 2.0}, "sea_depth"),
+    ({"amplitude": 3.1, "period": 20.0}, "amplitude"), ({"amplitude": -0.1}, "amplitude"),
+    ({"amplitude": 0.35, "period": 1.5}, "amplitude"), ({"phase": np.inf}, "phase")])
+def test_a_wave_that_there_cannot_be_is_refused(change, key):
+    with pytest.raises(InvalidParameter) as caught:
+        check_waves([SLANTED, replace(SLANTED, **change)])
+    assert caught.value.key == f"waves[1].{key}"
+
+
+# Bodies in them ----------------------------------------------------------------------------------
+
+
+def link(name, mass, com, inertia, pose="0 0 0 0 0 0", parent="__model__"):
+    return f"""
+      <link name="{name}"><pose relative_to="{parent}">{pose}</pose><inertial>
+        <pose>{com[0]} {com[1]} {com[2]} 0 0 0</pose><mass>{mass}</mass><inertia>
+        <ixx>{inertia}</ixx><iyy>{1.2 * inertia}</iyy><izz>{1.5 * inertia}</izz>
+        <ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"""
+
+
+ARM = (link("vehicle", 7.0, (0.03, -0.02, 0.06), 0.3)
+       + link("lower", 1.3, (0.17, -0.03, 0.02), 0.02, "0.4 0.1 0.2 0.1 0.3 -0.5", "vehicle")
+       + """<joint name="elbow" type="revolute"><parent>vehicle</parent><child>lower</child>
+            <axis><xyz>0 0.6 0.8</xyz></axis></joint>""")
+
+
+def added_mass(seed, size):
+    A = np.random.default_rng(seed).normal(size=(6, 6))
+    return size * (A @ A.T + np.diag([2.0, 5.0, 7.0, 0.2, 0.4, 0.3]))
+
+
+def body(mass, com, seed, drag=2.0, buoyant=1.0, rise=0.0):
+    return BodyHydrodynamics(
+        displaced_volume=buoyant * mass / RHO,
+        center_of_buoyancy=np.asarray(com) + [0.0, 0.0, -rise],
+        added_mass=[AddedMass(added_mass(seed, 0.3 * mass), np.array([0.1, -0.2, 0.05]))],
+        drag=[Drag(np.full(6, drag), np.full(6, drag), np.array([-0.1, 0.05, 0.1]))])
+
+
+def arm_water(**kwargs):
+    return HydrodynamicParameters(RHO, {
+        "vehicle": body(7.0, (0.03, -0.02, 0.06), 1, **kwargs),
+        "lower": body(1.3, (0.17, -0.03, 0.02), 2, **kwargs)})
+
+
+class Tank:
+    """A robot in water that moves."""
+
+    def __init__(self, model, parameters, waves=(), current=(0.0, 0.0, 0.0), gravity=(0, 0, G)):
+        builder = DiagramBuilder()
+        self.plant = builder.AddSystem(MultibodyPlant(0.0))
+        Parser(self.plant).AddModelsFromString(
+            f"""<sdf version="1.9"><model name="robot">{model}</model></sdf>""", "sdf")
+        self.plant.mutable_gravity_field().set_gravity_vector(np.array(gravity))
+        self.plant.Finalize()
+        self.water = Hydrodynamics.AddToBuilder(builder, self.plant, parameters)
+        if waves:
+            moving = builder.AddSystem(WaterMotion(np.array(current), waves))
+            for name in ("current", "current_acceleration"):
+                builder.Connect(moving.GetOutputPort(name), self.water.GetInputPort(name))
+        self.log = LogVectorOutput(self.plant.get_state_output_port(), builder, 0.1)
+        self.diagram = builder.Build()
+        self.context = self.diagram.CreateDefaultContext()
+        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
+
+    def fix(self, port, value):
+        self.water.GetInputPort(port).FixValue(
+            self.water.GetMyMutableContextFromRoot(self.context), np.asarray(value, dtype=float))
+
+    def set(self, v_W, omega_W=(0.0, 0.0, 0.0), q=(), q_dot=(), X=POSE):
+        self.plant.SetPositionsAndVelocities(self.plant_context, np.concatenate([
+            X.rotation().ToQuaternion().wxyz(), X.translation(), q, omega_W, v_W, q_dot]))
+
+    def v_dot(self):
+        return self.diagram.EvalTimeDerivatives(self.context).CopyToVector()[
+            -self.plant.num_velocities():]
+
+    def velocities(self, duration):
+        """Returns times and v (T, nv)."""
+        simulator = Simulator(self.diagram, self.context)
+        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1)
+        simulator.get_mutable_integrator().set_target_accuracy(1e-11)
+        simulator.AdvanceTo(duration)
+        log = self.log.FindLog(self.context)
+        return log.sample_times(), log.data().T[:, -self.plant.num_velocities():]
+
+
+def sphere(mass, volume, drag=0.0):
+    half = 0.5 * RHO * volume
+    return HydrodynamicParameters(RHO, {"vehicle": BodyHydrodynamics(
+        displaced_volume=volume, added_mass=[AddedMass(np.array([half] * 3 + [0.0] * 3))],
+        drag=[Drag(np.full(6, drag), np.full(6, drag))])})
+
+
+WAVES = [SLANTED, replace(DEEP, period=3.1, direction=-2.0, amplitude=0.1)]
+CURRENT = np.array([0.1, -0.2, 0.05])
+
+
+def test_a_neutral_sphere_moves_with_the_water():
+    """Whatever its drag; started with it."""
+    tank = Tank(link("vehicle", 4.0, (0, 0, 0), 0.1), sphere(4.0, 0.004, 9.0), WAVES, CURRENT)
+    tank.set(water_motion(CURRENT, WAVES, 0.0)[0])
+    times, v = tank.velocities(7.0)
+    np.testing.assert_allclose(v[:, :3], 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        v[:, 3:], [water_motion(CURRENT, WAVES, t)[0] for t in times], atol=1e-9)
+
+
+def test_a_neutral_arm_moves_with_the_water_and_does_not_bend():
+    tank = Tank(ARM, arm_water(), WAVES, CURRENT)
+    tank.set(water_motion(CURRENT, WAVES, 0.0)[0], q=[0.4], q_dot=[0.0])
+    times, v = tank.velocities(5.0)
+    np.testing.assert_allclose(v[:, [0, 1, 2, 6]], 0.0, atol=1e-8)
+    np.testing.assert_allclose(
+        v[:, 3:6], [water_motion(CURRENT, WAVES, t)[0] for t in times], atol=1e-8)
+
+
+def test_a_heavy_sphere_follows_the_water_in_part():
+    """(m + ½ρV) v̇ = 1.5 ρV v̇_c + (m − ρV) g, whose integral is known."""
+    mass, volume = 5.0, 0.004
+    tank = Tank(link("vehicle", mass, (0, 0, 0), 0.1), sphere(mass, volume), WAVES)
+    tank.set(np.zeros(3))
+    times, v = tank.velocities(6.0)
+    water = np.array([water_motion(np.zeros(3), WAVES, t)[0] for t in times])
+    total = mass + 0.5 * RHO * volume
+    expected = 1.5 * RHO * volume / total * (water - water[0])
+    expected[:, 2] += (mass - RHO * volume) * G / total * times
+    np.testing.assert_allclose(v[:, 3:], expected, atol=1e-9)
+
+
+def test_accelerating_water_is_still_water_in_a_frame_that_accelerates():
+    """There gravity is g − v̇_c, for what weighs and for what floats; any robot, any motion."""
+    rng = np.random.default_rng(5)
+    parameters = arm_water(buoyant=0.8, rise=0.1)
+    for _ in range(4):
+        current, rate = rng.normal(size=(2, 3))
+        omega, v, q, q_dot = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.normal()
+        moving = Tank(ARM, parameters)
+        moving.fix("current", current)
+        moving.fix("current_acceleration", rate)
+        moving.set(v, omega, [q], [q_dot])
+        still = Tank(ARM, parameters, gravity=np.array([0.0, 0.0, G]) - rate)
+        still.set(v - current, omega, [q], [q_dot])
+        expected = still.v_dot()
+        expected[3:6] += rate
+        np.testing.assert_allclose(moving.v_dot(), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_what_holds_a_body_in_a_wave_is_morisons_force():
+    """ρV(1 + C_A) v̇_c + drag, C_A = ½ of a sphere."""
+    mass, volume, drag = 4.0, 0.004, 30.0
+    tank = Tank(link("vehicle", mass, (0, 0, 0), 0.1), sphere(mass, volume, drag), WAVES)
+    tank.set(np.zeros(3), X=RigidTransform())
+    for time in (0.3, 1.7, 4.4):
+        tank.context.SetTime(time)
+        v, a = water_motion(np.zeros(3), WAVES, time)
+        force = 1.5 * RHO * volume * a + drag * (1.0 + np.abs(v)) * v
+        tank.fix("generalized_force", np.concatenate([np.zeros(3), -force]))
+        np.testing.assert_allclose(tank.v_dot(), 0.0, atol=1e-12)
