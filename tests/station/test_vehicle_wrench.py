@@ -7,8 +7,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Demultiplexer, FirstOrderLowPassFilter
 
-from uvms_drake.control.laws import Resolved
+from uvms_drake.actuation.joint_brake import StuckJoint
+from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import Command
+from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.model.part import VEHICLE_WRENCH, Part
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.scenario import load_scenario
@@ -72,3 +74,19 @@ def test_a_law_that_does_not_take_it_does_not_see_it():
 def test_what_follows_at_once_from_the_command_is_an_algebraic_loop():
     with pytest.raises(RuntimeError, match="algebraic loop"):
         station_of(Told(), Slow(early=True))
+
+
+def test_an_observer_is_told_what_known_actuators_give_and_of_no_fault():
+    law = TipFirst(tip=BlockGains(20.0, 10.0, 2.0))
+    station = make_station(replace(
+        load_scenario("girona500_ideal", ["duration=1"]), ancillary=law, actuation=[Slow()],
+        faults=[StuckJoint(0, 0.0)]))
+    context = station.CreateDefaultContext()
+    controller, lag, brake = (station.GetSubsystemByName(name) for name in (
+        "tube_mpc", "actuation[0].lag", "faults[0].joint_brake"))
+    given = np.arange(10.0)
+    lag.GetMyMutableContextFromRoot(context).SetContinuousState(given)
+    own = controller.GetMyContextFromRoot(context)
+    np.testing.assert_array_equal(controller.GetInputPort("applied").Eval(own), given)
+    np.testing.assert_array_equal(controller.GetInputPort(VEHICLE_WRENCH).Eval(own), given[:6])
+    assert brake.GetInputPort("commanded").HasValue(brake.GetMyContextFromRoot(context))

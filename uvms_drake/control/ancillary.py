@@ -85,6 +85,7 @@ class AncillaryFeedback(LeafSystem):
         - nominal_input
         - measured_force (optional)
         - vehicle_wrench (optional)
+        - estimate (optional)
         output_ports:
         - u
         - tau
@@ -102,6 +103,7 @@ class AncillaryFeedback(LeafSystem):
       the surface's.
     - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, to a law that takes what the thrusters give
       now; see `VEHICLE_WRENCH`.
+    - `estimate`: δ̂ (6+n), from a `RowObserver`, to a law that asks for one.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
@@ -131,10 +133,11 @@ class AncillaryFeedback(LeafSystem):
         self._input_port = self.DeclareVectorInputPort("nominal_input", model.size)
         self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
         self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
+        self._estimate_port = self.DeclareVectorInputPort("estimate", model.size)
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
             "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
-            VEHICLE_WRENCH))
+            VEHICLE_WRENCH, "estimate"))
         self._command = self.DeclareCacheEntry(
             description="the command",
             value_producer=ValueProducer(
@@ -162,6 +165,8 @@ class AncillaryFeedback(LeafSystem):
             now = now._replace(contact=self._force_port.Eval(context))
         if self._wrench_port.HasValue(context):
             now = now._replace(wrench=self._wrench_port.Eval(context))
+        if self._estimate_port.HasValue(context):
+            now = now._replace(estimate=self._estimate_port.Eval(context))
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))

@@ -13,9 +13,9 @@ from uvms_drake.control.contact.target import PressTarget
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.observer import add_observer, export_inputs
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.tracking_ocp import TrackingOcp
-from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -41,6 +41,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - state
         - measured_force
         - vehicle_wrench (optional)
+        - applied (optional, with an observer)
         - fresh_force
         - fault (optional)
         - desired_force (optional)
@@ -112,8 +113,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
-    for name in (MEASURED_FORCE, VEHICLE_WRENCH):
-        builder.ExportInput(feedback.GetInputPort(name), name)
+    export_inputs(builder, feedback, add_observer(
+        builder, ocp.model, law, feedback, state=measured))
     builder.ExportInput(front.GetInputPort("measured_force"), "fresh_force")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")

@@ -10,8 +10,8 @@ from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc, Targets
+from uvms_drake.control.observer import add_observer, export_inputs
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH
 
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
@@ -32,6 +32,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         input_ports:
         - state
         - measured_force (optional)
+        - vehicle_wrench (optional)
+        - applied (optional, with an observer)
         - fault (optional)
         - desired_force (optional, with targets)
         output_ports:
@@ -50,6 +52,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `measured_force`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
     - `vehicle_wrench`: τ_v (6) [N, N m], likewise.
+    - `applied`: τ (6+n) as known actuators give it, for the observer that the law asks for; see
+      `RowObserver`.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
@@ -73,8 +77,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
 
     builder.ExportInput(state.get_input_port(), "state")
-    for name in (MEASURED_FORCE, VEHICLE_WRENCH):
-        builder.ExportInput(feedback.GetInputPort(name), name)
+    export_inputs(builder, feedback, add_observer(
+        builder, ocp.model, law, feedback, state=measured))
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     for name in ("tau", "u", "lost", "limited", "pair"):
         builder.ExportOutput(feedback.GetOutputPort(name), name)

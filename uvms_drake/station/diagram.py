@@ -64,6 +64,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
     signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
     If a part of actuation gives the signal `vehicle_wrench`, a law that `takes_wrench` takes it.
+    An observer knows the parts of actuation, and takes what comes out of them for applied, with
+    this wrench; it does not know of faults.
     Where the contact is felt, a `ForceWatch` looks at it first, and while it is lost it is zero.
 
     .. pydrake_system::
@@ -149,11 +151,14 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         felt = LastFinite.AddToBuilder(builder, measured=fresh, let_go=let_go)
         signals["felt_force"] = felt.get_output_port()
         builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
-    exerted = add_chain(
-        builder, model, controller.GetOutputPort(motion.command), signals,
-        keyed("actuation", scenario.actuation) | faults_at("actuation", scenario.faults),
-        scenario.seed)
+    command = controller.GetOutputPort(motion.command)
+    applied = add_chain(builder, model, command, signals,
+                        keyed("actuation", scenario.actuation), scenario.seed)
+    exerted = add_chain(builder, model, applied, signals,
+                        faults_at("actuation", scenario.faults), scenario.seed)
     builder.Connect(exerted, uvms.GetInputPort(motion.effect))
+    if applied is not command and controller.HasInputPort("applied"):
+        builder.Connect(applied, controller.GetInputPort("applied"))
     if VEHICLE_WRENCH in signals and scenario.ancillary.takes_wrench:
         builder.Connect(signals[VEHICLE_WRENCH], controller.GetInputPort(VEHICLE_WRENCH))
     solver_faults = faults_at("solver", scenario.faults)

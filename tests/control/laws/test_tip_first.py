@@ -13,7 +13,8 @@ from uvms_drake.certificate.table import verdict
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.laws.tip_first import BlockGains, generalised_jacobian, outputs_of
+from uvms_drake.control.laws.outputs import outputs_of
+from uvms_drake.control.laws.tip_first import BlockGains, generalised_jacobian
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.scenario import load_scenario

@@ -114,6 +114,31 @@ class RunBound:
     """Whether x starts at the first `size` of the first deviations instead of at zero."""
 
 
+class Outputs(NamedTuple):
+    """What a law feeds back of the real and the nominal robot, the real one first."""
+
+    error: np.ndarray
+    """e = y − ȳ of the outputs y (6+n,), angles by the shorter way round."""
+    rate: np.ndarray
+    """ẏ, ẏ̄ (2, 6+n)."""
+    J: np.ndarray
+    """J_y (2, 6+n, 6+n): ẏ = J_y ζ."""
+    bias: np.ndarray
+    """J̇_y ζ (2, 6+n)."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """The outputs of a law whose disturbance an observer is to estimate, see `RowObserver`."""
+
+    rates: np.ndarray
+    """λ of each output (6+n,) [1/s]; zero for an output that is not observed."""
+    period: float
+    """Time between two estimates [s]."""
+    outputs: Callable[[Pair], Outputs]
+    """The outputs of a pair of motions."""
+
+
 class AncillaryLaw(ABC):
     """What feedback, monitor and certificate ask of a law.
 
@@ -171,6 +196,10 @@ class AncillaryLaw(ABC):
             nominal_state: (𝔮̄, ζ̄) (2(6+n),).
         """
         raise InvalidParameter("ancillary", self.name, "a law with a velocity (motion: kinematic)")
+
+    def observed(self, model: UvmsModel) -> Observed | None:
+        """Returns the outputs whose disturbance `Pair.estimate` is to be; None, as by default."""
+        return None
 
     def deviation(self, now: Pair) -> Deviation:
         """Returns the errors in which the law has its tube; by default 𝔢_y, and 𝔷 for 𝔯."""

@@ -39,15 +39,14 @@ The vehicle's rows obey (R) as far as τ_v is what (L) asks for. What a lag make
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, within
-from uvms_drake.control.laws.law import AncillaryLaw, Command, Pair
+from uvms_drake.control.laws.law import AncillaryLaw, Command, Observed, Pair
+from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_rows import POSE, tip_rows
-from uvms_drake.model.euler import COMPLEX_STEP, pose_difference
-from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, configuration_rate_matrix
+from uvms_drake.model.uvms_model import UvmsModel
 
 MAY_BE_UNDRIVEN = ("roll", "pitch")
 """Axes of the vehicle that weight and buoyancy hold, if no thruster does."""
@@ -63,11 +62,14 @@ class BlockGains:
     """Gain of the velocity error [1/s]."""
     sigma: float
     """σ, gain of the error [1/s]."""
+    observer: float = 0.0
+    """λ of the observer of the disturbance [1/s]; zero for none."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for a gain that has no meaning."""
         for key in ("k", "sigma"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
+        require(0.0 <= self.observer < np.inf, "observer", self.observer, "zero or positive")
 
 
 @dataclass
@@ -83,6 +85,8 @@ class TipFirst(AncillaryLaw):
     q1, q2, ...; none for position first and then what the arm holds best."""
     undriven: list[str] = field(default_factory=list)
     """Axes of the vehicle that no thruster drives, of roll and pitch: not fed back."""
+    observer_period: float = 0.02
+    """Time between two estimates of the observer, if there is one [s]."""
 
     takes_force = takes_wrench = True
 
@@ -90,6 +94,8 @@ class TipFirst(AncillaryLaw):
         for key in ("vehicle", "tip"):
             with within(key):
                 getattr(self, key).check()
+        require(0.0 < self.observer_period < np.inf, "observer_period", self.observer_period,
+                "positive")
         allowed = set(self.undriven) <= set(MAY_BE_UNDRIVEN)
         require(allowed, "undriven", self.undriven, f"of {', '.join(MAY_BE_UNDRIVEN)}")
 
@@ -105,6 +111,13 @@ class TipFirst(AncillaryLaw):
     def gains(self, key: str, num_joints: int) -> np.ndarray:
         """Returns a gain of `BlockGains` for each row of y (6+n,)."""
         return np.repeat([getattr(self.vehicle, key), getattr(self.tip, key)], [6, num_joints])
+
+    def observed(self, model: UvmsModel) -> Observed | None:  # noqa: D102  see AncillaryLaw
+        rates = self.gains("observer", model.num_joints)
+        if not rates.any():
+            return None
+        rows = tip_rows(model, tuple(self.rows))
+        return Observed(rates, self.observer_period, lambda now: outputs_of(now, rows))
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
@@ -132,39 +145,6 @@ class TipFirst(AncillaryLaw):
             tau[6:] = torques(np.arange(6))[6:]
         tau[undriven] = 0.0
         return Command(u=cache(lambda: np.linalg.solve(M, tau)), tau=lambda: tau, M=lambda: M)
-
-
-class Outputs(NamedTuple):
-    """The outputs y = (η, s) of the real and of the nominal robot, the real one first."""
-
-    error: np.ndarray
-    """e = y − ȳ (6+n,), angles by the shorter way round."""
-    rate: np.ndarray
-    """ẏ, ẏ̄ (2, 6+n)."""
-    J: np.ndarray
-    """J_y (2, 6+n, 6+n): ẏ = J_y ζ."""
-    bias: np.ndarray
-    """J̇_y ζ (2, 6+n)."""
-
-
-def outputs_of(now: Pair, rows: np.ndarray) -> Outputs:
-    """Returns the outputs of a pair of motions; `rows` (n,) are the tip's in (χ, q)."""
-    rate, J, bias = vehicle_motion(now.config, now.zeta)
-    J_s = now.J_x[:, rows]
-    bias_s = (now.J_x_dot[:, rows] @ now.zeta[..., None])[..., 0]
-    error = pose_difference(*now.config)[:6], pose_difference(*now.y)[rows]
-    rate_s = (J_s @ now.zeta[..., None])[..., 0]
-    return Outputs(np.concatenate(error), np.concatenate([rate, rate_s], axis=-1),
-                   np.concatenate([J, J_s], axis=-2), np.concatenate([bias, bias_s], axis=-1))
-
-
-def vehicle_motion(config: np.ndarray, zeta: np.ndarray
-                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns η̇ (..., 6), J_η (..., 6, 6+n) with η̇ = J_η ζ, and J̇_η ζ (..., 6), real."""
-    moved = configuration_rate(
-        config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta.astype(complex))
-    return (moved.real[..., :6], configuration_rate_matrix(config)[..., :6, :],
-            moved.imag[..., :6] / COMPLEX_STEP)
 
 
 def generalised_jacobian(M: np.ndarray, J_s: np.ndarray) -> np.ndarray:

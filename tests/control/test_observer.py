@@ -1,0 +1,111 @@
+"""Tests of `uvms_drake.control.observer`: what it estimates, and that nothing winds it up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hovering import Hovering, Lag
+
+from uvms_drake.actuation.joint_brake import StuckJoint
+from uvms_drake.actuation.zero_order_hold import ZeroOrderHold
+from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.control.limits import Limits
+from uvms_drake.control.observer import estimate
+from uvms_drake.sensing.faulty_sensor import LostState
+
+LAW = TipFirst(BlockGains(1.5, 0.4, 3.0), BlockGains(20.0, 10.0, 5.0), observer_period=0.05)
+RATES = np.repeat([3.0, 5.0], [6, 4])
+BOUND = 0.1
+D = np.full(10, BOUND / np.sqrt(10.0))  # as of `ConstantDisturbance`
+
+
+def disturbance(model, state) -> np.ndarray:
+    """Returns δ = J_y d (10,), d constant."""
+    now = pair_of(model, state, state)
+    return LAW.observed(model).outputs(now).J[0] @ D
+
+
+def test_it_is_a_filter_of_the_mean_of_the_disturbance():
+    """A step takes 1 − e^{−λt}, exactly at the ticks; a law without λ is not observed."""
+    value = np.zeros(2)
+    for _ in range(10):
+        value = estimate(value, np.array([1.0, -2.0]), np.array([3.0, 0.0]), 0.05)
+    np.testing.assert_allclose(value, [1.0 - np.exp(-1.5), 0.0], rtol=1e-12)
+
+
+def test_only_a_law_with_a_rate_has_one(model):
+    assert Resolved().observed(model) is None
+    assert TipFirst().observed(model) is None
+    np.testing.assert_array_equal(LAW.observed(model).rates, RATES)
+
+
+@pytest.mark.parametrize("actuation", [
+    [], [Lag(0.15)], [ZeroOrderHold(0.05)], [ZeroOrderHold(0.05), Lag(0.1)]])
+def test_it_finds_the_disturbance_whatever_the_actuators_do_to_the_command(model, actuation):
+    """δ is nearly constant here: J_y turns with the posture."""
+    robot = Hovering(model, LAW, bound=BOUND, actuation=actuation)
+    robot.simulator.AdvanceTo(0.501)
+    delta = disturbance(model, robot.read("uvms", "state"))
+    expected = delta * (1.0 - np.exp(-RATES * 0.5))
+    # In a sampled loop the model's forces are those of the last sample, too.
+    np.testing.assert_allclose(robot.read("observer", "estimate"), expected, atol=5e-3 * BOUND)
+
+
+def test_a_constant_disturbance_leaves_no_error(model):
+    errors = []
+    for law in (LAW, TipFirst(LAW.vehicle, replace(LAW.tip, observer=0.0))):
+        robot = Hovering(model, law, bound=BOUND, step=0.05)
+        robot.simulator.AdvanceTo(1.5)
+        tip = model.task_pose(robot.read("uvms", "state")[:10])[:3]
+        errors.append(np.linalg.norm(tip - model.task_pose(robot.nominal[:10])[:3]))
+    assert errors[1] > 2e-4
+    assert errors[0] < 0.02 * errors[1]
+
+
+def test_a_command_that_is_cut_does_not_wind_it_up(model):
+    """The joint that holds the arm up gets a tenth of what it needs, and sinks."""
+    limits = Limits(u=np.full(10, 50.0), tau=np.repeat([500.0, 0.3], [6, 4]))
+    robot = Hovering(model, LAW, bound=BOUND, limits=limits)
+    found = robot.every(0.05, 1.0, lambda: np.concatenate([
+        robot.read("observer", "estimate"), disturbance(model, robot.read("uvms", "state")),
+        robot.read("feedback", "limited")]))
+    assert found[:, -1].all()
+    largest = np.maximum.accumulate(np.abs(found[:, 10:20]), axis=0)
+    assert np.all(np.abs(found[:, :10]) <= 1.05 * largest + 1e-3 * BOUND)
+    moved = robot.read("uvms", "state")[:10] - robot.nominal[:10]
+    assert np.max(np.abs(moved[6:])) > 0.02
+
+
+def test_a_gap_of_the_measured_state_leaves_the_estimate_as_it_is(model):
+    robot = Hovering(model, LAW, bound=BOUND, sensing=[LostState(0.42, 0.4)])
+    robot.simulator.AdvanceTo(0.41)
+    before = robot.read("observer", "estimate")
+    robot.simulator.AdvanceTo(0.86)  # The first tick after the gap has no tick before it.
+    np.testing.assert_array_equal(robot.read("observer", "estimate"), before)
+    robot.simulator.AdvanceTo(1.21)
+    delta = disturbance(model, robot.read("uvms", "state"))
+    expected = delta + (before - delta) * np.exp(-RATES * 0.35)
+    np.testing.assert_allclose(
+        robot.read("observer", "estimate"), expected, atol=0.02 * BOUND)
+
+
+def test_a_joint_that_is_stuck_takes_it_no_further_than_the_limits_of_the_command(model):
+    """It asks for ever more, until a limit cuts that, which it knows."""
+    limits = Limits(u=np.full(10, 50.0), tau=np.repeat([500.0, 40.0], [6, 4]))
+    robot = Hovering(model, LAW, bound=1.0, limits=limits, faults=[StuckJoint(1, 0.1)])
+    found = robot.every(0.1, 2.0, lambda: np.append(
+        robot.read("observer", "estimate"), robot.read("feedback", "limited")))
+    assert np.isfinite(found).all()
+    assert np.max(np.abs(found[-5:, :10])) < 1.1 * np.max(np.abs(found[:-5, :10]))
+
+
+def test_a_cloned_context_goes_on_identically(model):
+    robot = Hovering(model, LAW, bound=BOUND, actuation=[Lag(0.15)])
+    robot.simulator.AdvanceTo(0.22)
+    clone = robot.context.Clone()
+    robot.simulator.AdvanceTo(0.41)
+    robot.simulate(clone).AdvanceTo(0.41)
+    np.testing.assert_array_equal(robot.read("observer", "estimate", clone),
+                                  robot.read("observer", "estimate"))

@@ -1,0 +1,27 @@
+"""The outputs y = (η, s) of a pair of motions: the vehicle's pose, rows of the extended task."""
+
+import numpy as np
+
+from uvms_drake.control.laws.law import Outputs, Pair
+from uvms_drake.model.euler import COMPLEX_STEP, pose_difference
+from uvms_drake.model.uvms_model import configuration_rate, configuration_rate_matrix
+
+
+def outputs_of(now: Pair, rows: np.ndarray) -> Outputs:
+    """Returns the outputs of a pair of motions; `rows` (n,) are the tip's in (χ, q)."""
+    rate, J, bias = vehicle_motion(now.config, now.zeta)
+    J_s = now.J_x[:, rows]
+    bias_s = (now.J_x_dot[:, rows] @ now.zeta[..., None])[..., 0]
+    error = pose_difference(*now.config)[:6], pose_difference(*now.y)[rows]
+    rate_s = (J_s @ now.zeta[..., None])[..., 0]
+    return Outputs(np.concatenate(error), np.concatenate([rate, rate_s], axis=-1),
+                   np.concatenate([J, J_s], axis=-2), np.concatenate([bias, bias_s], axis=-1))
+
+
+def vehicle_motion(config: np.ndarray, zeta: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns η̇ (..., 6), J_η (..., 6, 6+n) with η̇ = J_η ζ, and J̇_η ζ (..., 6), real."""
+    moved = configuration_rate(
+        config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta.astype(complex))
+    return (moved.real[..., :6], configuration_rate_matrix(config)[..., :6, :],
+            moved.imag[..., :6] / COMPLEX_STEP)
