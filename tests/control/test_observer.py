@@ -7,7 +7,7 @@ import pytest
 from support.hovering import Hovering, Lag
 
 from uvms_drake.actuation.joint_brake import StuckJoint
-from uvms_drake.actuation.zero_order_hold import ZeroOrderHold
+from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.tip_first import BlockGains
@@ -42,7 +42,7 @@ def test_only_a_law_with_a_rate_has_one(model):
 
 
 @pytest.mark.parametrize("actuation", [
-    [], [Lag(0.15)], [ZeroOrderHold(0.05)], [ZeroOrderHold(0.05), Lag(0.1)]])
+    [], [Lag(0.15)], [SampledCommand(0.05, 0.02)], [SampledCommand(0.05, 0.0), Lag(0.1)]])
 def test_it_finds_the_disturbance_whatever_the_actuators_do_to_the_command(model, actuation):
     """δ is nearly constant here: J_y turns with the posture."""
     robot = Hovering(model, LAW, bound=BOUND, actuation=actuation)
