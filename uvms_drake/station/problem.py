@@ -56,6 +56,10 @@ def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
     require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
             f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
+    at = replace(_at(model, y_des), zeta=np.zeros(model.size), u=ocp.u_eq)
+    for limit in (limit for limit in ocp.limits.values() if limit.about == "input"):
+        require(bool(np.all(limit.excess(at) <= 0.0)), f"limits.{limit.name}",
+                getattr(scenario.limits, limit.name, None), limit.complaint(at))
     return ocp
 
 
@@ -79,7 +83,8 @@ def posed_task(scenario: Scenario, model: ContactModel, *, accelerations: bool
     """Returns y_des (6+n,) and the limits that the tube leaves."""
     surface = model.surface
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,
-                                 accelerations=accelerations), scenario.tube)
+                                 accelerations=accelerations, thrusters=model.thrusters),
+                     scenario.tube)
     task = scenario.task
     with within("task"):
         force = vector("force", task.force, 6)

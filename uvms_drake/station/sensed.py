@@ -90,7 +90,7 @@ class Sensed(Dynamic):
         radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
         largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
-        rest = contact_input_rest(
+        u_rest, tau_rest = contact_input_rest(
             basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
             radii.orientation, settings.seed)
         aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
@@ -98,7 +98,9 @@ class Sensed(Dynamic):
             basis.model, slower(declared, radii), scenario.mpc.time_step,
             contact.tool_angle + np.arctan(aside), 10 * settings.constant_samples,
             settings.seed)
-        radii = replace(tube.radii, u=tube.radii.u + settings.safety_factor * rest,
+        assert tube.radii.tau is not None  # a computed tube has it
+        radii = replace(tube.radii, u=tube.radii.u + settings.safety_factor * u_rest,
+                        tau=tube.radii.tau + settings.safety_factor * tau_rest,
                         between_knots=off_parabola(jerk, scenario.mpc.time_step))
         with_tube = replace(scenario, tube=radii)
         margin = front_margin(with_tube)

@@ -256,11 +256,12 @@ def _norm(A: np.ndarray) -> np.ndarray:
 
 
 def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
-                       joints: float, orientation: float, seed: int = 0) -> np.ndarray:
-    """Returns by how much the contact's part of the input may differ (6+n,) inside of the tube.
+                       joints: float, orientation: float, seed: int = 0
+                       ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns by how much the contact's parts of 𝔲 and of τ may differ (6+n,) inside of the tube.
 
-    The input for a contact force f in Σ_I is M⁻¹J_fᵀR_EW f. A plan counts it at the nominal pose.
-    Row i, aᵢ(q)ᵀR_EW f, differs at the real pose by at most
+    The input for a contact force f in Σ_I is M⁻¹J_fᵀR_EW f, the force J_fᵀR_EW f. A plan counts
+    them at the nominal pose. Row i, aᵢ(q)ᵀR_EW f, differs at the real pose by at most
 
         ‖f‖ (‖∂aᵢ/∂q‖ ‖q − q̄‖ + √2 ‖aᵢ‖ ‖𝔬 − 𝔬̄‖)                                             (2)
 
@@ -280,14 +281,20 @@ def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, f
     """
     n = len(lower)
 
+    def rows(q: np.ndarray) -> np.ndarray:
+        """Returns all aᵢ (..., 2(6+n), 3)."""
+        J_E, gain = _tip_jacobian_and_gain(model, q)
+        return np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)[..., :3]
+
     def rest(q: np.ndarray) -> np.ndarray:
-        size = np.linalg.norm(contact_gain(model, q)[..., :3], axis=-1)
+        size = np.linalg.norm(rows(q), axis=-1)
         turned: np.ndarray = np.sqrt(2.0) * orientation * size
         if n == 0:
             return force * turned
         moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(n)
-        slopes = contact_gain(model, moved)[..., :3].imag / COMPLEX_STEP  # (m, n, 6+n, 3)
+        slopes = rows(moved).imag / COMPLEX_STEP  # (m, n, 2(6+n), 3)
         by_joints = np.linalg.norm(slopes.swapaxes(1, 2), 2, axis=(-2, -1))
         return force * (by_joints * joints + turned)
 
-    return supremum_over_joints(rest, lower, upper, seed)
+    u, tau = np.split(supremum_over_joints(rest, lower, upper, seed), 2)
+    return u, tau

@@ -13,9 +13,11 @@ from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii, check_tube, resolved_radii
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.limits.static_force import StaticForce
+from uvms_drake.control.limits.thrusters import ThrusterForces
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.thruster_data import ThrusterParameters
 
 AnyLimit = TipBox | TipVelocity
 """Limits that a scenario may have besides those that every robot has, by their YAML tags."""
@@ -49,6 +51,10 @@ class Limits:
     """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
     """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
+    thrusters: np.ndarray | None = None
+    """If it is given, every thruster's force is within its limits, and what is asked for on the
+    axes that none drives within these (k,), in the order of the wrench [N (3), N m (3)]; [] where
+    they drive all."""
     more: list[AnyLimit] = field(default_factory=list)
     """Further limits; a script may put any `Limit` here."""
 
@@ -76,7 +82,8 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
 
 
 def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: Surface,
-                *, accelerations: bool = True) -> dict[str, Limit]:
+                *, accelerations: bool = True, thrusters: ThrusterParameters | None = None
+                ) -> dict[str, Limit]:
     """Returns the limits of the real robot by name.
 
     Args:
@@ -85,6 +92,7 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         q_upper: Joint limits of the robot (n,) [rad].
         surface: Surface that is pressed.
         accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
+        thrusters: The robot's, if they are known.
 
     Raises:
         InvalidParameter: A parameter has no meaning.
@@ -100,6 +108,9 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         limits.append(Accelerations(np.asarray(settings.u, dtype=float)))
         if settings.tau is not None:
             limits.append(Forces(np.asarray(settings.tau, dtype=float)))
+        if settings.thrusters is not None:
+            with within("limits"):
+                limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))
     if surface.contact is not None:
         told = surface.contact
         limits += [ContactSpeed(told.walls.axes, told.speed, told.speed_across),
@@ -126,10 +137,11 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
         InvalidParameter: A radius has no meaning, or the tube leaves nothing of a limit.
     """
     tube = resolved_radii(tube)
-    require(tube.tau is not None or "tau" not in limits, "limits.tau",
-            limits["tau"].upper if "tau" in limits else None,
-            "left out, unless tube.tau says what the tube takes of it (6 + n numbers)")
-    check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau="tau" in limits)
+    by_force = [name for name in ("tau", "thrusters") if name in limits]
+    for name in by_force:
+        require(tube.tau is not None, f"limits.{name}", limits[name].upper,
+                "left out, unless tube.tau says what the tube takes of it (6 + n numbers)")
+    check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau=bool(by_force))
     for limit in limits.values():
         for label, radius, room in limit.rooms(tube):
             if room <= radius < np.inf:
@@ -149,6 +161,8 @@ def check_limits(limits: Limits, num_joints: int, *, accelerations: bool = True)
         if limits.static_force is not None:
             require(0.0 < limits.static_force < np.inf, "static_force", limits.static_force,
                     "positive, or left out for no limit")
+        require(accelerations or limits.thrusters is None, "thrusters", limits.thrusters,
+                "left out, if the motion is kinematic: there are no forces")
         for key in ("u", "tau"):
             if key == "u" or limits.tau is not None:
                 require(accelerations or not np.size(getattr(limits, key)), key,
