@@ -8,12 +8,14 @@ from support.true_model import model_with_error
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import model_dir
+from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.model_error import (
     ModelError,
     add_simulated_uvms,
     check_model_error,
     scaled_inertias,
 )
+from uvms_drake.plant.payload import Payload
 
 ROBOT = "girona500_arm5e"
 LEVEL = np.array([-3.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.1, 0.9, 0.4, 0.2])
@@ -71,6 +73,50 @@ def test_drag_is_all_that_changes_with_the_drag(load):
     assert force(off, zeta)[0] > force(None, zeta)[0] + 1.0
 
 
+BALL = Payload(mass=0.7, displaced=0.3, centre=np.array([0.02, -0.03, 0.1]))
+
+
+def test_a_payload_is_a_ball_of_its_mass_that_moves_with_the_tip(load):
+    """By virtual work and by kinetic energy, with the velocity of its centre."""
+    known, held = load(), load(ModelError(payload=BALL))
+    kinematics = known.kinematics(LEVEL)
+    R, J = kinematics.A_E[:3, :3], np.linalg.solve(kinematics.A_E, kinematics.J_chi)
+    lever = np.cross(np.eye(3), BALL.centre).T
+    at_centre = R @ (J[:3] + lever @ J[3:])
+    weight = (BALL.mass - BALL.displaced) * 9.81 * np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(
+        force_at_rest(held) - force_at_rest(known), -at_centre.T @ weight, atol=1e-9)
+    radius = np.cbrt(3.0 * BALL.displaced / 1000.0 / (4.0 * np.pi))
+    extra = ((BALL.mass + 0.5 * BALL.displaced) * at_centre.T @ at_centre
+             + 0.4 * BALL.mass * radius**2 * J[3:].T @ J[3:])
+    np.testing.assert_allclose(mass_matrix(held) - mass_matrix(known), extra, atol=1e-9)
+
+
+@pytest.mark.parametrize("ball", [Payload(mass=0.5), Payload(displaced=0.5)])
+def test_a_payload_may_be_all_mass_or_all_buoyancy(ball, load):
+    down = force_at_rest(load(ModelError(payload=ball))) - force_at_rest(load())
+    assert down[2] == pytest.approx((ball.displaced - ball.mass) * 9.81)
+
+
+def test_what_is_not_trimmed_floats_or_sinks_and_tilts(load):
+    weight = force_at_rest(load())
+    floated = force_at_rest(load(ModelError(buoyancy=1.02))) - weight
+    assert floated[2] == pytest.approx(0.02 * (183.8 + 7.244) * 9.81, rel=1e-3)
+    shifted = force_at_rest(load(ModelError(buoyancy_shift=np.array([0.01, 0.02, 0.0])))) - weight
+    buoyancy = 183.8 * 9.81
+    np.testing.assert_allclose(
+        shifted[:6], [0.0, 0.0, 0.0, 0.02 * buoyancy, -0.01 * buoyancy, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("error", [
+    ModelError(payload=BALL), ModelError(buoyancy=0.98), ModelError(mass=1.1, payload=BALL),
+    ModelError(buoyancy_shift=np.array([0.0, 0.01, 0.0])),
+    ModelError(joint_friction=JointFriction(static=np.array([0.1])))])
+def test_an_error_is_one_of_the_simulated_robot_alone(error, load):
+    assert error.size > 0.0
+    assert load(ModelError()).size == load(error).size == 10
+
+
 def test_the_files_of_the_robot_are_read_as_they_are():
     text = (model_dir(ROBOT) / f"{ROBOT}.sdf").read_text(encoding="utf-8")
     assert scaled_inertias(text, 1.1).count("<mass>198.0") == 1
@@ -114,7 +160,10 @@ def test_a_mass_that_is_not_written_in_the_file_itself_is_not_scaled_by_halves(
 @pytest.mark.parametrize(("error", "key"), [
     (ModelError(mass=0.0), "mass"), (ModelError(drag=-1.0), "drag"),
     (ModelError(added_mass=np.inf), "added_mass"), (ModelError(buoyancy_lever=np.nan), "buoyancy"),
-    (ModelError(share=1.0), "share")])
+    (ModelError(share=1.0), "share"), (ModelError(buoyancy=0.0), "buoyancy"),
+    (ModelError(buoyancy_shift=np.zeros(2)), "buoyancy_shift"),
+    (ModelError(payload=Payload(mass=-1.0)), "payload.mass"),
+    (ModelError(joint_friction=JointFriction(creep=0.0)), "joint_friction.creep")])
 def test_what_no_robot_has_is_refused(error, key):
     with pytest.raises(InvalidParameter, match=f"^{key}"):
         check_model_error(error)

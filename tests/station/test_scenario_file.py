@@ -157,3 +157,16 @@ def test_an_unknown_scenario_names_the_shipped_ones_and_the_closest():
     assert error_of("girona500_contcat") == (
         f"scenario = 'girona500_contcat': must be one of {', '.join(SHIPPED)}, "
         "or a YAML file that exists (did you mean 'girona500_ideal'?)")
+
+
+def test_a_robot_that_is_not_as_it_is_known_comes_from_a_file_and_goes_back_into_one(tmp_path):
+    scenario = load_scenario("girona500_ideal", [
+        "model_error={buoyancy: 0.98, payload: {mass: 0.5}, joint_friction: {coulomb: [0.5]}}"])
+    error = scenario.model_error
+    assert (error.buoyancy, error.payload.mass, error.joint_friction.largest) == (0.98, 0.5, 0.5)
+    assert error.joint_friction.creep == 0.005
+    path = tmp_path / "mine.yaml"
+    path.write_text(dump_scenario(scenario))
+    assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
+    with pytest.raises(ScenarioError, match=r"model_error\.payload\.mass = -1\.0: must be zero"):
+        load_scenario("girona500_ideal", ["model_error.payload.mass=-1"])

@@ -17,6 +17,7 @@ import numpy as np
 from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.campaign.unknowns import Unknowns
 from uvms_drake.plant.disturbance import ExcessDisturbance
+from uvms_drake.plant.waves import Wave
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.station.faults import AnyFault
 from uvms_drake.station.motions import motion_of
@@ -27,6 +28,10 @@ EARLIEST, LATEST = 0.1, 0.7
 """Range of the instant at which a fault begins, over the duration of a run."""
 SHIFT, TURN, CURRENT = 0.02, 0.05, 0.3
 """Largest error of the surface's pose [m, rad], and largest current [m/s]."""
+TRIM, PAYLOAD = 0.02, 0.5
+"""Largest relative error of the buoyancy, and largest mass in the hand [kg]."""
+WAVE, WAVE_PERIODS = 0.25, (4.0, 10.0)
+"""Largest amplitude of a wave, 2.5 m above the robot [m], and shortest and longest period [s]."""
 STIFFER = 10.0
 """Stiffness of the surface over the one that the controller knows."""
 EXCESS_FACTORS = (1.5, 2.0, 5.0)
@@ -75,6 +80,17 @@ def _current(scenario: Scenario, largest: float, rng: np.random.Generator) -> Sc
                     ).put_into(scenario)
 
 
+def _held(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    return Unknowns(buoyancy=TRIM * rng.uniform(-1.0, 1.0), payload=PAYLOAD * rng.uniform()
+                    ).put_into(scenario)
+
+
+def _waves(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+    direction, phase = rng.uniform(-np.pi, np.pi, 2).tolist()
+    wave = Wave(WAVE * rng.uniform(), rng.uniform(*WAVE_PERIODS), direction, phase)
+    return replace(scenario, waves=[*scenario.waves, wave])
+
+
 def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
     return float(rng.uniform(EARLIEST, LATEST) * scenario.duration)
 
@@ -88,7 +104,8 @@ _ALL_MOTIONS: dict[str, Step] = {
     **{f"d of {factor:g} bounds": _excess(factor) for factor in EXCESS_FACTORS}}
 _WITH_FORCES: dict[str, Step] = {
     STUCK: _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
-    "surface misplaced": _misplaced, "model wrong": _model, "current": _current}
+    "surface misplaced": _misplaced, "model wrong": _model, "payload, trim": _held,
+    "current": _current, "waves": _waves}
 
 
 def kinds_outside(scenario: Scenario) -> tuple[str, ...]:

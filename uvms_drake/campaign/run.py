@@ -75,7 +75,8 @@ def drawn(variation: Variation) -> dict[str, Any]:
                     "stiffness": surface.stiffness - 1.0,
                     "shift": float(np.linalg.norm(surface.shift)),
                     "turn": float(np.linalg.norm(surface.turn)),
-                    "current": float(np.linalg.norm(scenario.current))}}
+                    "current": float(np.linalg.norm(scenario.current)),
+                    "payload": error.payload.mass}}
 
 
 def outcome(record: Record, variation: Variation) -> dict[str, Any]:

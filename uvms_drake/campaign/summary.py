@@ -241,7 +241,8 @@ def _padded(text: str, width: int) -> str:
     return text + " " * (width - sum(not unicodedata.combining(letter) for letter in text))
 
 
-_UNITS = {"shift": (1e3, "mm"), "turn": (1e3, "mrad"), "current": (1.0, "m/s")}
+_UNITS = {"shift": (1e3, "mm"), "turn": (1e3, "mrad"), "current": (1.0, "m/s"),
+          "payload": (1.0, "kg")}
 
 
 def _amount(name: str, value: float) -> str:

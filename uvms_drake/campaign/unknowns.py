@@ -25,12 +25,16 @@ LIKELY = 0.4
 """Probability that a quantity is unknown in a run."""
 LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT = 0.01, 0.05, 0.1
 """Largest displacement [m] and turn [rad] of the surface, and largest current [m/s]."""
+TRIM = 0.1
+"""Largest error of the buoyancy over that of other quantities: robots are trimmed."""
+LARGEST_PAYLOAD = 0.5
+"""Largest mass of what the hand holds [kg]."""
 SMALLER = 0.8
 ATTEMPTS = 10
 
 
 class Unknowns(NamedTuple):
-    """Relative errors, the surface's displacement and the current; zero where all is known."""
+    """Relative errors, the surface's displacement, the current, the payload; zero where known."""
 
     mass: float = 0.0
     added_mass: float = 0.0
@@ -43,14 +47,18 @@ class Unknowns(NamedTuple):
     """Turn of the surface (3,) [rad]."""
     current: np.ndarray | float = 0.0
     """Velocity of the water (3,) [m/s]."""
+    buoyancy: float = 0.0
+    payload: float = 0.0
+    """Mass of what the hand holds [kg]."""
 
     def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
         """Returns the scenario with `scale` times of it all, on top of what is in it already."""
         known, surface = scenario.model_error, scenario.surface_error
         relative = {name: getattr(known, name) * (1.0 + scale * getattr(self, name))
                     for name in FACTORS}
+        held = replace(known.payload, mass=known.payload.mass + scale * self.payload)
         return replace(
-            scenario, model_error=replace(known, **relative),
+            scenario, model_error=replace(known, **relative, payload=held),
             surface_error=replace(
                 surface, stiffness=surface.stiffness * (1.0 + scale * self.stiffness),
                 shift=surface.shift + scale * self.shift, turn=surface.turn + scale * self.turn),
@@ -70,8 +78,10 @@ def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
     vectors = [size * rng.uniform() * direction / np.linalg.norm(direction)
                for size, direction in zip((LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT),
                                           rng.normal(size=(3, 3)), strict=True)]
+    trim, payload = TRIM * largest * rng.uniform(-1.0, 1.0), LARGEST_PAYLOAD * rng.uniform()
+    values = [*relative, *vectors, trim, payload]
     return Unknowns(*(value if drawn else 0.0
-                      for value, drawn in zip([*relative, *vectors], unknown, strict=True)))
+                      for value, drawn in zip(values, unknown, strict=True)))
 
 
 def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, largest: float,

@@ -1,23 +1,25 @@
 """How the simulated robot differs from the one that the controller knows."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, HydrodynamicParameters
 from uvms_drake.model.uvms import Uvms, add_uvms, model_dir, robot_file
+from uvms_drake.plant.joint_friction import JointFriction
+from uvms_drake.plant.payload import Payload, with_payload
 
 INERTIAL = re.compile(r"<(mass|i[xyz][xyz])>\s*([^<]*?)\s*</\1>")
-FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever")
+FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever", "buoyancy")
 
 
 @dataclass
 class ModelError:
-    """The simulated robot's parameters over the controller's; 1 where they are the same."""
+    """What of the simulated robot the controller does not know; factors are 1 where it does."""
 
     mass: float = 1.0
     """Factor of masses, inertias and displaced volumes: a robot is trimmed before it dives."""
@@ -27,25 +29,41 @@ class ModelError:
     """Factor of the drag coefficients."""
     buoyancy_lever: float = 1.0
     """Factor of each body's distance from the centre of mass to that of buoyancy."""
+    buoyancy: float = 1.0
+    """Factor of the displaced volumes alone: a robot that is not trimmed."""
+    buoyancy_shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """By how much the vehicle's centre of buoyancy is elsewhere, in its axes [m]."""
+    payload: Payload = field(default_factory=Payload)
+    """What the hand holds."""
+    joint_friction: JointFriction = field(default_factory=JointFriction)
+    """Dry friction of the joints."""
     share: float = 0.0
     """Part of d̃ that is left to the effect of the error; the disturbance takes the rest."""
 
     @property
     def size(self) -> float:
-        """Largest relative error; zero if there is none."""
-        return max(abs(getattr(self, name) - 1.0) for name in FACTORS)
+        """Largest error, relative or in its own unit; zero if there is none."""
+        return max(*(abs(getattr(self, name) - 1.0) for name in FACTORS),
+                   float(np.max(np.abs(self.buoyancy_shift))), self.payload.mass,
+                   self.payload.displaced, self.joint_friction.largest)
 
 
 def check_model_error(error: ModelError) -> None:
-    """Raises `InvalidParameter` for the first factor that no robot can have."""
+    """Raises `InvalidParameter` for the first value that no robot can have."""
     for name in FACTORS:
         value = getattr(error, name)
         require(bool(0.1 <= value <= 10.0), name, value, "between 0.1 and 10")
     require(bool(0.0 <= error.share < 1.0), "share", error.share, "at least 0 and below 1")
+    vector("buoyancy_shift", error.buoyancy_shift, 3)
+    for key in ("payload", "joint_friction"):
+        with within(key):
+            getattr(error, key).check()
 
 
 def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | None) -> Uvms:
     """Adds the simulated robot to `plant` as `add_uvms` adds the one that the controller knows.
+
+    The friction of its joints is left to the caller.
 
     Raises:
         InvalidParameter: The robot's files cannot be used, or they give an inertia in a way other
@@ -60,7 +78,9 @@ def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | No
     uvms = add_uvms(plant, model, sdf)
     if sdf is not None:
         _check_scaled(plant, model, error.mass)
-    return replace(uvms, hydrodynamics=scaled_hydrodynamics(uvms, error))
+    uvms = replace(uvms, hydrodynamics=scaled_hydrodynamics(uvms, error))
+    held = error.payload.mass > 0.0 or error.payload.displaced > 0.0
+    return with_payload(plant, uvms, error.payload) if held else uvms
 
 
 def _check_scaled(plant: MultibodyPlant, model: str, factor: float) -> None:
@@ -86,15 +106,20 @@ def scaled_inertias(sdf: str, factor: float) -> str:
 def scaled_hydrodynamics(uvms: Uvms, error: ModelError) -> HydrodynamicParameters:
     """Returns the true parameters of the water; `uvms` has the controller's."""
     plant, parameters = uvms.plant, uvms.hydrodynamics
-    return replace(parameters, bodies={
-        name: _scaled(body, error, plant.GetBodyByName(name, uvms.model_instance).default_com())
-        for name, body in parameters.bodies.items()})
+    bodies = {name: _scaled(body, error,
+                            plant.GetBodyByName(name, uvms.model_instance).default_com())
+              for name, body in parameters.bodies.items()}
+    vehicle = uvms.vehicle.name()
+    if vehicle in bodies:
+        bodies[vehicle] = replace(bodies[vehicle], center_of_buoyancy=(
+            bodies[vehicle].center_of_buoyancy + np.asarray(error.buoyancy_shift, dtype=float)))
+    return replace(parameters, bodies=bodies)
 
 
 def _scaled(body: BodyHydrodynamics, error: ModelError, com: np.ndarray) -> BodyHydrodynamics:
     lever = np.asarray(body.center_of_buoyancy, dtype=float) - com
     return replace(
-        body, displaced_volume=error.mass * body.displaced_volume,
+        body, displaced_volume=error.buoyancy * error.mass * body.displaced_volume,
         center_of_buoyancy=com + error.buoyancy_lever * lever,
         added_mass=[replace(item, matrix=error.added_mass * np.asarray(item.matrix, dtype=float))
                     for item in body.added_mass],

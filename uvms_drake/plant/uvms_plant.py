@@ -13,6 +13,7 @@ from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
+from uvms_drake.plant.joint_friction import DryJoints
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 from uvms_drake.plant.surface import CompliantSurface
@@ -95,7 +96,7 @@ def make_uvms_plant(
             `penetration` are not there.
         disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Seed of the disturbance.
-        error: Factors of the robot's parameters, if any.
+        error: What of the robot is not as its files say, if anything.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
@@ -119,6 +120,10 @@ def make_uvms_plant(
     forces = [tau.GetOutputPort("drake_order"), applied.GetOutputPort("generalized_force")]
     if contact is not None:
         forces.insert(1, contact.GetOutputPort("generalized_force"))
+    if error is not None and error.joint_friction.largest > 0.0:
+        with within("model_error.joint_friction"):
+            dry = DryJoints.AddToBuilder(builder, plant, uvms, error.joint_friction)
+        forces.append(dry.get_output_port())
     total = Adder(num_inputs=len(forces), size=plant.num_velocities())
     builder.AddNamedSystem("total_force", total)
     for i, port in enumerate(forces):

@@ -3,7 +3,8 @@
 A fixed step h multiplies what decays like exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's
 stability function. A gain k for which kh is too large is then no property of the law, but of h.
 The rates λ are the eigenvalues of the loop itself, with plant, law and surface, linearised at
-the task, in contact, where nothing deviates, and that of friction.
+the task, in contact, where nothing deviates, and that of friction on the tip and in the joints. A
+command that is sampled is held meanwhile, and the law is none of what is integrated.
 """
 
 import math
@@ -87,18 +88,21 @@ def loop_rates(station: Diagram, context: Context) -> np.ndarray:
 
 
 def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> float:
-    """Returns the largest rate of the friction on the tip at 𝔮 (6+n,) and the task's force [1/s].
+    """Returns the largest rate of the friction at 𝔮 (6+n,) and the task's force [1/s].
 
-    It is the largest slope of friction by speed times the tip's mobility, the largest eigenvalue of
-    J_p M⁻¹ J_pᵀ. At rest that slope is zero, so the loop's eigenvalues there do not show it. A law
-    that is told of the friction cancels it; it is counted all the same.
+    It is the largest eigenvalue of M⁻¹(J_pᵀ c J_p + C_q), with c and C_q the largest slopes by
+    speed of the friction on the tip and in the joints. At rest those slopes are zero, so the loop's
+    eigenvalues there do not show it. A law that is told of the friction cancels it; it is counted
+    all the same.
     """
     if not motion_of(scenario).has_forces:
         return 0.0
     J, M = model.task_jacobian(config)[:3], model.mass_matrix(model.kinematics(config))
-    mobility = float(np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))[-1])
     force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
-    return mobility * true_surface(scenario).slip_damping(force)
+    C = true_surface(scenario).slip_damping(force) * J.T @ J
+    C[6:, 6:] += np.diag(scenario.model_error.joint_friction.slopes(model.num_joints))
+    L_inverse = np.linalg.inv(np.linalg.cholesky(M))
+    return float(np.linalg.eigvalsh(L_inverse @ C @ L_inverse.T)[-1])
 
 
 def check_step(scenario: Scenario, model: ContactModel) -> None:

@@ -1,0 +1,117 @@
+"""Dry friction in the joints of an arm, as of gears and screws, without a jump.
+
+A joint that turns at q̇ is held back with
+
+    τ = −F(|q̇|) ρ(|q̇|/v_s) sign q̇,     F(v) = F_C + (F_S − F_C) exp(−((v − v_s)₊/v_b)²),       (1)
+
+Coulomb's torque F_C, and at break-away the static one F_S (Stribeck). ρ is that of the friction of
+a contact, `model.surface.friction`: what would stick creeps at up to v_s.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.surface.friction import STEEPEST, slip_factor
+from uvms_drake.model.uvms import Uvms
+
+
+@dataclass
+class JointFriction:
+    """Friction of the joints on top of the damping that the controller knows."""
+
+    coulomb: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """F_C of each joint, or one for all [N m]."""
+    static: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """F_S likewise, where it is larger than F_C [N m]."""
+    stribeck: float = 0.05
+    """v_b, over which the static torque falls to Coulomb's [rad/s]."""
+    creep: float = 0.005
+    """v_s, up to which what would stick moves [rad/s]; a shorter one asks for shorter steps."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        for key in ("coulomb", "static"):
+            value = np.asarray(getattr(self, key), dtype=float)
+            require(value.ndim == 1 and bool(np.all((0.0 <= value) & (value < np.inf))), key,
+                    value, "zero or positive, one for all joints or one each")
+        for key in ("stribeck", "creep"):
+            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
+
+    def torques(self, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns F_C and F_S ≥ F_C (n,) [N m]."""
+        both = []
+        for key in ("coulomb", "static"):
+            value = np.asarray(getattr(self, key), dtype=float)
+            require(len(value) in (1, joints), key, value, f"one number, or one for each of the "
+                    f"{joints} joints")
+            both.append(np.broadcast_to(value, joints))
+        return both[0], np.maximum(*both)
+
+    @property
+    def largest(self) -> float:
+        """Largest torque of a joint [N m]."""
+        return float(max(np.max(self.coulomb, initial=0.0), np.max(self.static, initial=0.0)))
+
+    def slopes(self, joints: int) -> np.ndarray:
+        """Returns the largest slope (n,) of the torques by the rates [N m s/rad]."""
+        return STEEPEST / self.creep * self.torques(joints)[1]
+
+
+def friction_torque(friction: JointFriction, rates: np.ndarray) -> np.ndarray:
+    """Returns τ (..., n) [N m] at rates q̇ (..., n) [rad/s]; see (1)."""
+    coulomb, static = friction.torques(rates.shape[-1])
+    speed = np.abs(rates)
+    beyond = np.maximum(speed - friction.creep, 0.0) / friction.stribeck
+    size = coulomb + (static - coulomb) * np.exp(-beyond**2)
+    return -size * slip_factor(speed / friction.creep) * rates / friction.creep
+
+
+class DryJoints(LeafSystem):
+    """Holds back the joints of a robot.
+
+    .. pydrake_system::
+
+        name: DryJoints
+        input_ports:
+        - plant_state
+        output_ports:
+        - generalized_force
+
+    - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
+    - `generalized_force` (nv) [N, N m]: in the plant's order; to `Hydrodynamics.generalized_force`.
+
+    It has no state.
+
+    Args:
+        plant: A finalized plant.
+        uvms: Its robot.
+        friction: Of its joints.
+    """
+
+    def __init__(self, plant: MultibodyPlant, uvms: Uvms, friction: JointFriction):
+        super().__init__()
+        friction.torques(len(uvms.joints))
+        self._friction, nv = friction, plant.num_velocities()
+        self._rows = [joint.velocity_start() for joint in uvms.joints]
+        self._first = plant.num_positions()
+        self._port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.DeclareVectorOutputPort("generalized_force", nv, self._calc, {self._port.ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        v = self._port.Eval(context)[self._first:]
+        force = np.zeros(output.size())
+        force[self._rows] = friction_torque(self._friction, v[self._rows])
+        output.SetFromVector(force)
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant, uvms: Uvms,
+                     friction: JointFriction, name: str = "joint_friction") -> "DryJoints":
+        """Adds the system to `builder` and wires it to the state of `plant`."""
+        system = DryJoints(plant, uvms, friction)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(plant.get_state_output_port(), system.get_input_port())
+        return system
