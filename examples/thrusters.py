@@ -1,7 +1,8 @@
 """Drake's own Propeller as thrusters of the vehicle: six of them, wired as its header says.
 
 The controller asks for a wrench; its allocation to the thrusters is one matrix here. Their forces
-come to the robot by the port `applied_spatial_force`, and move the water with it.
+come to the robot by the port `applied_spatial_force`, and move the water with it. Thrusters that
+lag, saturate and have dead bands are a part of a scenario, `actuation: [!Thrusters {}]`.
 """
 
 import argparse

@@ -40,10 +40,12 @@ from uvms_drake.report.kinematic_figures import (
 )
 from uvms_drake.report.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits
+from uvms_drake.report.thrusters import draw_thrusters, part_of
 from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
+THRUSTERS = "thrusters.png"
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
@@ -77,7 +79,8 @@ def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
     special = {name for motion in MOTIONS.values() for name in motion.figures}
     own = motion_of(scenario).figures
-    return [name for name in FIGURES if name in own or name not in special]
+    missing = set() if part_of(scenario) else {THRUSTERS}
+    return [name for name in FIGURES if name in own or name not in special | missing]
 
 
 def draw_contact(record: Record, certified: float | None = None) -> Figure:
@@ -264,6 +267,7 @@ FIGURES: dict[str, Callable[[Record], Figure]] = {
     "velocities.png": draw_velocities,
     "joints.png": draw_joints,
     "inputs.png": draw_inputs,
+    THRUSTERS: draw_thrusters,
     "disturbance.png": draw_disturbance,
     "mpc.png": draw_mpc,
     "deviation.png": draw_deviation,

@@ -24,6 +24,7 @@ from uvms_drake.report.signals import (
     settling_index,
     wrench_unit,
 )
+from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
@@ -52,6 +53,7 @@ def summarise(record: Record) -> dict[str, object]:
         "force": summarise_force(record),
         "contact": summarise_contact(record),
         "constraints": summarise_constraints(record),
+        "thrusters": summarise_thrusters(record),
         "disturbance": summarise_disturbance(record),
         "tube": summarise_tube(record),
         "events": [{"time_s": event.start, "until_s": event.end, "kind": event.kind,
@@ -215,7 +217,8 @@ def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
     return "\n".join([
         *_format_run(summary), "", *_format_force(summary["force"]),
         *_format_contact(summary["contact"]), "",
-        *_format_constraints(summary["constraints"]), "", *_format_robustness(summary), "",
+        *_format_constraints(summary["constraints"]), *format_thrusters(summary["thrusters"]), "",
+        *_format_robustness(summary), "",
         *_format_events(summary["events"], event_lines)])
 
 
