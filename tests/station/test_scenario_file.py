@@ -14,7 +14,7 @@ from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario_file import scenario_path, shipped_scenarios
 
-SHIPPED = ("girona500_bilateral", "girona500_ideal", "girona500_contact", "paper_dynamic",
+SHIPPED = ("girona500_bilateral", "girona500_contact", "girona500_ideal", "paper_dynamic",
            "paper_dynamic_resolved", "paper_kinematic", "paper_kinematic_certified")
 
 
@@ -156,7 +156,7 @@ def test_a_bad_override_is_named_where_it_makes_another_value_bad():
 def test_an_unknown_scenario_names_the_shipped_ones_and_the_closest():
     assert error_of("girona500_contcat") == (
         f"scenario = 'girona500_contcat': must be one of {', '.join(SHIPPED)}, "
-        "or a YAML file that exists (did you mean 'girona500_ideal'?)")
+        "or a YAML file that exists (did you mean 'girona500_contact'?)")
 
 
 def test_a_robot_that_is_not_as_it_is_known_comes_from_a_file_and_goes_back_into_one(tmp_path):
