@@ -29,15 +29,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.tube.periodic_loop import PeriodicLoop, Stretch
 from uvms_drake.tube.tube_image import input_gain
 from uvms_drake.tube.tubes import joint_rate_radius
 
-POINTS = 200
-"""Points of the quadrature of |K| in each period."""
-PHASES = 9
-"""Instants t within a period at which the gain is computed; the largest counts."""
-DECAY = 20.0
-"""Number of time constants after which the response is over."""
+FINENESS = 400
+"""Points of the quadrature of |K| in each of its time constants."""
 
 
 class Gains(NamedTuple):
@@ -64,9 +61,7 @@ def instant_gains(k: float, sigma: float) -> Gains:
 
 
 def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
-    """Returns the gains from a force to what a sensor misses of it, by quadrature.
-
-    The error of the quadrature is bounded by the variation of K, see `_integral`, and added.
+    """Returns the gains from a force to what a sensor misses of it; see `PeriodicLoop`.
 
     Args:
         k: Velocity gain [1/s].
@@ -76,47 +71,11 @@ def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
     """
     if lag == 0.0:
         return Gains(*(2.0 * gain for gain in instant_gains(k, sigma)))
-    if abs(k - sigma) < 1e-6 * k:
-        sigma = k * (1.0 - 1e-6)
-    span = k - sigma
-    return Gains(*(_lagged_gain(np.array(parts), np.array([k, sigma]), lag, period) for parts in (
-        (-1.0 / span, 1.0 / span), (k / span, -sigma / span),
-        (k**2 / span, -sigma**2 / span), (1.0, 0.0))))
-
-
-def _lagged_gain(parts: np.ndarray, rates: np.ndarray, lag: float, period: float) -> float:
-    """Returns sup_t ∫|K| of g(t) = Σ partsᵢ e^{−ratesᵢ t}."""
-    count = math.ceil(DECAY * max(1.0 / np.min(rates), lag) / period)
-    kept = math.exp(-period / lag)
-
-    def response(t: np.ndarray) -> np.ndarray:
-        out: np.ndarray = np.exp(-np.multiply.outer(t, rates)) @ parts
-        return out
-
-    def gain(phase: float) -> float:
-        end = count * period + phase
-        samples = period * np.arange(count + 1)
-        ages = end - samples
-        late = np.exp(-np.multiply.outer(np.maximum(ages - period, 0.0), rates))
-        held = (late - np.exp(-np.multiply.outer(ages, rates))) @ (parts / rates)  # I_k
-        seen = np.zeros(count + 2)
-        for j in range(count, -1, -1):
-            seen[j] = held[j] / lag + kept * seen[j + 1]
-        inside = np.linspace(0.0, period, POINTS + 1)
-        before = samples[1:, None] - inside  # u in the period that a sample ends
-        kernel = response(end - before) - np.exp(-inside / lag) * seen[1:-1, None]
-        last = response(np.linspace(0.0, phase, POINTS + 1))
-        return (float(np.sum(_integral(kernel, period / POINTS)))
-                + float(_integral(last, phase / POINTS)))
-
-    return max(gain(phase) for phase in np.linspace(0.0, period, PHASES))
-
-
-def _integral(values: np.ndarray, step: float) -> np.ndarray:
-    """Returns a bound of ∫|K| (...) from the values of K at equidistant points (..., m).
-
-    Between two points K is monotone but for terms of second order, and |K| at most the larger of
-    the two ends.
-    """
-    size = np.abs(values)
-    return step * np.sum(np.maximum(size[..., 1:], size[..., :-1]), axis=-1)
+    # The states are e, ė, the lagged force, and what is held of it.
+    A = np.array([[0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 1.0],
+                  [0.0, 0.0, -1.0 / lag, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 0.0],
+                  [sigma, 1.0, 0.0, 0.0]])
+    points = max(32, 4 * math.ceil(FINENESS * period * max(k, sigma, 1.0 / lag) / 4.0))
+    loop = PeriodicLoop(A, C, (Stretch(period, np.eye(4)[[0, 1, 2, 2]]),), points)
+    return Gains(*map(float, loop.flow_gain(np.array([0.0, -1.0, 1.0 / lag, 0.0]))))

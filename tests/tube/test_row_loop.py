@@ -1,0 +1,150 @@
+"""Tests of `uvms_drake.tube.row_loop`, against closed forms and a simulation of all pulses."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.tube.row_gains import instant_gains
+from uvms_drake.tube.row_loop import RowLoop
+
+STEPS = 8
+"""Pulses in a period."""
+
+
+def largest(numerator: list[float], denominator: list[float]) -> float:
+    """Returns ∫|g| of a transfer function with different poles, by partial fractions."""
+    poles = np.roots(denominator)
+    parts = np.polyval(numerator, poles) / np.polyval(np.polyder(denominator), poles)
+    t = np.linspace(0.0, 25.0 / np.min(-poles.real), 50_001)
+    g = (np.exp(np.multiply.outer(t, poles)) @ parts).real
+    return float(np.trapezoid(np.abs(g), t))
+
+
+@pytest.mark.parametrize(("k", "sigma"), [(1.5, 0.4), (20.0, 10.0), (5.0, 5.0)])
+def test_without_lag_and_clock_it_is_the_row_of_the_closed_form(k, sigma):
+    gains, expected = RowLoop(k, sigma).gains, instant_gains(k, sigma)
+    np.testing.assert_allclose(gains["disturbance"], expected[:3], rtol=3e-3)
+    assert gains["disturbance"].position >= 1.0 / (k * sigma)
+    assert gains["disturbance_rate"].position == np.inf
+    assert gains["disturbance_rate"].velocity == pytest.approx(1.0 / (k * sigma), rel=2e-3)
+    assert gains["position"].position == pytest.approx(1.0, rel=2e-3)
+    assert gains["velocity"].position == pytest.approx((k + sigma) / (k * sigma), rel=2e-3)
+    np.testing.assert_array_equal(gains["feed_forward"], 0.0)
+
+
+@pytest.mark.parametrize("lag", [0.15, 0.3])
+@pytest.mark.parametrize("rate", [0.0, 2.0])
+def test_behind_a_lag_it_is_the_transfer_function(lag, rate):
+    """The formulas of the module, typed again; each term of them matters."""
+    k, sigma, T = 2.0, 0.6, lag
+    D = [T, 1.0, k + sigma, k * sigma]
+    gains = RowLoop(k, sigma, observer=rate, lag=lag).gains
+    if rate:
+        D_observed = np.polymul([1.0, rate], D)
+        by_delta = [T, 1.0 + rate * T, 0.0]
+        assert gains["disturbance_rate"].position == pytest.approx(
+            largest([T, 1.0 + rate * T], D_observed), rel=3e-3)
+        # The noise of the velocity comes by the observer too, that of the position does not.
+        assert gains["velocity"].position == pytest.approx(largest(
+            np.polyadd(np.polymul([k + sigma], [1.0, rate]), [rate, 0.0]), D_observed), rel=3e-3)
+    else:
+        D_observed, by_delta = D, [T, 1.0]
+        assert gains["velocity"].position == pytest.approx(largest([k + sigma], D), rel=3e-3)
+    assert gains["disturbance"].position == pytest.approx(largest(by_delta, D_observed), rel=3e-3)
+    assert gains["disturbance"].velocity == pytest.approx(
+        largest([*by_delta, 0.0], D_observed), rel=3e-3)
+    assert gains["position"].position == pytest.approx(largest([k * sigma], D), rel=3e-3)
+    assert gains["feed_forward"].position == pytest.approx(largest([T, 0.0], D), rel=3e-3)
+    assert gains["feed_forward_rate"].position == pytest.approx(largest([T], D), rel=3e-3)
+    assert gains["feed_forward"].command == pytest.approx(
+        largest([T * (k + sigma), T * k * sigma, 0.0], D), rel=3e-3)
+
+
+def test_it_is_unstable_beyond_rouths_limit():
+    k, sigma = 20.0, 5.0
+    limit = (k + sigma) / (k * sigma)
+    assert RowLoop(k, sigma, lag=0.99 * limit).stable
+    beyond = RowLoop(k, sigma, lag=1.01 * limit)
+    assert not beyond.stable
+    assert all(np.isinf(peak).all() for peak in beyond.gains.values())
+
+
+class Pulses:
+    """A row in small steps, typed again: e, ė after each, of a source that is 1 in one of them."""
+
+    def __init__(self, row: RowLoop, source: str, index: int, periods: int):
+        self.row, dt = row, row.period / STEPS
+        e = rate = a = predicted = seen = estimate = w = 0.0
+        commands: list[float] = []  # by tick
+        states = [(0.0, 0.0)] * (row.latency + 1)
+        late = round(row.dead_time / dt)
+        level, self.states = 0.0, []
+        for i in range(periods * STEPS):
+            pulse = float(i == index)
+            level = level + dt * pulse if source.endswith("rate") else pulse
+            tick = i % STEPS == 0
+            if source == "feed_forward":  # held for the period
+                level = float(i // STEPS == index // STEPS)
+            delta = level if source.startswith("disturbance") else 0.0
+            f = level - 0.5 * dt * pulse * (source == "feed_forward_rate")
+            f *= source.startswith("feed")
+            if tick:
+                now = (e + (source == "position") * pulse, rate + (source == "velocity") * pulse)
+                states = [now, *states[:-1]]
+                measured = states[-1]
+                v = -(row.k + row.sigma) * measured[1] - row.k * row.sigma * measured[0] - estimate
+                commands.append(v + (f if source != "feed_forward_rate" else level - dt * pulse))
+                if row.observer:
+                    mean = (measured[1] - seen - predicted) / row.period
+                    estimate += (1.0 - np.exp(-row.observer * row.period)) * (mean - estimate)
+                    seen, predicted = measured[1], 0.0
+            if i >= late and (i - late) % STEPS == 0:
+                w = commands[(i - late) // STEPS]
+            mean_a = w
+            if row.lag:
+                fade = np.exp(-dt / row.lag)
+                mean_a = w + (a - w) * (1.0 - fade) * row.lag / dt
+                a = w + (a - w) * fade
+            predicted += dt * (mean_a - f)
+            acceleration = mean_a - f + delta
+            e += dt * rate + 0.5 * dt**2 * acceleration
+            rate += dt * acceleration
+            self.states.append((e, rate))
+
+
+def simulated(row: RowLoop, source: str, periods: int) -> np.ndarray:
+    """Returns the largest sums, over an instant of a period, of the sizes of all e and ė."""
+    total = np.zeros((STEPS, 2))
+    per_tick = source in ("position", "velocity", "feed_forward")
+    for index in range(1 if per_tick else STEPS):
+        states = np.array(Pulses(row, source, index, periods).states)
+        total += np.sum(np.abs(states.reshape(-1, STEPS, 2)), axis=0)
+    return np.max(total, axis=0)
+
+
+@pytest.mark.parametrize("row", [
+    RowLoop(4.0, 2.0, period=0.1), RowLoop(3.0, 1.5, observer=2.0, lag=0.05, period=0.1),
+    RowLoop(3.0, 1.5, lag=0.15, period=0.1, dead_time=0.1),
+    RowLoop(3.0, 1.5, observer=1.0, period=0.1, dead_time=0.025, latency=1),
+    RowLoop(1.2, 0.8, observer=0.8, lag=0.1, period=0.08, dead_time=0.12, latency=2)])
+def test_a_sampled_row_does_what_all_pulses_together_do(row):
+    gains = row.gains
+    for source in ("disturbance", "feed_forward", "position", "velocity", "feed_forward_rate",
+                   *["disturbance_rate"] * (row.observer > 0.0)):
+        np.testing.assert_allclose(gains[source][:2], simulated(
+            row, source, round(20.0 / row.period)), rtol=0.05, err_msg=source)
+
+
+def test_a_fast_clock_is_none():
+    fast = RowLoop(4.0, 2.0, observer=2.0, lag=0.15, period=0.002).gains
+    for source, peak in RowLoop(4.0, 2.0, observer=2.0, lag=0.15).gains.items():
+        if source not in ("position", "velocity"):  # which stay what they are for a period
+            np.testing.assert_allclose(fast[source], peak, rtol=0.015)
+
+
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"k": 0.0}, "k = 0.0: must be positive"), ({"lag": -0.1}, "lag = -0.1: must be zero or pos"),
+    ({"dead_time": 0.1}, "dead_time = 0.1: must be zero, or positive with a positive period")])
+def test_values_without_a_meaning_are_refused(settings, message):
+    with pytest.raises(InvalidParameter, match=message):
+        RowLoop(**{"k": 2.0, "sigma": 1.0, **settings})

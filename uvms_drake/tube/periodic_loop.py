@@ -1,0 +1,225 @@
+"""Peak-to-peak gains of a linear loop that flows, and jumps at the ticks of a clock.
+
+    ẋ = A x + B w between jumps,   x⁺ = R x at each jump,   x⁺ = R x + N v at the last of a period,
+
+z = C x + D w. An input |w(t)| ≤ 1 moves z at the time t by at most ∫|K(t, u)|du + |D|, K the
+response to an impulse at u, and the worst w does so; samples |v| ≤ 1 by at most the sum of |K|. The
+largest over a period is taken, since a held command leaves a ripple between its ticks. Nothing is
+discretised but the integral of |K|, whose error is bounded and added.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+PHASES = 4
+"""Intervals of a stretch at whose ends the gain is computed; the largest counts."""
+TAIL = 1e-7
+"""Part of a response at which it is over."""
+AT_ONCE = 64
+"""Periods that are computed at once."""
+STABLE = 1e-9
+"""Distance of a stable loop's eigenvalues from the unit circle."""
+
+
+class Stretch(NamedTuple):
+    """A part of the period."""
+
+    duration: float
+    """[s]."""
+    jump: np.ndarray
+    """R (m, m) at its end."""
+
+
+@dataclass(frozen=True)
+class PeriodicLoop:
+    """A linear loop with the state x (m,) and the outputs z (o,)."""
+
+    A: np.ndarray
+    """Flow (m, m) [1/s]."""
+    C: np.ndarray
+    """Outputs (o, m)."""
+    stretches: tuple[Stretch, ...]
+    """The period, from a tick to the next."""
+    points: int = 32
+    """Intervals of the quadrature of |K| in a stretch, a multiple of `PHASES`."""
+
+    @cached_property
+    def _flows(self) -> np.ndarray:
+        """e^{At} (stretches, points + 1, m, m) at equidistant times of each stretch."""
+        flows = np.empty((len(self.stretches), self.points + 1, *self.A.shape))
+        for flow, stretch in zip(flows, self.stretches, strict=True):
+            step = exponential(self.A * (stretch.duration / self.points))
+            flow[0] = np.eye(len(self.A))
+            for i in range(self.points):
+                flow[i + 1] = step @ flow[i]
+        return flows
+
+    @cached_property
+    def cycle(self) -> np.ndarray:
+        """Φ (m, m), what a period makes of the state after a tick."""
+        cycle = np.eye(len(self.A))
+        for stretch, flow in zip(self.stretches, self._flows, strict=True):
+            cycle = stretch.jump @ flow[-1] @ cycle
+        return cycle
+
+    @cached_property
+    def periods(self) -> float:
+        """Number of periods after which every response is over; inf: never."""
+        radius = np.max(np.abs(np.linalg.eigvals(self.cycle)))
+        if radius >= 1.0 - STABLE:
+            return math.inf
+        return len(self.A) + math.ceil(math.log(TAIL) / math.log(max(radius, TAIL)))
+
+    def flow_gain(self, B: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
+        """Returns the largest |z| (o,) by an input |w(t)| ≤ 1 that may be anything; inf: unstable.
+
+        Args:
+            B: How w enters the flow (m,).
+            D: How it enters the outputs at once (o,).
+        """
+        return self._by_flow(B, self.periods) + np.abs(D)
+
+    def sample_gain(self, N: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
+        """Returns the largest |z| (o,) by samples |v| ≤ 1 that may be anything; inf: unstable.
+
+        Args:
+            N: How v enters at a tick (m,).
+            D: How it enters the outputs at once (o,).
+        """
+        rows = np.concatenate([self.C @ until for until, _ in self._until()])
+        total = self._sum(rows, lambda rows: np.abs(rows @ N), self.periods)
+        return _largest(total, len(self.C)) + np.abs(D)
+
+    def held_gain(self, B: np.ndarray, N: np.ndarray) -> np.ndarray:
+        """Returns the largest |z| (o,) by an input |w| ≤ 1 that changes at ticks only; or inf.
+
+        Args:
+            B: How w enters the flow (m,).
+            N: How its new value enters at a tick (m,).
+        """
+        jumps = [_bordered(stretch.jump, np.zeros(len(B)), 1.0) for stretch in self.stretches]
+        jumps[-1][-1, -1] = 0.0
+        return self._with_input(B, jumps).sample_gain(np.append(N, 1.0))
+
+    def rate_gain(self, B: np.ndarray, N: np.ndarray | float = 0.0) -> np.ndarray:
+        """Returns the largest |z| (o,) by an input |ẇ(t)| ≤ 1 of any level; inf: unstable.
+
+        It is inf, too, for an output that a constant w moves.
+
+        Args:
+            B: How w enters the flow (m,).
+            N: How it enters at a tick (m,), as the samples of w.
+        """
+        m = len(self.A)
+        jumps = [_bordered(stretch.jump, np.zeros(m), 1.0) for stretch in self.stretches]
+        jumps[-1][:m, m] = N
+        more = self._with_input(B, jumps)
+        if math.isinf(self.periods):
+            return np.full(len(self.C), np.inf)
+        settled = np.append(np.linalg.solve(np.eye(m) - self.cycle, more.cycle[:m, m]), 1.0)
+        left = np.max([np.abs(more.C @ until @ settled) for until, _ in more._until()], axis=0)
+        gain = more._by_flow(np.eye(m + 1)[m], self.periods)
+        return np.where(left > 1e-9 * (1.0 + gain / self.periods), np.inf, gain)
+
+    def _with_input(self, B: np.ndarray, jumps: list[np.ndarray]) -> "PeriodicLoop":
+        """Returns the loop with an input to the flow as its last state, and these jumps."""
+        return PeriodicLoop(
+            _bordered(self.A, B, 0.0), np.column_stack([self.C, np.zeros(len(self.C))]),
+            tuple(Stretch(stretch.duration, jump)
+                  for stretch, jump in zip(self.stretches, jumps, strict=True)), self.points)
+
+    def _until(self) -> list[tuple[np.ndarray, int]]:
+        """Returns what is made of the state after a tick (m, m) at each phase, and its stretch."""
+        out, before = [], np.eye(len(self.A))
+        for i, (stretch, flow) in enumerate(zip(self.stretches, self._flows, strict=True)):
+            out += [(flow[j] @ before, i) for j in range(0, self.points + 1, self.points // PHASES)]
+            before = stretch.jump @ flow[-1] @ before
+        return out
+
+    def _by_flow(self, B: np.ndarray, periods: float) -> np.ndarray:
+        steps = [stretch.duration / self.points for stretch in self.stretches]
+        pushed = self._flows @ B  # (stretches, points + 1, m), since an impulse
+        # An impulse in each stretch as it is after the next tick.
+        to_tick = np.eye(len(self.A))
+        late: list[np.ndarray] = []
+        for stretch, flow, states in zip(
+                self.stretches[::-1], self._flows[::-1], pushed[::-1], strict=True):
+            late.insert(0, to_tick @ stretch.jump @ states.T)
+            to_tick = to_tick @ stretch.jump @ flow[-1]
+
+        def integral(rows: np.ndarray) -> np.ndarray:
+            return np.sum([absolute_integral(rows @ states, step)
+                           for states, step in zip(late, steps, strict=True)], axis=0)
+
+        until = self._until()
+        total = self._sum(np.concatenate([self.C @ at for at, _ in until]), integral, periods)
+        # Impulses in the period that the output is read in.
+        within = [self._within(i, j, pushed, steps) for i in range(len(steps))
+                  for j in range(0, self.points + 1, self.points // PHASES)]
+        return _largest(total + np.concatenate(within), len(self.C))
+
+    def _within(self, i: int, j: int, pushed: np.ndarray, steps: list[float]) -> np.ndarray:
+        """Returns ∫|K| (o,) of impulses since the last tick, read at point j of stretch i."""
+        total = absolute_integral(self.C @ pushed[i, : j + 1].T, steps[i])
+        rows = self.C @ self._flows[i, j]
+        for before in range(i - 1, -1, -1):
+            rows = rows @ self.stretches[before].jump
+            total = total + absolute_integral(rows @ pushed[before].T, steps[before])
+            rows = rows @ self._flows[before, -1]
+        return total
+
+    def _sum(self, rows: np.ndarray, size: Callable[[np.ndarray], np.ndarray], periods: float
+             ) -> np.ndarray:
+        """Returns the sum (r,) of `size` of rows Φʲ over `periods`, of rows (r, m)."""
+        if math.isinf(periods):
+            return np.full(len(rows), np.inf)
+        powers = [np.eye(len(self.A))]
+        for _ in range(AT_ONCE):
+            powers.append(powers[-1] @ self.cycle)
+        at_once = rows @ np.array(powers[:-1])  # (AT_ONCE, r, m)
+        total = np.zeros(len(rows))
+        for _ in range(math.ceil(periods / AT_ONCE)):
+            total += np.sum(size(at_once), axis=0)
+            at_once = at_once @ powers[-1]
+        return total
+
+
+def absolute_integral(values: np.ndarray, step: float) -> np.ndarray:
+    """Returns a bound of ∫|K| (...) from the values of K at equidistant points (..., m).
+
+    Between two points K is monotone but for terms of second order, and |K| at most the larger of
+    the two ends.
+    """
+    size = np.abs(values)
+    return step * np.sum(np.maximum(size[..., 1:], size[..., :-1]), axis=-1)
+
+
+def exponential(A: np.ndarray) -> np.ndarray:
+    """Returns e^A (m, m), by its series for A/2ᵏ and k squarings."""
+    squarings = max(0, math.ceil(math.log2(max(float(np.linalg.norm(A, 1)), 1e-300))) + 3)
+    small, term = A / 2.0**squarings, np.eye(len(A))
+    total = term.copy()
+    for i in range(1, 14):
+        term = term @ small / i
+        total += term
+    for _ in range(squarings):
+        total = total @ total
+    return total
+
+
+def _bordered(matrix: np.ndarray, column: np.ndarray, corner: float) -> np.ndarray:
+    """Returns [matrix column; 0 corner]."""
+    out = np.zeros((len(matrix) + 1, len(matrix) + 1))
+    out[:-1, :-1], out[:-1, -1], out[-1, -1] = matrix, column, corner
+    return out
+
+
+def _largest(values: np.ndarray, outputs: int) -> np.ndarray:
+    """Returns the largest value of each output over the phases; values are (phases · outputs,)."""
+    out: np.ndarray = np.max(values.reshape(-1, outputs), axis=0)
+    return out
