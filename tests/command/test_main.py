@@ -138,6 +138,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     header, *lines = capsys.readouterr().out.splitlines()
     assert header.split() == ["scenario", "motion", "law", "description"]
     assert [line.split()[:3] for line in lines] == [
+        ["bluerov2_ideal", "dynamic", "resolved"],
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
         ["girona500_ideal", "dynamic", "resolved"],
@@ -282,8 +283,8 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["--set", 'name="a\\0b"'], "name = 'a\\x00b': must be usable as the name of a folder"),
     (["--set", "name="], "name = None: must be text (in quotes, if"),
     (["--set", 'name=""'], "name = '': must be usable as the name of a folder"),
-    (["n" * 300], "must be one of girona500_bilateral"),
-    (["a\0b"], "must be one of girona500_bilateral"),
+    (["n" * 300], "must be one of bluerov2_ideal, girona500_bilateral"),
+    (["a\0b"], "must be one of bluerov2_ideal, girona500_bilateral"),
     (["--set", "task.force=[-5, 0, 0, 0, 0, 0]"], "task.force = [-5., 0., 0., 0., 0., 0.]: must"),
 ])
 def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_path):

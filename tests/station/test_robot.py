@@ -76,7 +76,7 @@ BROKEN = {
                           "robot = 977.8: must be between 0.8 and 1.25 (volumes are in m³"),
     "a density in g/cm³": ([(".yaml", "fluid_density: 1000.0", "fluid_density: 1.0")],
                            "of the robot = 0.001005: must be between 0.8 and 1.25"),
-    "numbers with z up": ([(".yaml", "[0.0, 0.0, -0.03]", "[0.0, 0.0, 0.03]"),
+    "numbers with z up": ([(".yaml", "[0.014, 0.0, -0.03]", "[0.014, 0.0, 0.03]"),
                            (".sdf", "<pose>0 0 0.02 0 0 0</pose>", "<pose>0 0 -0.02 0 0 0</pose>")],
                           "yaml: center_of_buoyancy of all bodies, above the centre of mass by = "
                           "'-0.0445 m': must be zero or positive, or the vehicle turns over: axes "
@@ -190,7 +190,7 @@ def test_the_trim_is_that_of_the_parts_one_by_one():
     fore = np.array([0.42 + 0.3 * np.cos(0.5) + 0.15 * np.cos(0.65), 0.0,
                      0.12 + 2.0 * down - 0.15 * np.sin(0.65)])
     com = (60.0 * np.array([0.0, 0.0, 0.02]) + 1.5 * (upper + fore)) / 63.0
-    cob = (61.6 * np.array([0.0, 0.0, -0.03]) + 0.85 * (upper + fore)) / 63.3
+    cob = (61.6 * np.array([0.014, 0.0, -0.03]) + 0.85 * (upper + fore)) / 63.3
     assert (trim.mass, trim.displaced_mass) == pytest.approx((63.0, 63.3))
     np.testing.assert_allclose(trim.center_of_mass, com, atol=1e-12)
     np.testing.assert_allclose(trim.center_of_buoyancy, cob, atol=1e-12)

@@ -95,10 +95,10 @@ def normals_of(triangles: np.ndarray) -> np.ndarray:
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
-def shaded(triangles: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """Returns the colours (K, 3) of triangles (K, 3, 3), on the side that is seen."""
+def shaded(triangles: np.ndarray, color: np.ndarray, eye: np.ndarray = EYE) -> np.ndarray:
+    """Returns the colours (K, 3) of triangles (K, 3, 3), on the side that is seen from `eye`."""
     normal = normals_of(triangles)
-    lit = np.maximum(np.sign(normal @ EYE) * (normal @ LIGHT), 0.0)
+    lit = np.maximum(np.sign(normal @ eye) * (normal @ LIGHT), 0.0)
     return np.minimum((0.6 + 0.45 * lit)[:, None] * color, 1.0)
 
 

@@ -1,0 +1,103 @@
+"""The sub-command `robot`."""
+
+import numpy as np
+import pytest
+from support.robots import TEMPLATE, altered
+
+from uvms_drake.command.main import main
+from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.report.robot_page import sweeps
+from uvms_drake.station.robot import complaints_about
+
+
+def test_a_new_robot_is_sound_and_has_the_name_of_its_folder(tmp_path, capsys):
+    robot = tmp_path / "robots" / "my_robot"
+    assert main(["robot", "--new", str(robot)]) == 0
+    assert capsys.readouterr().out == (
+        f"written to {robot}; 'uvms-drake robot {robot}' shows it\n")
+    assert {path.name for path in robot.iterdir()} == {
+        "my_robot.sdf", "hydrodynamics.yaml", "package.xml"}
+    assert not any(TEMPLATE in path.read_text(encoding="utf-8") for path in robot.iterdir())
+    assert main(["robot", str(robot)]) == 0
+    assert capsys.readouterr().out.startswith("my_robot: 2 joints, no thrusters.yaml\nmass  ")
+
+
+@pytest.mark.parametrize(("args", "expected"), [
+    (["--new", "my-robot"], "--new = 'my-robot': must be a folder by the name of the robot"),
+    (["--new", "."], "--new = '.': must be a folder by the name of the robot"),
+    (["--new", "there"], "--new = 'there': must be a folder that is not there yet"),
+    (["box_uvms", "--new", "mine"], "ROBOT = 'box_uvms': must be a robot's name or folder; or"),
+    ([], "ROBOT = None: must be a robot's name or folder"),
+    (["--new", "mine", "--output", "out"], "--output = 'out': must be left out, with --new"),
+    (["submarine"], "model = 'submarine': must be one of bluerov2_alpha5, box_uvms,")])
+def test_bad_input_is_refused_in_a_line(args, expected, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").mkdir()
+    assert main(["robot", *args]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"uvms-drake: error: {expected}")
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+
+
+def test_every_mistake_has_a_line(tmp_path, capsys):
+    robot = altered(tmp_path, (".yaml", "61.6e-3", "61.6"),
+                    (".sdf", "<pose>0 0 0.02", "<pose>0 0 -9"))
+    assert main(["robot", str(robot)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    first, second = err.splitlines()
+    assert "hydrodynamics.yaml: displaced_volume of all bodies" in first
+    assert "hydrodynamics.yaml: center_of_buoyancy of all bodies" in second
+
+
+@pytest.mark.slow
+def test_pictures_are_written_where_they_are_asked_for(tmp_path, capsys):
+    output = tmp_path / "out"
+    assert main(["robot", "box_uvms", "--output", str(output)]) == 0
+    assert capsys.readouterr().err == f"written to {output}: robot.png, robot.html\n"
+    assert (output / "robot.png").read_bytes().startswith(b"\x89PNG")
+    page = (output / "robot.html").read_text(encoding="utf-8")
+    assert "<html" in page[:200]
+    assert len(page) > 1e6  # It needs no server.
+
+
+def test_each_joint_goes_through_its_limits_alone():
+    posture, lower, upper = np.array([0.2, 0.0]), np.array([-1.0, -np.inf]), np.array([0.5, np.inf])
+    frames = sweeps(posture, lower, upper)
+    np.testing.assert_allclose(frames.min(axis=0), [-1.0, -np.pi], atol=0.01)
+    np.testing.assert_allclose(frames.max(axis=0), [0.5, np.pi], atol=0.01)
+    assert np.all(np.any(np.isclose(frames, posture), axis=1))
+    np.testing.assert_array_equal(frames[[0, -1]], [posture, posture])
+
+
+URDF = """<robot name="urdf_robot">
+  <link name="vehicle"><inertial><mass value="20"/>
+    <inertia ixx="1" iyy="1" izz="1.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+    <inertia ixx="0.001" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="vehicle"/><child link="arm"/>
+    <origin xyz="0.4 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="10" velocity="1"/></joint>
+  <frame name="tip" link="arm" xyz="0.4 0 0" rpy="0 0 0"/>
+  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="shoulder"><hardwareInterface>effort</hardwareInterface></joint>
+    <actuator name="motor"><drake:rotor_inertia xmlns:drake="drake" value="0.1"/></actuator>
+  </transmission>
+</robot>"""
+
+
+def test_a_robot_may_be_a_urdf(tmp_path, capsys):
+    robot = tmp_path / "urdf_robot"
+    robot.mkdir()
+    (robot / "urdf_robot.urdf").write_text(URDF, encoding="utf-8")
+    (robot / "package.xml").write_text("<package><name>urdf_robot</name></package>")
+    (robot / "hydrodynamics.yaml").write_text(
+        "bodies: {vehicle: {displaced_volume: 21.0e-3, center_of_buoyancy: [0, 0, -0.05]}}")
+    uvms = read_uvms(str(robot))
+    assert complaints_about(uvms, str(robot)) == []
+    assert main(["robot", str(robot)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("urdf_robot: 1 joints")
+    assert "note: body arm is dry" in out

@@ -1,0 +1,92 @@
+"""The sub-command `robot`: shows and checks a robot's folder, or writes a new one."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from uvms_drake.command.files import folder
+from uvms_drake.command.interrupt import PROGRAM
+from uvms_drake.common.errors import require
+from uvms_drake.common.output import output_folder
+from uvms_drake.model.uvms import model_dir
+
+TEMPLATE = "box_uvms"
+PICTURE_FILE = "robot.png"
+PAGE_FILE = "robot.html"
+
+EPILOG = f"""\
+Without --output nothing is written. With it: {PICTURE_FILE}, and {PAGE_FILE}, in which every joint
+goes through its limits; red is the centre of mass, blue that of buoyancy, yellow where thrusters
+push.
+
+Exit status 2: the robot is not sound, and no certificate of it would be worth anything; one line
+each on stderr, by file and key.
+"""
+
+
+def add_robot(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    robot = commands.add_parser("robot", help="show and check a robot, or begin a new one",
+                                allow_abbrev=False, epilog=EPILOG,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    robot.set_defaults(command=show_robot)
+    robot.add_argument("model", nargs="?", metavar="ROBOT",
+                       help="name of a shipped robot, or a robot's folder")
+    robot.add_argument("--output", type=folder, metavar="DIR", help="where to write its pictures")
+    robot.add_argument("--new", type=folder, metavar="DIR",
+                       help="write the folder of a new robot, a box with two joints, every line "
+                            "explained")
+
+
+def show_robot(args: argparse.Namespace) -> int:
+    """Prints a robot's sheet and what is wrong with it, or writes a new one."""
+    require((args.model is None) != (args.new is None), "ROBOT", args.model,
+            "a robot's name or folder; or left out, with --new")
+    if args.new is not None:
+        require(args.output is None, "--output", str(args.output), "left out, with --new")
+        write_template(args.new)
+        print(f"written to {args.new}; '{PROGRAM} robot {args.new}' shows it")
+        return 0
+    from uvms_drake.model.uvms_model import read_uvms
+    from uvms_drake.station.robot import complaints_about
+
+    uvms = read_uvms(args.model)
+    complaints = complaints_about(uvms, args.model)
+    for complaint in complaints:
+        print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
+    if complaints:
+        return 2
+    from uvms_drake.report.robot_sheet import format_sheet, sheet_of
+
+    print(format_sheet(sheet_of(uvms, model_dir(args.model).name)))
+    if args.output is not None:
+        import matplotlib
+
+        from uvms_drake.model.trim import middle_posture
+        from uvms_drake.report.figure_style import STYLE
+        from uvms_drake.report.robot_page import write_page
+        from uvms_drake.report.robot_views import draw_views
+
+        posture = middle_posture(uvms)
+        with output_folder(args.output, [PICTURE_FILE, PAGE_FILE]) as output:
+            with matplotlib.rc_context(STYLE):
+                draw_views(uvms, args.model, posture).savefig(output.folder / PICTURE_FILE)
+            write_page(uvms, args.model, posture, output.folder / PAGE_FILE)
+        print(f"written to {args.output}: {PICTURE_FILE}, {PAGE_FILE}", file=sys.stderr)
+    return 0
+
+
+def write_template(robot: Path) -> None:
+    """Writes a copy of the template, by the name of the folder, which must not be there yet.
+
+    Raises:
+        InvalidParameter: The folder is there, or its name is none for a robot.
+    """
+    name, source = robot.name, model_dir(TEMPLATE)
+    require(name.isidentifier() and name.isascii(), "--new", str(robot),
+            "a folder by the name of the robot: letters, digits and _")
+    require(not robot.exists(), "--new", str(robot), "a folder that is not there yet")
+    robot.mkdir(parents=True)
+    for file in sorted(source.iterdir()):
+        text = file.read_text(encoding="utf-8").replace(TEMPLATE, name)
+        (robot / file.name.replace(TEMPLATE, name)).write_text(text, encoding="utf-8")
