@@ -10,7 +10,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 from support.thrusters import eight_thrusters
 
-from uvms_drake.actuation.thrusters import ThrusterAllocation, Thrusters, make_thrusters
+from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
+from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
+from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.part import VEHICLE_WRENCH, Signals
@@ -19,12 +21,24 @@ from uvms_drake.model.thrusters import ThrusterModel
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
 
 
+PRESSED = np.array([-8.0, 3.0, 1.0, 0.0, 0.0, 0.0])  # N
+AT = np.array([0.1, -0.2, 0.3, 0.1, -0.05, 0.4, 0.2, 0.9, 0.3, -0.1])
+
+
+def hovering(model):
+    """Returns τ that holds the robot at `AT`, pressed, by its drift."""
+    M = model.mass_matrix(model.kinematics(AT))
+    return -M @ model.drift(AT, np.zeros(10), PRESSED)
+
+
 class Bench:
-    """A part between a constant or free τ and what it makes of it."""
+    """A part between a constant or free τ and what it makes of it, at `AT`, pressed."""
 
     def __init__(self, model, part, tau=TAU):
         part.check()
         builder, self.signals = DiagramBuilder(), Signals()
+        for name, value in (("state", np.append(AT, np.zeros(10))), ("force", PRESSED)):
+            self.signals[name] = builder.AddSystem(ConstantVectorSource(value)).get_output_port()
         free = tau is None
         source = builder.AddSystem(PassThrough(10) if free else ConstantVectorSource(tau))
         if free:
@@ -59,23 +73,32 @@ def other(model):
 
 
 def test_a_force_follows_its_command_after_the_dead_time_with_the_lag(model):
-    """f(t) = f∞ (1 − exp(−(t − θ)/T)), f∞ by the allocation of what is asked for at once."""
+    """f(t) = f∞ + (f₀ − f∞) exp(−(t − θ)/T); f₀ hovers, f∞ gives what is asked for from t = 0."""
     bench = Bench(model, Thrusters(lag=0.12, dead_time=0.05))
-    wanted = Allocation.to(ThrusterModel.of(model.thrusters)).forces(TAU[:6])
+    allocation = Allocation.to(ThrusterModel.of(model.thrusters))
+    before, after = (allocation.forces(tau[:6]) for tau in (hovering(model), TAU))
+    assert np.min(np.abs(before - after)) > 0.5
     simulator = bench.simulator()
     for time in (0.0, 0.04, 0.05, 0.08, 0.2, 0.5):
         simulator.AdvanceTo(time)
-        share = 1.0 - np.exp(-max(time - 0.05, 0.0) / 0.12)
+        left = np.exp(-max(time - 0.05, 0.0) / 0.12)
         np.testing.assert_allclose(
-            bench.at(simulator.get_context(), "thruster_force"), share * wanted, atol=2e-5)
+            bench.at(simulator.get_context(), "thruster_force"), after + (before - after) * left,
+            atol=1e-4)
+
+
+def test_at_the_start_the_thrusters_hold_the_robot_but_for_roll(model, other):
+    for robot, driven in ((model, [0, 1, 2, 4, 5]), (other, range(6))):
+        bench = Bench(robot, Thrusters())
+        wrench = bench.at(bench.simulator().get_context(), VEHICLE_WRENCH)
+        np.testing.assert_allclose(wrench[driven], hovering(model)[:6][driven], atol=1e-9)
 
 
 def test_torques_pass_at_once_and_the_wrench_arrives_but_for_roll(model):
     bench = Bench(model, Thrusters())
     simulator = bench.simulator()
-    np.testing.assert_allclose(
-        bench.at(simulator.get_context(), "exerted"), np.append(np.zeros(6), TAU[6:]))
-    simulator.AdvanceTo(3.0)
+    np.testing.assert_array_equal(bench.at(simulator.get_context(), "exerted")[6:], TAU[6:])
+    simulator.AdvanceTo(3.5)
     context = simulator.get_context()
     short = bench.at(context, "wrench_shortfall")
     np.testing.assert_allclose(bench.at(context, "exerted")[:6], TAU[:6] - short, atol=1e-6)
@@ -131,26 +154,31 @@ def test_what_the_thrusters_give_now_does_not_depend_on_the_command_now(model, d
 
 
 def test_thrusters_of_several_lags_have_each_its_own():
-    parameters = ThrusterModel.of(eight_thrusters())
-    lags = np.linspace(0.1, 0.4, 8)
-    diagram = make_thrusters(replace(parameters, lag=lags), 0.01, 2)
-    context = diagram.CreateDefaultContext()
-    diagram.get_input_port().FixValue(context, parameters.commands_of(np.full(8, 10.0)))
-    simulator = Simulator(diagram, context)
+    known, lags = ThrusterModel.of(eight_thrusters()), np.linspace(0.1, 0.4, 8)
+    builder = DiagramBuilder()
+    command, hover = (builder.AddSystem(ConstantVectorSource(known.commands_of(
+        np.full(8, force)))).get_output_port() for force in (10.0, -5.0))
+    system = ThrusterDynamics.AddToBuilder(
+        builder, replace(known, lag=lags), 0.01, 2, command=command, hover=hover)
+    simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.22)
-    np.testing.assert_allclose(diagram.get_output_port().Eval(simulator.get_context()),
-                               10.0 * (1.0 - np.exp(-0.2 / lags)), rtol=1e-3)
+    np.testing.assert_allclose(
+        system.get_output_port().Eval(system.GetMyContextFromRoot(simulator.get_context())),
+        10.0 - 15.0 * np.exp(-0.2 / lags), rtol=1e-3)
 
 
 def test_the_allocation_alone_commands_what_gives_the_wrench(other):
     builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource(TAU))
+    tau, state, force = (builder.AddSystem(ConstantVectorSource(value)).get_output_port()
+                         for value in (TAU, np.append(AT, np.ones(10)), PRESSED))
     thrusters = ThrusterModel.of(other.thrusters)
     system = ThrusterAllocation.AddToBuilder(
-        builder, other, Allocation.to(thrusters), tau=source.get_output_port())
+        builder, other, Allocation.to(thrusters), tau=tau, state=state, force=force)
     context = system.GetMyContextFromRoot(builder.Build().CreateDefaultContext())
-    command = system.GetOutputPort("command").Eval(context)
-    np.testing.assert_allclose(thrusters.B @ thrusters.forces_of(command), TAU[:6], atol=1e-9)
+    for name, wrench in (("command", TAU[:6]), ("hover", hovering(other)[:6])):
+        command = system.GetOutputPort(name).Eval(context)
+        np.testing.assert_allclose(
+            thrusters.B @ thrusters.forces_of(command), wrench, atol=1e-9)
     np.testing.assert_allclose(system.GetOutputPort("shortfall").Eval(context), 0.0, atol=1e-9)
 
 

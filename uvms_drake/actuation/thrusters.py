@@ -11,27 +11,18 @@
        └─────────────────────────────────────────── (0, τ_q) ─────┘
 
 A force follows its command by Tḟ + f = φ(command a dead time ago), φ its curve, and the torques of
-the joints pass. The model is what the controller knows: the same without sag and error.
+the joints pass. The model is what the controller knows: the same without sag and error. At the
+start the thrusters hover: they give what holds the robot at rest, as far as they can.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    Diagram,
-    DiagramBuilder,
-    LeafSystem,
-    OutputPort,
-)
-from pydrake.systems.primitives import (
-    Adder,
-    DiscreteTimeDelay,
-    FirstOrderLowPassFilter,
-    MatrixGain,
-)
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Adder, MatrixGain
 
+from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
+from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.part import VEHICLE_WRENCH, Part, Signals
@@ -105,12 +96,15 @@ class Thrusters(Part):
         """Adds the systems of this module's picture; see `Part`."""
         known = self.known(model)
         allocation = ThrusterAllocation.AddToBuilder(
-            builder, model, Allocation.to(known), tau=port)
+            builder, model, Allocation.to(known), tau=port, state=signals["state"],
+            force=signals["force"])
         steps, size = self._steps(known.dead_time), model.size
 
         def add(name: str, thrusters: ThrusterModel) -> OutputPort:
-            system = builder.AddNamedSystem(name, make_thrusters(thrusters, self.period, steps))
-            builder.Connect(allocation.GetOutputPort("command"), system.get_input_port())
+            system = ThrusterDynamics.AddToBuilder(
+                builder, thrusters, self.period, steps, name=name,
+                command=allocation.GetOutputPort("command"),
+                hover=allocation.GetOutputPort("hover"))
             return system.get_output_port()
 
         def add_gain(name: str, matrix: np.ndarray, of: OutputPort) -> OutputPort:
@@ -129,120 +123,3 @@ class Thrusters(Part):
         signals["wrench_shortfall"] = allocation.GetOutputPort("shortfall")
         signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, believed)
         return exerted.get_output_port()
-
-
-class ThrusterAllocation(LeafSystem):
-    """Commands the thrusters to give a wrench; see `Allocation`.
-
-    .. pydrake_system::
-
-        name: ThrusterAllocation
-        input_ports:
-        - tau
-        output_ports:
-        - command
-        - shortfall
-
-    - `tau` (6+n): (τ_v, τ_q), of which τ_v is read, in axes of B about its origin [N, N m].
-    - `command` (m): to the thrusters' drivers, in their own unit.
-    - `shortfall` (6): the part of τ_v that is not to be had, at rest [N, N m].
-
-    It has no state.
-
-    Args:
-        model: Supplies the size of τ.
-        allocation: To the thrusters as the controller knows them.
-    """
-
-    def __init__(self, model: UvmsModel, allocation: Allocation):
-        super().__init__()
-        self._allocation = allocation
-        self._port = self.DeclareVectorInputPort("tau", model.size)
-        self.DeclareVectorOutputPort("command", allocation.thrusters.size, self._calc_command)
-        self.DeclareVectorOutputPort("shortfall", 6, self._calc_shortfall)
-
-    def _calc_command(self, context: Context, output: BasicVector) -> None:
-        forces = self._allocation.forces(self._port.Eval(context)[:6])
-        output.SetFromVector(self._allocation.thrusters.commands_of(forces))
-
-    def _calc_shortfall(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._allocation.shortfall(self._port.Eval(context)[:6]))
-
-    @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, allocation: Allocation, *,
-                     tau: OutputPort, name: str = "allocation") -> "ThrusterAllocation":
-        """Adds the allocation and connects it; the arguments are its constructor's and input."""
-        system = ThrusterAllocation(model, allocation)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(tau, system.GetInputPort("tau"))
-        return system
-
-
-class ThrustCurves(LeafSystem):
-    """What thrusters give in the long run.
-
-    .. pydrake_system::
-
-        name: ThrustCurves
-        input_ports:
-        - command
-        output_ports:
-        - force
-
-    - `command` (m): to the thrusters' drivers, in their own unit.
-    - `force` (m): along their axes [N].
-
-    It has no state.
-
-    Args:
-        thrusters: With their curves.
-    """
-
-    def __init__(self, thrusters: ThrusterModel):
-        super().__init__()
-        self._thrusters = thrusters
-        self._port = self.DeclareVectorInputPort("command", thrusters.size)
-        self.DeclareVectorOutputPort("force", thrusters.size, self._calc)
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._thrusters.forces_of(self._port.Eval(context)))
-
-
-def make_thrusters(thrusters: ThrusterModel, period: float, steps: int) -> Diagram:
-    """Returns thrusters as a Diagram named "thrusters", which stand still at first.
-
-    ::
-
-        command ──▶ curves ──▶ dead_time ──▶ lag ──▶ force
-
-    The dead time comes after the curves, which have no memory, so that the order makes no
-    difference and its zero is no force. Its discrete state and the lag's continuous one are
-    Drake's; nothing feeds through.
-
-    .. pydrake_system::
-
-        name: thrusters
-        input_ports:
-        - command
-        output_ports:
-        - force
-
-    - `command` (m): see `ThrustCurves`; sampled.
-    - `force` (m): what they give now [N].
-
-    Args:
-        thrusters: Their curves and lags.
-        period: Time between two samples of the command [s].
-        steps: Dead time in periods.
-    """
-    builder = DiagramBuilder()
-    curves = builder.AddNamedSystem("curves", ThrustCurves(thrusters))
-    delay = builder.AddNamedSystem("dead_time", DiscreteTimeDelay(period, steps, thrusters.size))
-    lag = builder.AddNamedSystem("lag", FirstOrderLowPassFilter(thrusters.lag))
-    builder.ExportInput(curves.get_input_port(), "command")
-    builder.Connect(curves.get_output_port(), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), lag.get_input_port())
-    builder.ExportOutput(lag.get_output_port(), "force")
-    diagram = builder.Build()
-    diagram.set_name("thrusters")
-    return diagram

@@ -1,0 +1,87 @@
+"""Thrusters as a system: from commands to forces, with curves, dead time and lag."""
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+    State,
+)
+
+from uvms_drake.model.thrusters import ThrusterModel
+
+
+class ThrusterDynamics(LeafSystem):
+    """What thrusters give now: their curves, a dead time after the command, behind a lag.
+
+    .. pydrake_system::
+
+        name: ThrusterDynamics
+        input_ports:
+        - command
+        - hover
+        output_ports:
+        - force
+
+    - `command` (m): to the thrusters' drivers, in their own unit; sampled.
+    - `hover` (m): commands that they have been given for long at the start; read there only.
+    - `force` (m): what they give now [N]. Nothing feeds through to it.
+
+    The continuous state is the force (m). The discrete state is whether the simulation has started
+    (1), and what the curves make of the samples on their way, the oldest first ((steps + 1) m):
+    it is what the lag follows. The curves have no memory, so they may come before the dead time.
+
+    Args:
+        thrusters: Their curves and lags.
+        period: Time between two samples of the command [s].
+        steps: Dead time in periods.
+    """
+
+    def __init__(self, thrusters: ThrusterModel, period: float, steps: int):
+        super().__init__()
+        self._thrusters, m = thrusters, thrusters.size
+        self._command_port = self.DeclareVectorInputPort("command", m)
+        self._hover_port = self.DeclareVectorInputPort("hover", m)
+        self.DeclareContinuousState(m)
+        self.DeclareDiscreteState(1)
+        self.DeclareDiscreteState((steps + 1) * m)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._begin)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
+        self.DeclareVectorOutputPort("force", m, self._calc, {self.xc_ticket()})
+
+    def _begin(self, context: Context, state: State) -> None:
+        if not context.get_discrete_state(0).value()[0]:
+            forces = self._thrusters.forces_of(self._hover_port.Eval(context))
+            state.get_mutable_continuous_state().SetFromVector(forces)
+            samples = state.get_mutable_discrete_state()
+            samples.set_value(0, [1.0])
+            samples.set_value(1, np.tile(forces, samples.value(1).size // forces.size))
+
+    def _sample(self, context: Context, state: DiscreteValues) -> None:
+        samples = context.get_discrete_state(1).value()
+        newest = self._thrusters.forces_of(self._command_port.Eval(context))
+        state.set_value(1, np.append(samples[newest.size:], newest))
+
+    def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
+        """Sets ḟ."""
+        force = context.get_continuous_state_vector().CopyToVector()
+        followed = context.get_discrete_state(1).value()[: force.size]
+        derivatives.SetFromVector((followed - force) / self._thrusters.lag)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_continuous_state_vector().CopyToVector())
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, thrusters: ThrusterModel, period: float, steps: int,
+                     *, command: OutputPort, hover: OutputPort, name: str = "thrusters"
+                     ) -> "ThrusterDynamics":
+        """Adds the thrusters and connects them; the arguments are the constructor's and inputs."""
+        system = ThrusterDynamics(thrusters, period, steps)
+        builder.AddNamedSystem(name, system)
+        builder.Connect(command, system.GetInputPort("command"))
+        builder.Connect(hover, system.GetInputPort("hover"))
+        return system
