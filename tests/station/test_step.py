@@ -71,6 +71,22 @@ def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they
     check_step(shorter, model)
 
 
+def test_a_stiff_wall_is_the_integrators_where_a_held_command_does_not_cancel_it():
+    stiff = ["surface.stiffness=1e5", "surface.transition=1e-4", "limits.static_force=null",
+             "mpc.time_step=0.1"]
+    cancelled = load_scenario("girona500_ideal", stiff)
+    check_step(cancelled, load_model(cancelled))
+    held = load_scenario("girona500_ideal", [*stiff, "actuation=[{}]"])
+    with pytest.raises(InvalidParameter, match=r"^simulator\.max_step_size"):
+        check_step(held, load_model(held))
+
+
+def test_dry_joints_that_the_step_is_too_long_for_are_refused():
+    scenario = load_scenario("girona500_ideal", ["model_error.joint_friction.coulomb=[0.5]"])
+    with pytest.raises(InvalidParameter, match=r"at most 0\.000\d+ s .* a rate of 1\.\d+e\+03"):
+        check_step(scenario, load_model(scenario))
+
+
 def sliding(friction, speed):
     """Returns a scenario of a rough plane, the robot at its task in contact, and eigenvalues.
 

@@ -4,7 +4,7 @@ A fixed step h multiplies what decays like exp(λt) by R(hλ) instead of exp(hλ
 stability function. A gain k for which kh is too large is then no property of the law, but of h.
 The rates λ are the eigenvalues of the loop itself, with plant, law and surface, linearised at
 the task, in contact, where nothing deviates, and that of friction on the tip and in the joints. A
-command that is sampled is held meanwhile, and the law is none of what is integrated.
+command that is sampled is held meanwhile: the law does not cancel the surface then.
 """
 
 import math
@@ -125,6 +125,7 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
     simulator = Simulator(station)
     try:
         simulator.Initialize()
+        simulator.AdvancePendingEvents()  # From now on, what is sampled is held.
     except RunFailed:
         return
     rates = np.append(loop_rates(station, simulator.get_mutable_context()),
