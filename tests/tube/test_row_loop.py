@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.transfer import largest
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.tube.row_gains import instant_gains
@@ -9,15 +10,6 @@ from uvms_drake.tube.row_loop import RowLoop
 
 STEPS = 8
 """Pulses in a period."""
-
-
-def largest(numerator: list[float], denominator: list[float]) -> float:
-    """Returns ∫|g| of a transfer function with different poles, by partial fractions."""
-    poles = np.roots(denominator)
-    parts = np.polyval(numerator, poles) / np.polyval(np.polyder(denominator), poles)
-    t = np.linspace(0.0, 25.0 / np.min(-poles.real), 50_001)
-    g = (np.exp(np.multiply.outer(t, poles)) @ parts).real
-    return float(np.trapezoid(np.abs(g), t))
 
 
 @pytest.mark.parametrize(("k", "sigma"), [(1.5, 0.4), (20.0, 10.0), (5.0, 5.0)])

@@ -1,0 +1,145 @@
+"""The rows of the law `tip first` on the robot's full dynamics, behind thrusters that lag."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from support.lagging import CONFIG, Motion, run
+from support.transfer import impulse
+
+from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.tube.row_loop import RowLoop
+
+pytestmark = pytest.mark.slow
+VEHICLE, TIP = (4.0, 2.0), (20.0, 10.0)  # k, σ [1/s]; the vehicle's fast, to be short
+STEP = 0.025
+
+
+def law_of(vehicle_rate: float = 0.0, tip_rate: float = 0.0) -> TipFirst:
+    return TipFirst(BlockGains(*VEHICLE, vehicle_rate), BlockGains(*TIP, tip_rate))
+
+
+def by_disturbance(k, sigma, rate, lag):
+    """Returns numerator and denominator of e/δ, formula (2) of `row_loop`."""
+    D = [lag, 1.0, k + sigma, k * sigma] if lag else [1.0, k + sigma, k * sigma]
+    numerator = [lag, 1.0] if lag else [1.0]
+    if rate:
+        numerator = [lag, 1.0 + rate * lag, 0.0] if lag else [1.0, 0.0]
+        D = np.polymul([1.0, rate], D)
+    return numerator, D
+
+
+@pytest.mark.parametrize(("lag", "rate"), list(product((0.0, 0.15, 0.3), (0.0, 2.0))))
+def test_an_adversary_takes_every_row_to_its_bound_and_none_beyond(model, lag, rate):
+    """All rows at once: d = J_y⁻¹δ, |δᵢ| the bound of each, of the signs that move it furthest.
+
+    After 3 s the slowest rows, those behind 0.3 s, are still on their way. What moves the vehicle's
+    rows besides δ is what the posture feeds forward late, which has lines of its own: the righting
+    moment of roll and pitch helps against this adversary.
+    """
+    end, bound = 3.0, np.repeat([0.03, 0.1], [6, 4])
+    filters = [by_disturbance(*VEHICLE, rate, lag), by_disturbance(*TIP, rate, 0.0)]
+
+    def adversary(time: float, J: np.ndarray) -> np.ndarray:
+        left = np.array([max(end - time, 0.5 * STEP)])
+        signs = [np.sign(impulse(*each, left)[0]) for each in filters]
+        return np.linalg.solve(J, np.repeat(signs, [6, 4]) * bound)
+
+    motion = run(model, law_of(rate, rate), adversary, end, lag=lag, step=STEP)
+    vehicle, tip = RowLoop(*VEHICLE, rate, lag).gains, RowLoop(*TIP, rate).gains
+    largest = np.max(np.abs(motion.error), axis=0)
+    on_tip = largest[6:] / (tip["disturbance"].position * bound[6:])
+    assert np.all((on_tip > 0.95) & (on_tip <= 1.0))
+    line = vehicle["disturbance"].position * bound[:6]
+    reached = largest[:6] / line
+    assert np.all(reached[[0, 1, 2, 5]] > (0.95 if lag < 0.3 else 0.88))
+    assert np.all(reached[3:5] > (0.9 if lag < 0.3 else 0.78))
+    f, c = late(motion, lag)
+    late_lines = 0.5 * vehicle["feed_forward"].position * np.ptp(f, axis=0) + (
+        vehicle["disturbance"].position * np.max(np.abs(c), axis=0))
+    assert np.all(largest[:6] <= line + late_lines)
+    assert np.all(late_lines < 0.3 * line)
+
+
+def late(motion: Motion, lag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns f = ÿ̄ + h and TȦτ_v of the vehicle's rows (T, 6).
+
+    By h = Aτ_c − v, and by differences.
+    """
+    def through(wrenches):
+        return np.einsum("tij,tj->ti", motion.carried, wrenches)
+
+    f = through(motion.asked[:, :6]) - motion.feedback[:, :6]
+    A_rate = np.gradient(motion.carried, motion.time, axis=0)
+    return f, lag * np.einsum("tij,tj->ti", A_rate, motion.wrench)
+
+
+def swaying(time: float) -> tuple[np.ndarray, np.ndarray]:
+    """A plan that accelerates all the time: sines of two frequencies in all coordinates."""
+    amplitude = np.array([0.1, 0.08, 0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1])
+    omega = np.where(np.arange(10) % 2, 1.5, 2.5)
+    config = CONFIG + amplitude * (1.0 - np.cos(omega * time))
+    rate, acceleration = amplitude * omega * np.sin(omega * time), (
+        amplitude * omega**2 * np.cos(omega * time))
+    step = 1e-4
+    zeta, zeta_dot = body_velocity(config, rate), (
+        body_velocity(config + step * rate, rate + step * acceleration)
+        - body_velocity(config - step * rate, rate - step * acceleration)) / (2.0 * step)
+    return np.concatenate([config, zeta]), zeta_dot
+
+
+def body_velocity(config: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Returns ζ of 𝔮̇."""
+    Gamma = np.column_stack([configuration_rate(config, unit) for unit in np.eye(10)])
+    return np.linalg.solve(Gamma, rate)
+
+
+def test_the_vehicle_is_moved_by_what_is_listed_and_by_nothing_else(model):
+    """(1) of `row_loop` with recorded sources, integrated row by row, is what the robot does."""
+    lag, rate, (k, sigma) = 0.3, 2.0, VEHICLE
+    motion = run(model, law_of(rate), lambda time, J: 0.05 * np.sin(np.arange(10) + 2.0 * time),
+                 2.0, lag=lag, plan=swaying, step=STEP)
+    delta = np.einsum("tij,tj->ti", motion.J[:, :6], motion.d)
+    f, c = late(motion, lag)
+
+    def flow(states, delta, f, c):
+        e, e_dot, a, c_late, estimate = states  # a = G[v − ÿ̄ + f], c_late = G[c]
+        v = -(k + sigma) * e_dot - k * sigma * e - estimate
+        return np.array([e_dot, a - f + c_late + delta, (v + f - a) / lag, (c - c_late) / lag,
+                         rate * (delta - estimate)])
+
+    def left(*sources):
+        """Returns what the sources leave of the largest errors unexplained (6,)."""
+        states, e = np.zeros((5, 6)), []
+        states[2] = sources[1][0]
+        for i in range(len(motion.time)):
+            e.append(states[0])
+            now, then = ([each[min(i + j, len(e_real) - 1)] for each in sources] for j in (0, 1))
+            k1 = flow(states, *now)
+            states = states + 0.5 * STEP * (k1 + flow(states + STEP * k1, *then))
+        return np.max(np.abs(np.array(e) - e_real), axis=0) / np.max(np.abs(e_real), axis=0)
+
+    e_real = motion.error[:, :6]
+    assert np.all(left(delta, f, c) < 0.01)
+    for less in ((0.0 * delta, f, c), (delta, 0.0 * f, c), (delta, f, 0.0 * c)):
+        assert np.max(left(*less)) > 0.05
+
+
+def test_behind_a_lag_the_tip_stays_where_resolved_lets_it_swing(model):
+    """`resolved` with k = 20, σ = 5 is unstable beyond a lag of (k + σ)/(kσ) = 0.25 s."""
+    def push(time, J):
+        return np.repeat([0.05, 0.0], [6, 4]) * (time < 0.3)
+
+    def tip(motion, start, end):
+        when = (motion.time >= start) & (motion.time < end)
+        return np.max(np.linalg.norm(motion.error[when, 6:9], axis=1))
+
+    swing = run(model, Resolved(), push, 2.4, lag=0.4)
+    assert tip(swing, 1.6, 2.4) > 1.5 * tip(swing, 0.4, 1.2)
+    held = {lag: run(model, TipFirst(), push, 1.6, lag=lag) for lag in (0.0, 0.4)}
+    assert tip(held[0.4], 0.0, 1.6) == pytest.approx(tip(held[0.0], 0.0, 1.6), rel=0.01)
+    assert tip(held[0.4], 1.2, 1.6) < 0.01 * tip(held[0.4], 0.0, 1.2)
+    moved = [np.max(np.abs(held[lag].error[:, :3])) for lag in (0.0, 0.4)]
+    assert moved[0] < moved[1] < 0.1
