@@ -112,7 +112,8 @@ def test_the_velocity_goes_on_from_the_last_fix_with_the_accelerometers_bias(mod
     slopes = np.diff(error, axis=1) * 100.0
     np.testing.assert_allclose(slopes, np.broadcast_to(
         settings.imperfection(4).bias, slopes.shape), atol=1e-9)
-    assert 0.0 < np.min(np.abs(slopes)) and np.max(np.abs(slopes)) <= 0.05
+    assert np.min(np.abs(slopes)) > 0.0
+    assert np.max(np.abs(slopes)) <= 0.05
     assert np.min(np.abs(np.diff(error[:, 0], axis=0))) > 1e-5
     assert not np.any(run(settings, times, model, seed=4)[:, :SIZE])
 
@@ -140,7 +141,7 @@ def test_a_navigation_that_none_is_is_refused(change, key):
 
 
 def test_the_loop_begins_at_the_measured_state():
-    """The first plan starts where the robot seems to be, and the run goes on by what is measured."""
+    """The first plan starts where the robot seems to be; the run goes on by what is measured."""
     scenario = load_scenario("girona500_ideal", [
         "duration=0.4", "sensing=[!Navigation {position: {noise: 0.001}}]"])
     record = simulate(scenario)

@@ -15,7 +15,6 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-
 SAME = 1e-6
 """Part of a period by which instants differ that are meant to be the same."""
 
@@ -76,9 +75,10 @@ class SampledVector(LeafSystem):
             self.DeclareDiscreteState(samples)  # group 2i
             self.DeclareDiscreteState(len(clock.rows))  # group 2i + 1
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
-            if clock.delay > 0.0:
-                self.DeclarePeriodicPublishEvent(  # It only makes a step begin there.
-                    clock.period, clock.delay % clock.period, lambda context: None)
+            between = clock.delay / clock.period % 1.0
+            if SAME < between < 1.0 - SAME:  # An event that only makes a step begin there.
+                self.DeclarePeriodicPublishEvent(
+                    clock.period, between * clock.period, lambda context: None)
         if any(clock.delay > 0.0 for clock in clocks):
             self.DeclarePerStepDiscreteUpdateEvent(self._pass_on)
         now = {self.time_ticket()} if any(clock.error for clock in clocks) else set()

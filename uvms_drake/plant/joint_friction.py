@@ -36,7 +36,7 @@ class JointFriction:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         for key in ("coulomb", "static"):
             value = np.asarray(getattr(self, key), dtype=float)
-            require(value.ndim == 1 and bool(np.all((0.0 <= value) & (value < np.inf))), key,
+            require(value.ndim == 1 and bool(np.all((value >= 0.0) & (value < np.inf))), key,
                     value, "zero or positive, one for all joints or one each")
         for key in ("stribeck", "creep"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")

@@ -67,7 +67,7 @@ class Wave:
 
     @property
     def wavenumber(self) -> float:
-        """k [1/m], by Newton's method from Eckart's approximation."""
+        """The k of (1) [1/m], by Newton's method from Eckart's approximation."""
         deep = self.frequency**2 / STANDARD_GRAVITY
         if self.sea_depth is None:
             return deep

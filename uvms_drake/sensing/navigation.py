@@ -2,16 +2,16 @@
 
 Between sensors and controller stands a navigation filter. What is modelled is the error of what it
 says, with a bound for each component: the state is sampled at t_k = k h, with h and the latency δ
-those of its channel, and for t_k + δ ≤ t < t_k + h + δ the controller has
+those of its channel, and from t_k + δ to t_k + h + δ the controller has
 
-    x̂(t) = x(t_k) + ε(t_k),     ε = noise + (drift of the position) + (error of the velocity).     (1)
+    x̂(t) = x(t_k) + ε(t_k),     ε = noise + (drift of the position) + (error of the velocity).   (1)
 
 *Noise* is drawn anew for each sample, Gaussian and cut to a multiple of its σ, so that it is
 bounded. The *drift* of each component of the position grows at a constant rate from zero and turns
 round at ± its bound, as a triangular wave. The *velocity* is known by a Doppler log (DVL): between
 its fixes the filter goes on with what its accelerometers say, whose bias makes the error grow,
 
-    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                       (2)
+    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                     (2)
 
 A fix may be lost, but not for longer than a declared gap. A value that is held over the gap would
 be wrong by what the vehicle accelerates meanwhile, 0.1 m/s² × 0.4 s, and no vehicle with a DVL is
@@ -21,6 +21,7 @@ of the time, so that ε needs no state.
 
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -251,5 +252,4 @@ CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rate
 def _rows(size: int) -> dict[str, range]:
     """Returns the indices of each channel in (𝔮, ζ) of 2 `size` components."""
     ends = 0, 3, 6, size, size + 3, size + 6, 2 * size
-    return {key: range(*span) for key, span in zip(CHANNELS, zip(ends, ends[1:], strict=False),
-                                                   strict=True)}
+    return {key: range(*span) for key, span in zip(CHANNELS, pairwise(ends), strict=True)}
