@@ -106,6 +106,12 @@ def test_the_force_settles_with_a_part_of_ones_own_and_a_void_certificate_says_s
     assert void is None or void in text
 
 
+def test_behind_thrusters_that_lag_only_the_law_tip_first_holds_the_tip(run):
+    tips = re.findall(r"the tip is off by up to (\S+) mm", run("tip_first.py", 1.2))
+    swings, held = map(float, tips)
+    assert held < 1.0 < 5.0 < swings
+
+
 def test_a_wall_that_is_felt_keeps_the_tube_wherever_it_is(run):
     text = run("felt_wall.py", 1.6)
     known, felt = (float(x) for x in re.findall(r"up to (\d+\.\d+) of the tube", text))
