@@ -6,6 +6,7 @@ from support.robots import TEMPLATE, altered
 
 from uvms_drake.command.main import main
 from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.report import robot_page, robot_views
 from uvms_drake.report.robot_page import sweeps
 from uvms_drake.station.robot import complaints_about
 
@@ -29,6 +30,7 @@ def test_a_new_robot_is_sound_and_has_the_name_of_its_folder(tmp_path, capsys):
     (["box_uvms", "--new", "mine"], "ROBOT = 'box_uvms': must be a robot's name or folder; or"),
     ([], "ROBOT = None: must be a robot's name or folder"),
     (["--new", "mine", "--output", "out"], "--output = 'out': must be left out, with --new"),
+    (["box_uvms", "--posture", "0.1"], "--posture = [0.1]: must be 2 finite numbers"),
     (["submarine"], "model = 'submarine': must be one of bluerov2_alpha5, box_uvms,")])
 def test_bad_input_is_refused_in_a_line(args, expected, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -53,7 +55,9 @@ def test_every_mistake_has_a_line(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_pictures_are_written_where_they_are_asked_for(tmp_path, capsys):
+def test_pictures_are_written_where_they_are_asked_for(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(robot_views, "PIXELS", 200)
+    monkeypatch.setattr(robot_page, "RATE", 2.0)
     output = tmp_path / "out"
     assert main(["robot", "box_uvms", "--output", str(output)]) == 0
     assert capsys.readouterr().err == f"written to {output}: robot.png, robot.html\n"
@@ -61,6 +65,13 @@ def test_pictures_are_written_where_they_are_asked_for(tmp_path, capsys):
     page = (output / "robot.html").read_text(encoding="utf-8")
     assert "<html" in page[:200]
     assert len(page) > 1e6  # It needs no server.
+
+
+def test_the_tip_is_told_for_a_posture(capsys):
+    """Shoulder at (0.42, 0.12) m, the upper arm 0.6 rad down, the forearm level."""
+    assert main(["robot", "box_uvms", "--posture", "-0.6", "0.6"]) == 0
+    assert "\ntip         (0.968, 0, 0.289) m, (roll, pitch, yaw) (0, 0, 0)°" in (
+        capsys.readouterr().out)
 
 
 def test_each_joint_goes_through_its_limits_alone():

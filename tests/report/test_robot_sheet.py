@@ -8,6 +8,7 @@ from support.robots import altered
 
 from uvms_drake.model.thruster_data import CurveData, ThrusterData, ThrusterKind, ThrusterParameters
 from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.report.robot_sheet import (
     format_sheet,
@@ -25,8 +26,9 @@ BARE = [(".sdf", TIP, TIP.replace("forearm", "vehicle")),
 
 @pytest.fixture(scope="module")
 def sheets():
-    return {name: sheet_of(read_uvms(name), name) for name in (
+    robots = {name: read_uvms(name) for name in (
         "box_uvms", "bluerov2_alpha5", "girona500_arm5e")}
+    return {name: sheet_of(uvms, name, middle_posture(uvms)) for name, uvms in robots.items()}
 
 
 def test_a_pendulum_swings_with_the_period_that_it_is_said_to(tmp_path):
@@ -125,6 +127,7 @@ def test_the_sheet_is_text_without_what_is_not_there(name, sheets):
 
 
 def test_a_vehicle_without_an_arm_has_a_sheet(tmp_path):
-    text = format_sheet(sheet_of(read_uvms(str(altered(tmp_path, *BARE))), "bare"))
+    bare = read_uvms(str(altered(tmp_path, *BARE)))
+    text = format_sheet(sheet_of(bare, "bare", np.zeros(0)))
     assert text.startswith("bare: 0 joints, no thrusters.yaml\n")
     assert "reach" not in text

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from uvms_drake.command.files import folder
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import require, vector
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.uvms import model_dir
 
@@ -32,6 +32,8 @@ def add_robot(commands: argparse._SubParsersAction) -> None:
     robot.set_defaults(command=show_robot)
     robot.add_argument("model", nargs="?", metavar="ROBOT",
                        help="name of a shipped robot, or a robot's folder")
+    robot.add_argument("--posture", type=float, nargs="+", metavar="RAD",
+                       help="joint angles for what depends on them (default: middle of limits)")
     robot.add_argument("--output", type=folder, metavar="DIR", help="where to write its pictures")
     robot.add_argument("--new", type=folder, metavar="DIR",
                        help="write the folder of a new robot, a box with two joints, every line "
@@ -56,18 +58,19 @@ def show_robot(args: argparse.Namespace) -> int:
         print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
     if complaints:
         return 2
+    from uvms_drake.model.trim import middle_posture
     from uvms_drake.report.robot_sheet import format_sheet, sheet_of
 
-    print(format_sheet(sheet_of(uvms, model_dir(args.model).name)))
+    posture = middle_posture(uvms) if args.posture is None else vector(
+        "--posture", args.posture, len(uvms.joints))
+    print(format_sheet(sheet_of(uvms, model_dir(args.model).name, posture)))
     if args.output is not None:
         import matplotlib
 
-        from uvms_drake.model.trim import middle_posture
         from uvms_drake.report.figure_style import STYLE
         from uvms_drake.report.robot_page import write_page
         from uvms_drake.report.robot_views import draw_views
 
-        posture = middle_posture(uvms)
         with output_folder(args.output, [PICTURE_FILE, PAGE_FILE]) as output:
             with matplotlib.rc_context(STYLE):
                 draw_views(uvms, args.model, posture).savefig(output.folder / PICTURE_FILE)

@@ -10,7 +10,7 @@ from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, added_mass_about_origin
 from uvms_drake.model.thruster_data import AXES
 from uvms_drake.model.thrusters import ThrusterModel
-from uvms_drake.model.trim import Trim, middle_posture, trim_of
+from uvms_drake.model.trim import Trim, trim_of
 from uvms_drake.model.uvms import STANDARD_GRAVITY, Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -39,13 +39,13 @@ class Thrust:
     """(6, 2): largest wrench along and against each axis, the other driven ones zero [N, N m]."""
     undriven: tuple[str, ...]
     hover: float
-    """Largest share of its limit that a thruster gives at rest in the middle posture."""
+    """Largest share of its limit that a thruster gives at rest."""
     hover_thruster: str
 
 
 @dataclass(frozen=True)
 class RobotSheet:
-    """A robot in numbers; what depends on the posture is for the middle of the joints' limits."""
+    """A robot in numbers, some of which depend on the posture of its arm."""
 
     name: str
     posture: np.ndarray
@@ -71,9 +71,9 @@ class RobotSheet:
     thrust: Thrust | None
 
 
-def sheet_of(uvms: Uvms, name: str) -> RobotSheet:
-    """Returns the sheet of a robot in a finalized plant."""
-    model, posture = UvmsModel(uvms), middle_posture(uvms)
+def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
+    """Returns the sheet of a robot in a finalized plant, at the joint angles (n,) [rad]."""
+    model = UvmsModel(uvms)
     config = np.concatenate([np.zeros(6), posture])
     at = model.kinematics(config)
     M, trim = model.mass_matrix(at), trim_of(uvms, posture)
@@ -206,7 +206,7 @@ def _arm_lines(sheet: RobotSheet) -> list[str]:
              f"{_row(np.degrees(sheet.tip[3:]))}°, in the vehicle's frame"]
     if not sheet.joints:
         return lines
-    lines = [f"posture     {_row(sheet.posture)} rad, the middle of the limits, for all of this",
+    lines = [f"posture     {_row(sheet.posture)} rad, of which what is above depends, and the tip",
              *lines, f"reach       {_row(sheet.reach[0])} to {_row(sheet.reach[1])} m"]
     if len(sheet.joints) > 2:
         least, median, here = sheet.dexterity

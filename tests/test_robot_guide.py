@@ -1,0 +1,47 @@
+"""The guide of models/README.md, followed literally."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from support.quick import few_in_all_files
+
+from uvms_drake.command.main import main
+from uvms_drake.report import robot_page, robot_views
+
+GUIDE = (Path(__file__).parents[1] / "models" / "README.md").read_text(encoding="utf-8")
+LONG = ("run press.yaml", "campaign press.yaml --runs 100")
+"""Commands that only repeat, for longer, what the tests of `run` and `campaign` do."""
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, flags=re.M | re.S)
+
+
+def commands() -> list[str]:
+    return [line.removeprefix("uvms-drake ") for block in blocks("sh")
+            for line in block.splitlines()]
+
+
+def test_the_guide_has_ten_steps_and_one_file():
+    assert re.findall(r"^\*\*(\d+)\. ", GUIDE, flags=re.M) == [str(i) for i in range(1, 11)]
+    assert len(blocks("yaml")) == 1
+    assert set(LONG) < set(commands())
+
+
+@pytest.mark.slow
+def test_whoever_follows_the_guide_has_a_certificate(tmp_path, monkeypatch, capsys):
+    """With fewer searches than usual, and small pictures."""
+    few_in_all_files(monkeypatch)
+    monkeypatch.setattr(robot_views, "PIXELS", 100)
+    monkeypatch.setattr(robot_page, "RATE", 1.0)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "press.yaml").write_text(blocks("yaml")[0], encoding="utf-8")
+    for command in commands():
+        if command not in LONG:
+            assert main(shlex.split(command)) == 0, (command, capsys.readouterr().err)
+    out = capsys.readouterr().out
+    assert "tip         (0.968, 0, 0.289) m" in out
+    assert re.search(r"^certified: all \d+ conditions hold$", out, flags=re.M)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"my_robot", "press"}
