@@ -41,7 +41,7 @@ class Thrusters(Part):
 
     motions = ("dynamic",)
 
-    period: float = 0.005
+    period: float = 0.01
     """Time between two commands to the thrusters [s]."""
     lag: float | None = None
     """Time constant of all forces [s], if it is another one than the file's."""
