@@ -54,6 +54,15 @@ def test_each_component_has_its_own_clock_and_error():
                                    [20.0, 0.0, 10.0 + slow], atol=1e-12)
 
 
+def test_what_is_propagated_is_the_vector_of_now_with_the_error_of_the_sample():
+    simulator, system = bench([Clock(range(3), 0.1, 0.05, lambda time: np.full(3, time), True)])
+    for time in TIMES:
+        simulator.AdvanceTo(time)
+        sampled = max(np.floor((time - 0.05) / 0.1), 0) * 0.1
+        np.testing.assert_allclose(
+            held(simulator, system), moving(time) + sampled, atol=1e-12)
+
+
 def test_it_is_the_vector_itself_until_the_first_sample():
     simulator, system = bench([Clock(range(3), 0.1, 0.04)], start=0.32)
     for time, of in ((0.32, 0.32), (0.39, 0.39), (0.41, 0.4), (0.43, 0.4), (0.53, 0.4),

@@ -90,7 +90,7 @@ def test_the_station_exports_a_parts_signal_and_names_its_systems_by_their_place
 
 @pytest.mark.parametrize(("name", "entry", "part", "void"), [
     ("sensing", "{dvl: {gap: 0.4}, position: {rate: 5}}",
-     Navigation(dvl=Dvl(gap=0.4), position=Channel(5.0, 0.0005, 0.01)),
+     Navigation(dvl=Dvl(gap=0.4), position=Channel(5.0, 0.0005, 0.01, True)),
      "sensing[0], Navigation: the proofs take the state for known at all times"),
     ("actuation", "{period: 0.1}", SampledCommand(0.1, 0.01),
      "actuation[0], SampledCommand: the proofs take the feedback for continuous")])

@@ -30,6 +30,8 @@ class Clock(NamedTuple):
     """δ, from a sample to where it is passed on [s]."""
     error: Callable[[float], np.ndarray] | None = None
     """What a sample is off by (rows,), a function of its time [s]; None: by nothing."""
+    propagated: bool = False
+    """Whether only what the sample is off by is held, on top of the vector as it is now."""
 
     @property
     def kept(self) -> int:
@@ -39,6 +41,8 @@ class Clock(NamedTuple):
 
 class SampledVector(LeafSystem):
     """Passes the sample of kh on from kh + δ to (k + 1)h + δ, for each clock's components.
+
+    If they are propagated, it passes the vector itself on, with what the sample is off by.
 
     Until the first sample it is the vector itself, and until that is passed on that sample, as if
     the clock had gone on for some time: Drake's ZeroOrderHold is zero until its first event, and
@@ -91,9 +95,10 @@ class SampledVector(LeafSystem):
         return last, np.reshape(samples, (self._clocks[i].kept, -1))
 
     def _measured(self, context: Context, clock: Clock) -> np.ndarray:
-        """Returns a sample of now (rows,)."""
-        vector: np.ndarray = self._port.Eval(context)[clock.rows]
-        return vector if clock.error is None else vector + clock.error(context.get_time())
+        """Returns a sample of now (rows,), or what it is off by."""
+        error = 0.0 if clock.error is None else clock.error(context.get_time())
+        return error + (np.zeros(len(clock.rows)) if clock.propagated
+                        else self._port.Eval(context)[clock.rows])
 
     def _sample(self, i: int, context: Context, state: DiscreteValues) -> None:
         clock, (last, samples) = self._clocks[i], self._samples(context, i)
@@ -116,6 +121,8 @@ class SampledVector(LeafSystem):
             there = not np.isnan(context.get_discrete_state(2 * i).value()[0])
             held[clock.rows] = (context.get_discrete_state(2 * i + 1).value() if there
                                 else self._measured(context, clock))
+            if clock.propagated:
+                held[clock.rows] += self._port.Eval(context)[clock.rows]
         output.SetFromVector(held)
 
     @staticmethod

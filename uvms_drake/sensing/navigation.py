@@ -1,17 +1,24 @@
 """What a vehicle knows of its own motion: late, sampled, noisy, drifting, and blind now and then.
 
 Between sensors and controller stands a navigation filter. What is modelled is the error of what it
-says, with a bound for each component: the state is sampled at t_k = k h, with h and the latency δ
-those of its channel, and from t_k + δ to t_k + h + δ the controller has
+says, with a bound for each component. At t_k = k h there is a sample, which the controller has from
+t_k + δ to t_k + h + δ, with h and the latency δ of its channel:
 
     x̂(t) = x(t_k) + ε(t_k),     ε = noise + (drift of the position) + (error of the velocity).   (1)
+
+A robot at 0.2 m/s is 6 mm further when a sample is 30 ms old. So a filter with inertial sensors is
+asked for the state of now; it goes on from its last sample. Such a channel is *propagated*,
+
+    x̂(t) = x(t) + ε(t_k),                                                                        (2)
+
+and what that adds, accelerations over the age of a sample, has to be counted in its noise.
 
 *Noise* is drawn anew for each sample, Gaussian and cut to a multiple of its σ, so that it is
 bounded. The *drift* of each component of the position grows at a constant rate from zero and turns
 round at ± its bound, as a triangular wave. The *velocity* is known by a Doppler log (DVL): between
 its fixes the filter goes on with what its accelerometers say, whose bias makes the error grow,
 
-    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                     (2)
+    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                     (3)
 
 A fix may be lost, but not for longer than a declared gap. A value that is held over the gap would
 be wrong by what the vehicle accelerates meanwhile, 0.1 m/s² × 0.4 s, and no vehicle with a DVL is
@@ -56,6 +63,8 @@ class Channel:
     """Standard deviation σ of a sample, of each component [m, rad, m/s, rad/s]."""
     latency: float = 0.01
     """δ, from a sample to where the controller has it [s]."""
+    propagated: bool = False
+    """Whether the filter goes on from the last sample to now, instead of holding it."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -148,16 +157,17 @@ class Navigation(Part):
     ms a packet (Reach Bravo), and the packets of a DVL A50 take 4 ms, 13 ms at most (Water Linked).
     Nobody has published the others, which are assumed: a position relative to what is worked on,
     which drifts by centimetres only; an attitude to 1 mrad; a bias of the accelerometers of 2 mg;
-    the noise of the joints.
+    the noise of the joints. What a filter knows by inertial sensors, pose and velocity, is
+    propagated; gyro and joints are as they were sampled.
     """
 
     motions = ("dynamic",)
 
-    position: Channel = field(default_factory=lambda: Channel(50.0, 0.0005, 0.01))
+    position: Channel = field(default_factory=lambda: Channel(50.0, 0.0005, 0.01, True))
     """Position of the vehicle in Σ_I [m]."""
-    attitude: Channel = field(default_factory=lambda: Channel(100.0, 0.001, 0.01))
+    attitude: Channel = field(default_factory=lambda: Channel(100.0, 0.001, 0.01, True))
     """Its Euler angles [rad]."""
-    velocity: Channel = field(default_factory=lambda: Channel(50.0, 0.0, 0.01))
+    velocity: Channel = field(default_factory=lambda: Channel(50.0, 0.0, 0.01, True))
     """Its velocity in body axes [m/s]; the error of the DVL comes on top of this noise."""
     turning: Channel = field(default_factory=lambda: Channel(100.0, 0.002, 0.01))
     """Its angular velocity in body axes [rad/s]."""
@@ -187,13 +197,15 @@ class Navigation(Part):
     def state_reading(self, time: float, size: int) -> StateReading:
         """Returns the bounds of its errors up to a time; see `Part`.
 
-        The growth of the velocity's error over the longest gap is in them.
+        The growth of the velocity's error over the longest gap is in them. What is propagated is
+        no older than now.
         """
         error, latency, period = np.zeros((3, 2 * size))
         for key, rows in _rows(size).items():
             channel: Channel = getattr(self, key)
             error[rows] = self.noise_multiple * channel.noise
-            latency[rows], period[rows] = channel.latency, 1.0 / channel.rate
+            if not channel.propagated:
+                latency[rows], period[rows] = channel.latency, 1.0 / channel.rate
         error[:3] += min(self.drift.bound, self.drift.rate * time)
         error[size: size + 3] += (self.noise_multiple * np.asarray(self.dvl.noise)
                                   + self.dvl.growth * self.dvl.most / self.dvl.rate)
@@ -205,7 +217,7 @@ class Navigation(Part):
         return Imperfection(self.drift.rate * drift, self.dvl.growth * bias)
 
     def error(self, key: str, count: int, seed: int, time: float) -> np.ndarray:
-        """Returns what a sample of a time is off by; see (1) and (2).
+        """Returns what a sample of a time is off by; see (1) and (3).
 
         Args:
             key: Of the channel.
@@ -238,7 +250,8 @@ class Navigation(Part):
         for key, rows in _rows(model.size).items():
             channel: Channel = getattr(self, key)
             clocks.append(Clock(rows, 1.0 / channel.rate, channel.latency,
-                                partial(self.error, key, len(rows), seed)))
+                                partial(self.error, key, len(rows), seed),
+                                channel.propagated))
         measured = SampledVector.AddToBuilder(
             builder, clocks, vector=port, name="navigation").get_output_port()
         signals["measured_state"] = measured
