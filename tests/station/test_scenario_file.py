@@ -171,3 +171,20 @@ def test_a_robot_that_is_not_as_it_is_known_comes_from_a_file_and_goes_back_into
     assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
     with pytest.raises(ScenarioError, match=r"model_error\.payload\.mass = -1\.0: must be zero"):
         load_scenario("girona500_ideal", ["model_error.payload.mass=-1"])
+
+
+def test_a_robot_stands_beside_the_file_that_names_it_or_where_the_program_runs(
+        tmp_path, monkeypatch):
+    (tmp_path / "lab" / "otter").mkdir(parents=True)
+    (tmp_path / "lab" / "girona500_arm5e").mkdir()  # A shipped name goes first.
+    for file, text in (("lab/mine.yaml", "base: girona500_ideal\nmodel: otter\n"),
+                       ("lab/shipped.yaml", "model: girona500_arm5e\n"),
+                       ("other.yaml", "base: lab/mine.yaml\n")):
+        (tmp_path / file).write_text(text)
+    for folder, file, expected in (
+            ("", "lab/mine.yaml", "lab/otter"), ("", "other.yaml", "lab/otter"),
+            ("lab", "mine.yaml", "otter"), ("", "lab/shipped.yaml", "girona500_arm5e")):
+        monkeypatch.chdir(tmp_path / folder)
+        assert load_scenario(file).model == expected
+    monkeypatch.chdir(tmp_path / "lab")
+    assert load_scenario("girona500_ideal", ["model=otter"]).model == "otter"

@@ -47,9 +47,14 @@ def models_dir() -> Path:
     return installed if installed.is_dir() else package.parent / "models"
 
 
+def shipped_robots() -> list[str]:
+    """Returns the names of the robots that come with the package."""
+    return sorted(path.parent.name for path in models_dir().glob("*/package.xml"))
+
+
 def model_dir(model: str) -> Path:
     """Returns the folder of a robot, given the name of a shipped one or a path."""
-    shipped = sorted(path.parent.name for path in models_dir().glob("*/package.xml"))
+    shipped = shipped_robots()
     folder = models_dir() / model if model in shipped else Path(model)
     complete = all(file.is_file() for file in (
         robot_file(folder), folder / "hydrodynamics.yaml", folder / "package.xml"))

@@ -96,7 +96,8 @@ class Scenario:
     input, the end-effector's velocity is disturbed and the force only follows from the pose, as in
     the paper's simulation."""
     model: str = "girona500_arm5e"
-    """Name of a shipped robot, or a robot's folder."""
+    """Name of a shipped robot, or a robot's folder, from the scenario's file or from where the
+    program runs."""
     start: Start = field(default_factory=Start)
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Velocity of the water in Σ_I [m/s]; the controller does not know it."""

@@ -18,6 +18,7 @@ from uvms_drake.common.errors import (
 )
 from uvms_drake.common.program import FOLDER
 from uvms_drake.common.schema import parse_yaml, read_yaml
+from uvms_drake.model.uvms import shipped_robots
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -86,13 +87,17 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
 
     Args:
         raw: Of the file.
-        path: The file; its folder is where the path of a base begins.
+        path: The file; its folder is where the path of a base begins, and that of a robot which is
+            there.
         above: Files of which it is the base.
     """
     if not isinstance(raw, dict) or not raw:
         raise InvalidParameter("the file", raw, "a mapping of keys to values, such as "
                                "`base: girona500_ideal`")
     own = {key: value for key, value in raw.items() if not str(key).startswith("_")}
+    robot = own.get("model")
+    if isinstance(robot, str) and robot not in shipped_robots() and _is_folder(path.parent / robot):
+        own["model"] = str(path.parent / robot)
     if "base" not in own:
         return own
     base = own.pop("base")
@@ -106,6 +111,12 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
     inherited = {key: value for key, value in below.items() if key not in ("name", "description")
                  } if isinstance(below, dict) else {}
     return _merged(inherited, own)
+
+
+def _is_folder(path: Path) -> bool:
+    with contextlib.suppress(OSError, ValueError):  # A name that is too long, or with NUL in it.
+        return path.is_dir() and path.name != ""
+    return False
 
 
 def _merged(base: object, own: object) -> object:
