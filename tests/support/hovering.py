@@ -44,11 +44,12 @@ class Lag(Part):
 class Hovering:
     """A simulation of it, and what can be read."""
 
-    def __init__(self, model, law, *, bound=0.0, limits=None, sensing=(), actuation=(), faults=(),
+    def __init__(self, model, law, *, bound=0.0, disturbance=None, limits=None, sensing=(), actuation=(), faults=(),
                  step=0.02, told=True):
         builder, self.signals = DiagramBuilder(), {}
         plant = builder.AddNamedSystem("uvms", make_uvms_plant(
-            model="girona500_arm5e", surface=None, disturbance=ConstantDisturbance(bound=bound)))
+            model="girona500_arm5e", surface=None,
+            disturbance=disturbance or ConstantDisturbance(bound=bound)))
         feedback = builder.AddNamedSystem("feedback", AncillaryFeedback(model, law, limits))
         self.nominal = np.concatenate([CONFIG, np.zeros(10)])
         for name, value in (("nominal_state", self.nominal), ("nominal_acceleration", np.zeros(10)),

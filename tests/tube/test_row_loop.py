@@ -52,6 +52,21 @@ def test_behind_a_lag_it_is_the_transfer_function(lag, rate):
         largest([T * (k + sigma), T * k * sigma, 0.0], D), rel=3e-3)
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.3])
+def test_a_wave_is_as_large_as_the_transfer_function(lag):
+    k, sigma, rate, omega = 2.0, 0.6, 2.0, 1.05
+    s = 1j * omega
+    e = s * (lag * s + 1.0 + lag * rate) / (
+        (s + rate) * (lag * s**3 + s**2 + (k + sigma) * s + k * sigma))
+    found = RowLoop(k, sigma, rate, lag).wave(omega)
+    np.testing.assert_allclose(found[:2], [abs(e), abs(s * e)], rtol=1e-6)
+    assert found.command == pytest.approx(abs((k + sigma) * s * e + k * sigma * e + rate / (
+        s + rate)), rel=1e-6)
+    sampled = RowLoop(k, sigma, rate, lag, period=0.002).wave(omega)
+    np.testing.assert_allclose(sampled, found, rtol=0.01)
+    assert np.isinf(RowLoop(20.0, 5.0, lag=0.3).wave(omega)).all()
+
+
 def test_it_is_unstable_beyond_rouths_limit():
     k, sigma = 20.0, 5.0
     limit = (k + sigma) / (k * sigma)

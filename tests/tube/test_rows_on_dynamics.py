@@ -1,15 +1,20 @@
 """The rows of the law `tip first` on the robot's full dynamics, behind thrusters that lag."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from support.hovering import Hovering, Lag
 from support.lagging import CONFIG, Motion, run
 from support.transfer import impulse
 
+from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.plant.disturbance import SinusoidalDisturbance
 from uvms_drake.tube.row_loop import RowLoop
 
 pytestmark = pytest.mark.slow
@@ -143,3 +148,28 @@ def test_behind_a_lag_the_tip_stays_where_resolved_lets_it_swing(model):
     assert tip(held[0.4], 1.2, 1.6) < 0.01 * tip(held[0.4], 0.0, 1.2)
     moved = [np.max(np.abs(held[lag].error[:, :3])) for lag in (0.0, 0.4)]
     assert moved[0] < moved[1] < 0.1
+
+
+def test_a_sampled_loop_answers_a_wave_as_its_rows_do(model):
+    """The shipped systems: a held and late command, an observer with its ticks, a lag."""
+    omega, clock, late, lag = 4.0, 0.04, 0.01, 0.1
+    law = replace(law_of(2.0, 3.0), tip=BlockGains(10.0, 5.0, 3.0), observer_period=clock)
+    robot = Hovering(model, law, step=0.02, actuation=[SampledCommand(clock, late), Lag(lag)],
+                     disturbance=SinusoidalDisturbance(bound=0.1, frequency=omega))
+    vehicle = RowLoop(*VEHICLE, 2.0, lag, clock, late).wave(omega).position
+    tip = RowLoop(10.0, 5.0, 3.0, 0.0, clock, late).wave(omega).position
+    outputs = law.observed(model).outputs
+
+    def read():
+        now = pair_of(model, robot.read("uvms", "state"), robot.nominal)
+        return outputs(now).error
+
+    error = robot.every(0.02, 3.5, read)[-79:]  # the last period of the wave
+    J = outputs(pair_of(model, robot.nominal, robot.nominal)).J[0]
+    delta = np.abs(J @ np.full(10, 0.1 / np.sqrt(10.0)))
+    found = 0.5 * np.ptp(error, axis=0)
+    ratio = found / (delta * np.repeat([vehicle, tip], [6, 4]))
+    np.testing.assert_allclose(ratio[[0, 1, 2, 5]], 1.0, atol=0.03)
+    # The rest is fed forward late: righting moments, and to the held tip the vehicle's wrench.
+    assert np.all((ratio[3:5] > 0.85) & (ratio[3:5] < 1.0))
+    np.testing.assert_allclose(ratio[6:], 1.0, atol=0.2)

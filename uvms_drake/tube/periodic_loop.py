@@ -51,7 +51,7 @@ class PeriodicLoop:
     @cached_property
     def _flows(self) -> np.ndarray:
         """e^{At} (stretches, points + 1, m, m) at equidistant times of each stretch."""
-        flows = np.empty((len(self.stretches), self.points + 1, *self.A.shape))
+        flows = np.empty((len(self.stretches), self.points + 1, *self.A.shape), self.A.dtype)
         for flow, stretch in zip(flows, self.stretches, strict=True):
             step = exponential(self.A * (stretch.duration / self.points))
             flow[0] = np.eye(len(self.A))
@@ -115,21 +115,40 @@ class PeriodicLoop:
             B: How w enters the flow (m,).
             N: How it enters at a tick (m,), as the samples of w.
         """
+        if math.isinf(self.periods):
+            return np.full(len(self.C), np.inf)
+        more, left = self._settled(B, N, 0.0)
+        gain = more._by_flow(np.eye(len(more.A))[-1], self.periods)
+        return np.where(left > 1e-9 * (1.0 + gain / self.periods), np.inf, gain)
+
+    def wave_gain(self, B: np.ndarray, omega: float, N: np.ndarray | float = 0.0) -> np.ndarray:
+        """Returns the amplitudes of z (o,) by w = sin(ωt + φ), any φ, once settled; inf: unstable.
+
+        Args:
+            B: How w enters the flow (m,).
+            omega: ω [rad/s].
+            N: How it enters at a tick (m,), as the samples of w.
+        """
+        if math.isinf(self.periods):
+            return np.full(len(self.C), np.inf)
+        return self._settled(B, N, 1j * omega)[1]
+
+    def _settled(self, B: np.ndarray, N: np.ndarray | float, rate: complex
+                 ) -> tuple["PeriodicLoop", np.ndarray]:
+        """Returns the loop with w = e^(rate t) as its last state, and the largest |z| (o,) by it."""
         m = len(self.A)
         jumps = [_bordered(stretch.jump, np.zeros(m), 1.0) for stretch in self.stretches]
         jumps[-1][:m, m] = N
-        more = self._with_input(B, jumps)
-        if math.isinf(self.periods):
-            return np.full(len(self.C), np.inf)
-        settled = np.append(np.linalg.solve(np.eye(m) - self.cycle, more.cycle[:m, m]), 1.0)
-        left = np.max([np.abs(more.C @ until @ settled) for until, _ in more._until()], axis=0)
-        gain = more._by_flow(np.eye(m + 1)[m], self.periods)
-        return np.where(left > 1e-9 * (1.0 + gain / self.periods), np.inf, gain)
+        more = self._with_input(B, jumps, rate)
+        cycle = more.cycle
+        state = np.append(np.linalg.solve(cycle[m, m] * np.eye(m) - self.cycle, cycle[:m, m]), 1.0)
+        return more, np.max([np.abs(more.C @ until @ state) for until, _ in more._until()], axis=0)
 
-    def _with_input(self, B: np.ndarray, jumps: list[np.ndarray]) -> "PeriodicLoop":
-        """Returns the loop with an input to the flow as its last state, and these jumps."""
+    def _with_input(self, B: np.ndarray, jumps: list[np.ndarray], rate: complex = 0.0
+                    ) -> "PeriodicLoop":
+        """Returns the loop with an input w as its last state, ẇ = rate w, and these jumps."""
         return PeriodicLoop(
-            _bordered(self.A, B, 0.0), np.column_stack([self.C, np.zeros(len(self.C))]),
+            _bordered(self.A, B, rate), np.column_stack([self.C, np.zeros(len(self.C))]),
             tuple(Stretch(stretch.duration, jump)
                   for stretch, jump in zip(self.stretches, jumps, strict=True)), self.points)
 
@@ -203,18 +222,18 @@ def exponential(A: np.ndarray) -> np.ndarray:
     """Returns e^A (m, m), by its series for A/2ᵏ and k squarings."""
     squarings = max(0, math.ceil(math.log2(max(float(np.linalg.norm(A, 1)), 1e-300))) + 3)
     small, term = A / 2.0**squarings, np.eye(len(A))
-    total = term.copy()
+    total = term
     for i in range(1, 14):
         term = term @ small / i
-        total += term
+        total = total + term
     for _ in range(squarings):
         total = total @ total
     return total
 
 
-def _bordered(matrix: np.ndarray, column: np.ndarray, corner: float) -> np.ndarray:
+def _bordered(matrix: np.ndarray, column: np.ndarray, corner: complex) -> np.ndarray:
     """Returns [matrix column; 0 corner]."""
-    out = np.zeros((len(matrix) + 1, len(matrix) + 1))
+    out = np.zeros((len(matrix) + 1, len(matrix) + 1), np.result_type(corner, float))
     out[:-1, :-1], out[:-1, -1], out[-1, -1] = matrix, column, corner
     return out
 

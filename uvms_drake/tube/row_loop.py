@@ -125,6 +125,14 @@ class RowLoop:
                 gains[name] = loop.flow_gain(system.noise[i], D)
         return {name: Peak(*map(float, values)) for name, values in gains.items()}
 
+    def wave(self, omega: float) -> Peak:
+        """Returns the amplitudes by δ = sin(ωt + φ) of any φ, once they have settled.
+
+        Far less than those of a δ that may be anything, if ω [rad/s] is: waves, of one period.
+        """
+        system = self._system
+        return Peak(*map(float, system.loop.wave_gain(system.delta, omega)))
+
     @cached_property
     def _system(self) -> "_System":
         return _sampled(self) if self.period > 0.0 else _continuous(self)
