@@ -44,8 +44,8 @@ class Lag(Part):
 class Hovering:
     """A simulation of it, and what can be read."""
 
-    def __init__(self, model, law, *, bound=0.0, disturbance=None, limits=None, sensing=(), actuation=(), faults=(),
-                 step=0.02, told=True):
+    def __init__(self, model, law, *, bound=0.0, disturbance=None, limits=None, sensing=(),
+                 actuation=(), faults=(), step=0.02, told=True):
         builder, self.signals = DiagramBuilder(), {}
         plant = builder.AddNamedSystem("uvms", make_uvms_plant(
             model="girona500_arm5e", surface=None,

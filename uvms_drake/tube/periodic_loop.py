@@ -135,7 +135,7 @@ class PeriodicLoop:
 
     def _settled(self, B: np.ndarray, N: np.ndarray | float, rate: complex
                  ) -> tuple["PeriodicLoop", np.ndarray]:
-        """Returns the loop with w = e^(rate t) as its last state, and the largest |z| (o,) by it."""
+        """Returns the loop with w = e^(rate t) as its last state, and the |z| (o,) it leads to."""
         m = len(self.A)
         jumps = [_bordered(stretch.jump, np.zeros(m), 1.0) for stretch in self.stretches]
         jumps[-1][:m, m] = N
