@@ -107,8 +107,8 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
 
 
 @pytest.mark.parametrize(("override", "expected"), [
-    ("sensing=[{joints: {rate: 0}}]", "sensing[0].joints.rate = 0.0: must be positive"),
-    ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be positive"),
+    ("sensing=[{joints: {rate: 0}}]", "sensing[0].joints.rate = 0.0: must be positive, and"),
+    ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be at least 0.0001"),
     ("actuation=[!Hold {}]",
      "actuation[0] = '!Hold': must be a mapping tagged !SampledCommand or !Thrusters")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):

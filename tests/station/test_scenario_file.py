@@ -169,7 +169,7 @@ def test_a_robot_that_is_not_as_it_is_known_comes_from_a_file_and_goes_back_into
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
     assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
-    with pytest.raises(ScenarioError, match=r"model_error\.payload\.mass = -1\.0: must be zero"):
+    with pytest.raises(ScenarioError, match=r"model_error\.payload\.mass = -1\.0: must be from 0"):
         load_scenario("girona500_ideal", ["model_error.payload.mass=-1"])
 
 

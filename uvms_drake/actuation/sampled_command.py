@@ -32,7 +32,7 @@ class SampledCommand(Part):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.period < np.inf, "period", self.period, "positive")
+        require(1e-4 <= self.period < np.inf, "period", self.period, "at least 0.0001 s")
         require(0.0 <= self.delay <= 100.0 * self.period, "delay", self.delay,
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 

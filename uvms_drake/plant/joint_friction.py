@@ -36,10 +36,11 @@ class JointFriction:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         for key in ("coulomb", "static"):
             value = np.asarray(getattr(self, key), dtype=float)
-            require(value.ndim == 1 and bool(np.all((value >= 0.0) & (value < np.inf))), key,
-                    value, "zero or positive, one for all joints or one each")
+            require(value.ndim == 1 and bool(np.all((value >= 0.0) & (value <= 1e4))), key,
+                    value, "from 0 to 10000 N m, one for all joints or one each")
         for key in ("stribeck", "creep"):
-            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
+            require(1e-6 <= getattr(self, key) < np.inf, key, getattr(self, key),
+                    "at least 1e-06 rad/s")
 
     def torques(self, joints: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns F_C and F_S ≥ F_C (n,) [N m]."""

@@ -33,8 +33,9 @@ class Payload:
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         for key in ("mass", "displaced"):
-            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
-        vector("centre", self.centre, 3)
+            require(0.0 <= getattr(self, key) <= 1e3, key, getattr(self, key), "from 0 to 1000 kg")
+        centre = vector("centre", self.centre, 3)
+        require(bool(np.max(np.abs(centre)) <= 10.0), "centre", centre, "within 10 m")
 
 
 def with_payload(plant: MultibodyPlant, uvms: Uvms, payload: Payload) -> Uvms:

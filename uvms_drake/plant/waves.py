@@ -47,7 +47,7 @@ class Wave:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         for key in ("direction", "phase"):
             require(bool(np.isfinite(getattr(self, key))), key, getattr(self, key), "finite")
-        require(0.0 < self.period < np.inf, "period", self.period, "positive")
+        require(0.1 <= self.period <= 1e3, "period", self.period, "from 0.1 to 1000 s")
         require(0.0 < self.depth < np.inf, "depth", self.depth, "positive")
         require(self.sea_depth is None or self.depth <= self.sea_depth < np.inf, "sea_depth",
                 self.sea_depth, f"at least the robot's depth, {self.depth:g} m, or left out")
@@ -83,9 +83,9 @@ class Wave:
         """Amplitudes of the horizontal and of the vertical velocity [m/s]."""
         k, h = self.wavenumber, self._floor
         # Hyperbolic functions would overflow in deep water.
-        decay, image = np.exp(-k * self.depth), np.exp(-2.0 * k * (h - self.depth))
-        scale = self.amplitude * self.frequency * decay / (1.0 - np.exp(-2.0 * k * h))
-        return float(scale * (1.0 + image)), float(scale * (1.0 - image))
+        scale = self.amplitude * self.frequency * np.exp(-k * self.depth) / -np.expm1(-2.0 * k * h)
+        image = -2.0 * k * (h - self.depth)
+        return float(scale * (1.0 + np.exp(image))), float(scale * -np.expm1(image))
 
     def motion(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Returns v (3,) [m/s] and v̇ (3,) [m/s²] in Σ_I at a time [s]; see (1)."""

@@ -68,7 +68,7 @@ class Channel:
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.rate < np.inf, "rate", self.rate, "positive")
+        require(0.0 < self.rate <= 1e4, "rate", self.rate, "positive, and at most 10000 Hz")
         require(0.0 <= self.noise < np.inf, "noise", self.noise, "zero or positive")
         require(0.0 <= self.latency <= 100.0 / self.rate, "latency", self.latency,
                 f"from 0 to 100 periods, {100.0 / self.rate:g} s")
@@ -113,11 +113,11 @@ class Dvl:
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.rate < np.inf, "rate", self.rate, "positive")
+        require(0.0 < self.rate <= 100.0, "rate", self.rate, "positive, and at most 100 Hz")
         noise = vector("noise", self.noise, 3)
         require(bool(np.all(noise >= 0.0)), "noise", noise, "zero or positive")
-        require(1.0 / self.rate <= self.gap < np.inf, "gap", self.gap,
-                f"at least a period, {1.0 / self.rate:g} s")
+        require(1.0 <= self.gap * self.rate <= 1e4, "gap", self.gap,
+                f"from one period, {1.0 / self.rate:g} s, to 10000")
         require(0.0 <= self.lost <= 1.0, "lost", self.lost, "from 0 to 1")
         require(0.0 <= self.growth < np.inf, "growth", self.growth, "zero or positive")
 
