@@ -11,6 +11,7 @@ from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.report.robot_sheet import (
+    Thrust,
     format_sheet,
     largest_wrench,
     notes_of,
@@ -92,6 +93,8 @@ def test_the_largest_wrench_leaves_the_other_axes_alone():
     assert largest_wrench(thrusters, 1, 1.0) == 0.0
     thrust = thrust_of(thrusters, np.array([4.0, 0.0, 0.0, 0.0, 0.0, 3.0]))
     assert (thrust.hover_thruster, thrust.hover) == ("port", pytest.approx(0.5))
+    weak = thrust_of(thrusters, np.array([-24.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert weak.hover == pytest.approx(1.5)
 
 
 def test_an_arm_that_can_be_straight_is_said_to_be_singular_there(sheets):
@@ -112,9 +115,11 @@ def test_the_reach_is_the_length_of_the_arm(sheets):
 def test_what_is_no_mistake_is_noted(sheets):
     assert notes_of(sheets["bluerov2_alpha5"]) == []
     dry = replace(sheets["box_uvms"], bodies=[("hook", 1.0, 0.0, np.zeros(3))],
-                  joints=[("elbow", -np.inf, np.inf, 0.0, 0.0)])
+                  joints=[("elbow", -np.inf, np.inf, 0.0, 0.0)],
+                  thrust=Thrust(("bow",), np.zeros((6, 2)), (), 1.2, "bow"))
     assert [note.split(":")[0] for note in notes_of(dry)] == [
-        "joint elbow has no limits", "joint elbow has no inertia of a motor", "body hook is dry"]
+        "joint elbow has no limits", "joint elbow has no inertia of a motor",
+        "thruster bow is too weak to hold the robot level", "body hook is dry"]
 
 
 @pytest.mark.parametrize("name", ["box_uvms", "bluerov2_alpha5", "girona500_arm5e"])

@@ -16,6 +16,8 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 POSTURES = 2000
 """Random postures within the joints' limits that reach and dexterity are found from."""
+NO_FORCE = 1e-9
+"""Limit of a thruster that pushes one way only, the other way [N]."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Thrust:
     """(6, 2): largest wrench along and against each axis, the other driven ones zero [N, N m]."""
     undriven: tuple[str, ...]
     hover: float
-    """Largest share of its limit that a thruster gives at rest."""
+    """Largest share of its limit that a thruster would have to give at rest."""
     hover_thruster: str
 
 
@@ -116,8 +118,10 @@ def thrust_of(thrusters: ThrusterModel, wrench: np.ndarray) -> Thrust:
     """
     largest = np.array([[largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0)]
                         for axis in range(6)])
-    forces = Allocation.to(thrusters).forces(wrench)
-    share = forces / np.where(forces > 0.0, thrusters.upper, thrusters.lower)
+    allocation = Allocation.to(thrusters)
+    forces = allocation.matrix @ wrench + allocation.bias
+    limits = np.where(forces > 0.0, thrusters.upper, -thrusters.lower)
+    share = np.abs(forces) / np.maximum(limits, NO_FORCE)
     return Thrust(thrusters.names, largest, tuple(AXES[i] for i in thrusters.undriven),
                   float(np.max(share)), thrusters.names[int(np.argmax(share))])
 
@@ -231,6 +235,8 @@ def notes_of(sheet: RobotSheet) -> list[str]:
              for name, lower, upper, *_ in sheet.joints if not np.isfinite(lower + upper)]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
               for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]
+    if sheet.thrust is not None and sheet.thrust.hover > 1.0:
+        notes.append(f"thruster {sheet.thrust.hover_thruster} is too weak to hold the robot level")
     notes += [f"body {name} is dry: hydrodynamics.yaml does not name it"
               for name, _, water, added in sheet.bodies if water == 0.0 and not np.any(added)]
     return notes
