@@ -25,6 +25,7 @@ from uvms_drake.station.faults import uncovered
 from uvms_drake.station.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimate import Estimate
 
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",
@@ -81,6 +82,12 @@ class Certificate:
     tube: TubeRadii | None = None
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of some radii by their source; not in the file, if there are none."""
+    estimates: tuple[Estimate, ...] = ()
+    """What is estimated of the tube, with what a second search found."""
+    tightening: int = 0
+    """How many limits the tube tightens, an input's being one for each component."""
+    proven: int = 0
+    """How many of these by a number that is proven."""
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
@@ -126,6 +133,7 @@ class Certificate:
         return Certificate(**(data | {
             "constants": tuple(Constant.from_data(item) for item in data["constants"]),
             "conditions": tuple(Condition(**item) for item in data["conditions"]),
+            "estimates": tuple(Estimate(**item) for item in data["estimates"]),
             "weights": None if weights is None else np.array(weights, dtype=float),
             "tube": None if tube is None else TubeRadii(**_with_arrays(tube)),
             "terminal": None if terminal is None else TerminalResult(**_with_arrays(terminal))}))

@@ -31,6 +31,7 @@ from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.estimate import unrefuted
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
@@ -69,10 +70,13 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
             tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
-            conditions=(*found.conditions, *assumptions(scenario)))
+            conditions=(*found.conditions, *unrefuted(found.estimates), *assumptions(scenario)),
+            estimates=found.estimates)
         if not draft.certified:
             return draft
-        draft = draft.adding(room_of(scenario, found.radii, model))
+        tightening, proven = how_many_are_proven(scenario, found, model)
+        draft = replace(draft.adding(room_of(scenario, found.radii, model)),
+                        tightening=tightening, proven=proven)
         if not draft.certified:
             return draft
         return _with_terminal_set(draft, found, scenario, model, progress)
@@ -191,8 +195,8 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
         d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
         u_limit=np.asarray(scenario.limits.u, dtype=float), settings=scenario.certificate,
-        contact=contact,
-        largest_rate=np.inf if contact is None else 2.0 * speeds / scenario.mpc.time_step)
+        contact=contact, forces=scenario.limits.tau is not None,
+        largest_rate=2.0 * speeds / scenario.mpc.time_step)
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
@@ -210,6 +214,20 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
             conditions += [Condition(f"tube in limits.{label}", radius, "<", room)
                            for label, radius, room in limit.rooms(tube)]
     return conditions
+
+
+def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel
+                        ) -> tuple[int, int]:
+    """Returns how many limits a tube tightens, and how many of them by what is proven.
+
+    A number is estimated if it changes with the radii that are.
+    """
+    doubled = {name: 2.0 * getattr(found.radii, name) for name in found.estimated
+               if getattr(found.radii, name) is not None}
+    rooms = [room_of(scenario, radii, model)
+             for radii in (found.radii, replace(found.radii, **doubled))]
+    pairs = [(old, new) for old, new in zip(*rooms, strict=True) if old.left > 0.0]
+    return len(pairs), sum(old.left == new.left for old, new in pairs)
 
 
 def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,

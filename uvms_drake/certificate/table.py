@@ -21,6 +21,7 @@ HELP = {
     "tube in limits.u": INPUTS,
     "tube in limits.tau": INPUTS,
     "tube in limits": "a smaller disturbance.bound, larger gains or a wider limit",
+    "estimates, second search": "a larger certificate.safety_factor, or more tube_samples",
     "σ": "slower speed limits or a larger ancillary.sigma",
     "a = ": "a larger ancillary.sigma or slower speed limits",
     "b = ": "a larger ancillary.k",
@@ -76,7 +77,7 @@ def format_certificate(certificate: Certificate) -> str:
         "", "constants", *(_constant_row(item) for item in certificate.constants),
         "", "conditions", *(_condition_row(item) for item in certificate.conditions),
         "", "tube", *_tube_rows(certificate),
-        *_budget_rows(certificate),
+        *_budget_rows(certificate), *_estimate_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
         "", "the paper's Lemma with these constants",
@@ -101,8 +102,20 @@ def verdict(certificate: Certificate) -> str:
     """Returns one line: certified, or void with the first failed condition and what would help."""
     failed = certificate.failed
     if failed is None:
-        return f"certified: all {len(certificate.conditions)} conditions hold"
+        return f"certified: all {len(certificate.conditions)} conditions hold{_proven(certificate)}"
     return f"void: {_what(failed)}{_help(failed)}"
+
+
+def _proven(certificate: Certificate) -> str:
+    """Returns how much of it is proven, and how near the second search came to the rest."""
+    if not certificate.tightening:
+        return ""
+    estimated = certificate.tightening - certificate.proven
+    ratio = max((estimate.ratio for estimate in certificate.estimates), default=None)
+    again = "" if ratio is None or not estimated else (
+        f" (a second search found up to {ratio:.0%} of what is claimed)")
+    return (f"; of the {certificate.tightening} numbers that tighten limits "
+            f"{certificate.proven} are proven, {estimated} estimated{again}")
 
 
 def _what(condition: Condition) -> str:
@@ -157,6 +170,14 @@ def _budget_rows(certificate: Certificate) -> list[str]:
                                     for parts in certificate.budget.values())
         for source in sources),
         f"  {'':<24}" + "".join(f"{name:>12}" for name in certificate.budget) + "   [mm, mm/s]"]
+
+
+def _estimate_rows(certificate: Certificate) -> list[str]:
+    """Returns what is estimated, by how close the second search came to it."""
+    estimates = sorted(certificate.estimates, key=lambda estimate: -estimate.ratio)
+    return ["", "estimates: what is claimed, and what a second search found of it", *(
+        f"  {estimate.name:<36}{estimate.claim:>12.4g}{estimate.ratio:>8.0%}"
+        for estimate in estimates)] if estimates else []
 
 
 def _terminal_rows(certificate: Certificate) -> list[str]:

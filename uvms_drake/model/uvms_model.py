@@ -145,9 +145,10 @@ class UvmsModel:
 
     def task_jacobian(self, config: np.ndarray) -> np.ndarray:
         """Returns J_x (..., 6+n, 6+n) = [J(𝔮); 0 I] with ẏ = J_x ζ."""
-        return self._extend(self.kinematics(config).J_chi)
+        return self.extended(self.kinematics(config).J_chi)
 
-    def _extend(self, J_chi: np.ndarray) -> np.ndarray:
+    def extended(self, J_chi: np.ndarray) -> np.ndarray:
+        """Returns J_x (..., 6+n, 6+n) = [J; 0 I] of J (..., 6, 6+n)."""
         J_x = np.empty((*J_chi.shape[:-2], self.size, self.size), dtype=J_chi.dtype)
         J_x[..., :6, :] = J_chi
         J_x[..., 6:, :] = self._joint_rows
@@ -162,7 +163,7 @@ class UvmsModel:
         """
         kinematics = kinematics or self.kinematics(config)
         y = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)
-        return y, self._extend(kinematics.J_chi), self.task_jacobian_rate(kinematics, zeta)
+        return y, self.extended(kinematics.J_chi), self.task_jacobian_rate(kinematics, zeta)
 
     def task_jacobian_rate(self, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
         """Returns J̇_x (..., 6+n, 6+n) along 𝔮̇ = Γ(𝔮)ζ, real.

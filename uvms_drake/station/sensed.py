@@ -24,9 +24,10 @@ from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.estimate import Estimate, largest_of
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.sensed import FeltForce, contact_input_rest
-from uvms_drake.tube.tip_jerk import tip_jerk
+from uvms_drake.tube.tip_jerk import second_jerk, tip_jerk
 
 SEARCH = 1.0
 """How far ahead of the front the target is where nothing has been felt [m]."""
@@ -90,17 +91,20 @@ class Sensed(Dynamic):
         radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
         largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
-        u_rest, tau_rest = contact_input_rest(
+        worst, second = contact_input_rest(
             basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
             radii.orientation, settings.seed)
         aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
-        jerk = SAFETY_OF_JERK * np.hypot(1.0, aside) * tip_jerk(
-            basis.model, slower(declared, radii), scenario.mpc.time_step,
-            contact.tool_angle + np.arctan(aside), 10 * settings.constant_samples,
-            settings.seed)
-        assert tube.radii.tau is not None  # a computed tube has it
-        radii = replace(tube.radii, u=tube.radii.u + settings.safety_factor * u_rest,
-                        tau=tube.radii.tau + settings.safety_factor * tau_rest,
+        planned, off = slower(declared, radii), contact.tool_angle + np.arctan(aside)
+        tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, off,
+                                        10 * settings.constant_samples, settings.seed)
+        tip_again = second_jerk(basis.model, planned, scenario.mpc.time_step, off, settings.seed)
+        jerk = np.hypot(1.0, aside) * tip
+        rest = settings.safety_factor * worst
+        u_rest, tau_rest = np.split(rest, 2)
+        tau = tube.radii.tau
+        radii = replace(tube.radii, u=tube.radii.u + u_rest,
+                        tau=None if tau is None else tau + tau_rest,
                         between_knots=off_parabola(jerk, scenario.mpc.time_step))
         with_tube = replace(scenario, tube=radii)
         margin = front_margin(with_tube)
@@ -121,7 +125,9 @@ class Sensed(Dynamic):
                       BETWEEN_KNOTS * min(contact.speed, contact.speed_across)),
             Condition("front, room from a reading without touch [m]", room, ">", 0.0),
             Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
-                      largest_force(with_tube))), tube.budget)
+                      largest_force(with_tube))), tube.budget, tube.estimated,
+            (*tube.estimates, largest_of("what the contact adds to u", rest, second),
+             Estimate("jerk of the tip", tip, tip_again)))
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:

@@ -14,13 +14,15 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
+from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.kinematic import attitude_radii, undetermined_joints
+from uvms_drake.tube.kinematic import undetermined_joints
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.sensed import push_of
 from uvms_drake.tube.tube_image import tube_image
 from uvms_drake.tube.tubes import (
+    attitude_radii,
     resolved_tube,
     smallest_k,
     transpose_tube,
@@ -31,6 +33,13 @@ PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_atti
 """Constants that decide the tube of `resolved` in a ball of disturbances, by block of rows."""
 WEIGHTED = {name: name.replace("_max", "_W_max") for name in PROVEN.values()}
 """Those of J_xŴ by those of J_x: they decide where Ŵ is not I."""
+
+
+ESTIMATED = ("z", "nu1", "nu2", "u", "tau")
+"""Radii of `resolved` that rest on estimates in a ball of disturbances, if nothing is felt."""
+TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
+TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
+"""The constants of `transpose`, see `lemma_constants`."""
 
 
 def gain(basis: Basis, block: str) -> float:
@@ -79,7 +88,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     image = tube_image(
         basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
         k=k, sigma=sigma, samples=settings.tube_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed, push=push, largest_rate=basis.largest_rate)
+        seed=settings.seed, push=push, largest_rate=basis.largest_rate, forces=basis.forces)
     tip_speed = 2.0 * sigma * position
     pushed = float(np.linalg.norm([push.position, push.orientation, push.p[2]]))
     tube = TubeRadii(
@@ -95,7 +104,15 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     by_d = {"depth": position, "depth_speed": tip_speed, "position": position}
     budget = {name: {"d": by_d[name], **parts} for name, parts in push.budget.items()}
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
-    return LawTube(tube, (condition,), budget)
+    estimated: tuple[str, ...] = ESTIMATED
+    estimates = image.estimates
+    if np.any(basis.weights != 1.0):
+        estimated += ("roll", "pitch")
+    if basis.contact is not None:
+        estimated = tuple(vars(tube))
+        estimates += push.estimates + checked_constants(
+            basis.model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)
+    return LawTube(tube, (condition,), budget, estimated, estimates)
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
@@ -112,7 +129,11 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
     tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
                      nu2=z, qdot=z, tip_speed=lemma.L_c * found.e + lemma.J_max * z,  # 𝔢̇ = 𝔟 + J𝔷
                      roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
-    return LawTube(tube, (*found.conditions, undetermined_joints(law, model)))
+    names = TRANSPOSE_JOINTS if law.joints else TRANSPOSE
+    return LawTube(tube, (*found.conditions, undetermined_joints(law, model)),
+                   estimated=tuple(vars(tube)), estimates=checked_constants(
+                       model, basis.declared, tuple(basis.constants[name] for name in names),
+                       basis.settings.seed))
 
 
 DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {

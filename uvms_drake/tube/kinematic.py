@@ -4,11 +4,7 @@ The law `resolved`, ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y], leaves �
 does: from zero, the joints stay where the plan has them and ‖𝔢‖ ≤ w̃(1 − e^{−σt})/σ. That needs no
 constant (`conditions.kinematic_tubes`). The rest is algebra, with 𝔮 = 𝔮(ȳ + (𝔢, 0)).
 
-*Attitude of the vehicle*, proven: |θ − θ̄| ≤ ρ and |φ − φ̄| ≤ ρ/cos θ_max for ‖𝔢‖ ≤ ρ and q = q̄.
-Proof: R_WB = R(𝔬)R_BE(q)ᵀ. Move 𝔬 from 𝔬̄ to its place on a straight line. The axes of its φ and θ
-are orthogonal, so R_WB turns by ρ at most, apart from a turn about the vertical, which changes
-neither φ nor θ of the vehicle. Its Euler angles then change by |dθ| ≤ ρ and |dφ| ≤ ρ/cos θ, and on
-the way |θ| ≤ |θ̄| + ρ ≤ θ_max. ∎
+*Attitude of the vehicle*, proven: see `tubes.attitude_radii`.
 
 *Velocities*, estimated: with J = [J_v J_a] of vehicle and arm and ζ = (ν, q̇),
 
@@ -26,7 +22,7 @@ constant; angles and depth can bulge out by h²/8 times their second derivative.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -38,10 +34,15 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import COMPLEX_STEP
 from uvms_drake.tube.conditions import Condition, kinematic_tubes
+from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.constants import START_RANKS
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.estimate import Estimate
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.local_search import DIFFERENCE, climb
+from uvms_drake.tube.search_problem import SearchProblem
+from uvms_drake.tube.second_search import second_search
+from uvms_drake.tube.tubes import attitude_radii
 
 CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
 """The constants of the law `transpose`, in χ and in y; `resolved` needs none."""
@@ -60,7 +61,9 @@ def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
     tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
                      nu1=nu1, nu2=nu2, qdot=0.0, tip_speed=2.0 * law.sigma * e, roll=roll,
                      pitch=pitch)
-    return LawTube(tube, ())
+    estimates = () if not np.isfinite(nu1) else _second_velocities(
+        basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed)
+    return LawTube(tube, (), estimated=("z", "nu1", "nu2"), estimates=estimates)
 
 
 def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
@@ -74,7 +77,10 @@ def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
     roll, pitch = attitude_radii(basis.declared, e, joints, num_joints)
     tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
                      tip_speed=2.0 * law.sigma * e, roll=roll, pitch=pitch)
-    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)))
+    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
+                   estimated=tuple(vars(tube)), estimates=checked_constants(
+                       basis.model, basis.declared,
+                       tuple(basis.constants[name] for name in names), basis.settings.seed))
 
 
 KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
@@ -87,22 +93,6 @@ def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
     free = 0 if law.joints else model.num_joints
     return Condition("n, joints that χ does not determine (the tube is in χ alone)",
                      float(free), "<=", 0.0)
-
-
-def attitude_radii(declared: ConstraintSet, orientation: float, joints: float = 0.0,
-                   num_joints: int = 0) -> tuple[float, float]:
-    """Returns the bounds of |φ − φ̄| and |θ − θ̄| of the vehicle.
-
-    Joints off by δq turn the arm, seen from its tip, by Σ|δqᵢ| ≤ √n‖δq‖, and the vehicle with it.
-
-    Args:
-        declared: Limits θ.
-        orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
-        joints: Bound of ‖q − q̄‖₂ [rad].
-        num_joints: n.
-    """
-    turn = orientation + (np.sqrt(num_joints) * joints if num_joints > 0 else 0.0)
-    return float(turn / np.cos(declared.pitch)), float(turn)
 
 
 def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
@@ -192,6 +182,34 @@ def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: floa
     nu1, nu2 = (safety_factor * float(np.max(
         worst_errors(model, config, zeta, block, radius, sigma)[0])) for block in _BLOCKS)
     return nu1, nu2
+
+
+@dataclass(frozen=True)
+class _VelocityProblem(SearchProblem):
+    """The velocities of (1), for the second search."""
+
+    sigma: float
+
+    @property
+    def channels(self) -> list[slice]:
+        """Those of ν₁ and ν₂."""
+        return list(_BLOCKS)
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns ν − ν̄ (..., 6) of motions (..., 3(6+n)) and errors, 𝔢 and nothing else."""
+        pose, zeta, _ = np.split(x, 3, axis=-1)
+        return velocity_deviation(self.model, self.config(pose), zeta, error[..., :6], self.sigma)
+
+
+def _second_velocities(model: ContactModel, declared: ConstraintSet, radius: float, sigma: float,
+                       claims: tuple[float, float], seed: int) -> tuple[Estimate, ...]:
+    """Returns the estimates that `velocity_radii` are."""
+    nominal = replace(declared, tip_pitch=declared.tip_pitch - radius)
+    part = np.eye(2 * model.size)[:, :6], radius
+    found = second_search(_VelocityProblem(model, nominal, [part], sigma), np.arange(2),
+                          np.random.default_rng([seed, 1]))
+    return tuple(Estimate(name, claim, float(second))
+                 for name, claim, second in zip(("ν₁", "ν₂"), claims, found, strict=True))
 
 
 def _largest(model: ContactModel, block: slice, radius: float, sigma: float, config: np.ndarray,

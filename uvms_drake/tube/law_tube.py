@@ -12,6 +12,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.estimate import Estimate
 from uvms_drake.tube.sensed import FeltForce
 from uvms_drake.tube.settings import CertificateSettings
 
@@ -37,7 +38,10 @@ class Basis:
     contact: FeltForce | None = None
     """The forces of a contact that is felt, which are not in the model."""
     largest_rate: np.ndarray | float = np.inf
-    """Bounds of |ζ̄̇ᵢ| of a plan (6+n,), where inputs for the contact force leave too much."""
+    """Bounds of |ζ̄̇ᵢ| of a plan (6+n,), of which |ūᵢ| leaves too much: a contact pushes light joints
+    far harder than their speeds from knot to knot allow."""
+    forces: bool = False
+    """Whether forces are limited, so that the tube in τ is needed."""
 
     def value(self, name: str) -> float:
         """Returns a constant."""
@@ -51,3 +55,7 @@ class LawTube(NamedTuple):
     conditions: tuple[Condition, ...]
     budget: Mapping[str, Mapping[str, float]] = MappingProxyType({})
     """Parts of radii by their source: who takes how much."""
+    estimated: tuple[str, ...] = ()
+    """The radii that rest on estimates, by their names; the others are proven."""
+    estimates: tuple[Estimate, ...] = ()
+    """What is estimated, with what a second search found."""

@@ -12,7 +12,6 @@ the box of the joints: found on a grid and closer and closer to the worst of it,
 a declared factor, and called estimates.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,45 +19,13 @@ import numpy as np
 
 from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.estimate import largest_of
+from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.row_gains import instant_gains, lagged_gains
 
 SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "the robot's motion")
 """Sources of the terms of (3)."""
-GRID_POINTS = 6000
-"""Largest number of points of the grid."""
-ROUNDS, ROUND_POINTS, SHRINK = 12, 600, 0.6
-"""Rounds of random points about the worst ones, points in each, and each round's size over the last
-one's."""
-
-
-def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
-                         upper: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Returns the largest values (c,) of a function that were found in a box of joint angles.
-
-    Args:
-        function: Values (m, c) at m sets of joint angles (m, n).
-        lower: Corner of the box (n,) [rad].
-        upper: The opposite corner (n,) [rad].
-        seed: Seed of the random points.
-    """
-    size, rng = len(lower), np.random.default_rng(seed)
-    along = max(2, int(GRID_POINTS ** (1.0 / max(size, 1))))
-    axes = [np.linspace(0.0, 1.0, along)] * size
-    unit = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, size)
-    values = function(lower + unit * (upper - lower))
-    worst = np.argmax(values, axis=0)
-    best, where = values.max(axis=0), unit[worst]
-    each, reach = max(8, ROUND_POINTS // len(best)), 1.0 / (along - 1)
-    for _ in range(ROUNDS):
-        steps = reach * rng.uniform(-1.0, 1.0, (len(best), each, size))
-        near = np.clip(where[:, None] + steps, 0.0, 1.0).reshape(-1, size)
-        found = function(lower + near * (upper - lower))
-        better = found.max(axis=0) > best
-        best = np.maximum(best, found.max(axis=0))
-        where[better] = near[np.argmax(found, axis=0)[better]]
-        reach *= SHRINK
-    return best
 
 
 def contact_gain(model: UvmsModel, q: np.ndarray) -> np.ndarray:
@@ -144,7 +111,8 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         safety_factor: Factor of suprema, which are searched for.
         seed: Seed of the search.
     """
-    found = _suprema(model, declared, force.tool_angle, seed)
+    worst, second = _searched(model, declared, force.tool_angle, seed)
+    found = _suprema(worst)
     turning = declared.nu2 + safety_factor * found.turning * declared.qdot
     instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
 
@@ -181,6 +149,7 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         z=np.sum(parts("velocity", found.zeta), axis=0),
         u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
         w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
+        estimates=(largest_of("what M⁻¹J_Eᵀ makes of forces", safety_factor * worst, second),),
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 
@@ -215,8 +184,9 @@ class _Suprema(NamedTuple):
     """Of each row of ζ̇ (6+n,)."""
 
 
-def _suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float, seed: int) -> _Suprema:
-    """Returns the suprema over the joints, and over n in the cone about the tip's x-axis."""
+def _searched(model: UvmsModel, declared: ConstraintSet, tool_angle: float, seed: int
+              ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns suprema over the joints and n in the cone about the tip's x-axis, by two searches."""
     size, num_joints = model.size, model.num_joints
     blocks = (slice(0, 3), slice(3, 6), slice(6, size))
 
@@ -240,8 +210,13 @@ def _suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float, seed:
                         np.linalg.norm(_norm(slope[..., :3]), axis=-1)]
         return np.stack(columns, axis=-1)
 
-    worst = supremum_over_joints(sizes, np.append(declared.q_lower, [0.0, 0.0]),
-                                 np.append(declared.q_upper, [tool_angle, 2.0 * np.pi]), seed)
+    box = np.append(declared.q_lower, [0.0, 0.0]), np.append(
+        declared.q_upper, [tool_angle, 2.0 * np.pi])
+    return supremum_over_joints(sizes, *box, seed), second_over_joints(sizes, *box, seed)
+
+
+def _suprema(worst: np.ndarray) -> _Suprema:
+    """Returns the suprema that `_searched` returned one by one."""
     table = worst[1:].reshape(-1, 4).T
     return _Suprema(float(worst[0]), *(_Sizes(*table[:, part]) for part in (
         0, 1, 2, slice(3, 6), slice(6, None))))
@@ -259,6 +234,8 @@ def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, f
                        joints: float, orientation: float, seed: int = 0
                        ) -> tuple[np.ndarray, np.ndarray]:
     """Returns by how much the contact's parts of 𝔲 and of τ may differ (6+n,) inside of the tube.
+
+    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
 
     The input for a contact force f in Σ_I is M⁻¹J_fᵀR_EW f, the force J_fᵀR_EW f. A plan counts
     them at the nominal pose. Row i, aᵢ(q)ᵀR_EW f, differs at the real pose by at most
@@ -296,5 +273,5 @@ def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, f
         by_joints = np.linalg.norm(slopes.swapaxes(1, 2), 2, axis=(-2, -1))
         return force * (by_joints * joints + turned)
 
-    u, tau = np.split(supremum_over_joints(rest, lower, upper, seed), 2)
-    return u, tau
+    return (supremum_over_joints(rest, lower, upper, seed),
+            second_over_joints(rest, lower, upper, seed))

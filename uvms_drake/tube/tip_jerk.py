@@ -1,5 +1,7 @@
 """The jerk of the planned end-effector, by which it is off a parabola between two knots."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
@@ -7,6 +9,8 @@ from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.search_problem import SearchProblem
+from uvms_drake.tube.second_search import second_search
 
 DIFFERENCE = 1e-3
 """Step of the differences [s]."""
@@ -31,11 +35,55 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
     config, before = planned.sample(model, samples, rng)
     after = planned.sample(model, samples, rng)[1]
     after = np.where(rng.uniform(size=(samples, 1)) < 0.5, -before, after)
-    rate = (after - before) / step
-    zeta = before + rng.uniform(size=(samples, 1)) * (after - before)
+    share = rng.uniform(size=(samples, 1))
     off = tool_angle * np.sqrt(rng.uniform(size=samples))
     about = rng.uniform(-np.pi, np.pi, samples)
-    n_E = np.stack([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)], -1)
+    aside = np.stack([np.cos(about), np.sin(about)], axis=-1)
+    return float(np.max(_jerk(model, step, config, before, after, share, off, aside)))
+
+
+def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
+                seed: int = 0) -> float:
+    """Returns the largest that a second search finds; see `tip_jerk` for the arguments."""
+    size = model.size
+    eye = np.eye(2 * size)
+    blocks = ((slice(0, 3), planned.nu1), (slice(3, 6), planned.nu2),
+              (slice(6, size), planned.qdot), (slice(size, size + 2), 1.0))
+    parts = [(eye[:, block], radius) for block, radius in blocks]
+    problem = _JerkProblem(model, planned, parts, step, tool_angle)
+    return float(second_search(problem, np.zeros(1, int), np.random.default_rng([seed, 3]))[0])
+
+
+@dataclass(frozen=True)
+class _JerkProblem(SearchProblem):
+    """The jerk; its errors are ζ₁ and the direction in which n is off the tip's x-axis."""
+
+    step: float
+    tool_angle: float
+
+    @property
+    def channels(self) -> list[slice]:
+        """The one."""
+        return [slice(0, 1)]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns |d³(n·𝔭)/dt³| (m, 1) of motions x (m, 3(6+n)), of ū only for when and how far."""
+        pose, before, share = np.split(x, 3, axis=-1)
+        after, aside = error[..., : self.size], error[..., self.size: self.size + 2]
+        return _jerk(self.model, self.step, self.config(pose), before, after,
+                     0.5 * (1.0 + share[..., :1]), self.tool_angle * np.abs(share[..., 1]),
+                     aside)[..., None]
+
+
+def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarray,
+          after: np.ndarray, share: np.ndarray, off: np.ndarray, aside: np.ndarray) -> np.ndarray:
+    """Returns |d³(n·𝔭)/dt³| (m,) a `share` (m, 1) of the way from one knot's ζ to the next one's.
+
+    n is `off` (m,) the tip's x-axis [rad], towards the direction `aside` (m, 2).
+    """
+    rate = (after - before) / step
+    zeta = before + share * (after - before)
+    n_E = np.concatenate([np.cos(off)[:, None], np.sin(off)[:, None] * aside], axis=-1)
     n = times(rotation_matrix(model.task_pose(config)[:, 3:6]), n_E)
 
     def speed(time: float) -> np.ndarray:
@@ -47,4 +95,4 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
         return np.sum(n * times(J, zeta + time * rate), axis=-1)
 
     jerk = (speed(DIFFERENCE) - 2.0 * speed(0.0) + speed(-DIFFERENCE)) / DIFFERENCE**2
-    return float(np.max(np.abs(jerk)))
+    return np.asarray(np.abs(jerk))

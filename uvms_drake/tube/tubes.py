@@ -35,6 +35,7 @@ from typing import NamedTuple
 
 from uvms_drake.common.errors import require
 from uvms_drake.tube.conditions import Condition, LemmaConstants
+from uvms_drake.tube.constraint_set import ConstraintSet
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,28 @@ def preimage_shift(k: float, sigma: float, d_bound: float, omega: float, alpha: 
     """
     _check_gains(k, sigma, d_bound)
     return alpha * d_bound / (k * (sigma - omega) * sigma) if omega < sigma else math.inf
+
+
+def attitude_radii(declared: ConstraintSet, orientation: float, joints: float = 0.0,
+                   num_joints: int = 0) -> tuple[float, float]:
+    """Returns the bounds of |φ − φ̄| and |θ − θ̄| of the vehicle.
+
+    *Bound.* |θ − θ̄| ≤ ρ and |φ − φ̄| ≤ ρ/cos θ_max with ρ = ‖𝔬 − 𝔬̄‖ + √n‖q − q̄‖.
+
+    *Proof.* R_WB = R(𝔬)R_BE(q)ᵀ. Move 𝔬 and q from 𝔬̄ and q̄ to their places on a straight line. The
+    axes of 𝔬's φ and θ are orthogonal, so R_WB turns by ‖𝔬 − 𝔬̄‖ at most, apart from a turn about
+    the vertical, which changes neither φ nor θ of the vehicle; joints that move by δq turn the arm,
+    seen from its tip, by Σ|δqᵢ| ≤ √n‖δq‖, and the vehicle with it. Its Euler angles then change by
+    |dθ| ≤ ρ and |dφ| ≤ ρ/cos θ, and on the way |θ| ≤ |θ̄| + ρ ≤ θ_max. ∎
+
+    Args:
+        declared: Limits θ.
+        orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
+        joints: Bound of ‖q − q̄‖₂ [rad].
+        num_joints: n.
+    """
+    turn = orientation + (math.sqrt(num_joints) * joints if num_joints > 0 else 0.0)
+    return turn / math.cos(declared.pitch), turn
 
 
 def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: float) -> Tube:

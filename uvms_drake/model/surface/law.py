@@ -127,6 +127,13 @@ class Surface(ABC):
         """
         return None
 
+    def turned(self, chi: np.ndarray) -> np.ndarray:
+        """Returns how far the attitudes of χ (..., 6) are from where 𝔉 jumps with them (...).
+
+        In [0, 1]; 1 is where it does. By default it does nowhere.
+        """
+        return np.zeros(chi.shape[:-1])
+
     def slip_damping(self, force: float) -> float:
         """Returns the largest slope of friction by the tip's speed [N s/m], at a static force [N].
 

@@ -10,6 +10,7 @@ from uvms_drake.model.euler import (
     inverse_rate_matrix,
     rate_matrix,
     rotation_matrix,
+    wrap_angle,
 )
 from uvms_drake.model.spatial import block_diagonal, in_ball
 from uvms_drake.model.surface.law import StaticForceRows, Surface
@@ -44,6 +45,13 @@ class BilateralSpring(Surface):
         # An Euler angle that passes ±π jumps by 2π, the force must not.
         stretch[..., 3:] -= 2.0 * np.pi * np.round(stretch[..., 3:].real / (2.0 * np.pi))
         return stretch @ self.stiffness.T
+
+    def turned(self, chi: np.ndarray) -> np.ndarray:
+        """Returns the largest Euler angle to the equilibrium's, over π, where the way round jumps.
+
+        ZYX angles are singular before their pitch gets there.
+        """
+        return np.max(np.abs(wrap_angle(chi[..., 3:] - self.equilibrium[3:])), axis=-1) / np.pi
 
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns ‖𝔭 − 𝔭_eq‖: the spring holds on to the end-effector everywhere."""

@@ -1,0 +1,211 @@
+"""The largest values of a `SearchProblem`, searched for by ascent from samples.
+
+The rests of `tube_image` are functions of where the nominal motion is, 𝔮̄ by the tip's position, the
+vehicle's attitude and the joints; of ζ̄, in balls; of ū, in a box; and of the errors, sums of
+ellipsoids. In ū they are affine, in ζ̄ and the errors nearly linear or quadratic: there the point
+of the set that is furthest up the gradient is soon the maximum. So a step goes some of the way to
+that point, and in 𝔮̄ some way along the gradient, in units of the set's widths, bent along limits
+of tip pitch and contact that are active. Several lengths are tried at once, the best counts, if it
+is better. All climbers, a few for each channel from the worst samples, go side by side in one
+batch.
+
+A value that is found is reached, so it is a bound from below; `second_search` looks for the same by
+other means.
+"""
+
+import numpy as np
+
+from uvms_drake.model.uvms_model import COMPLEX_STEP
+from uvms_drake.tube.search_problem import SearchProblem
+
+LEADERS, STEPS = 6, 8
+"""Climbers for each channel, from its worst samples, and their steps."""
+BATCH = 400
+"""States evaluated at a time."""
+REACHES = (1.0, 0.3, 0.1, 0.0)
+"""Steps in 𝔮̄ that are tried, over a climber's reach."""
+JUMPS = (1.0, 0.3)
+"""Fractions of the way in ζ̄, ū and the errors that are tried."""
+WIDENED, NARROWED = 1.5, 0.1
+"""Factors of a climber's reach after its best step and after none."""
+ACTIVE = 0.97
+"""Share of a bound from which on it bends a step."""
+DIFFERENCE = 1e-6
+"""Step of the differences of what is bounded."""
+PULLS = 7
+"""Halvings of a step that leaves the set."""
+EDGE = 1e-9
+"""Allowance for rounding at a bound."""
+
+
+def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
+    """Returns the largest values to first order in the errors (m, channels)."""
+    size, channels = problem.size, problem.channels
+    steps = 1j * COMPLEX_STEP * np.eye(2 * size)
+    out = np.empty((len(x), len(channels)))
+    for i in range(0, len(x), BATCH // size):
+        some = slice(i, i + BATCH // size)
+        moved = problem.values(x[some, None] + 0j, steps)
+        G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, c, 2(6+n))
+        out[some] = sum(radius * np.stack([
+            np.linalg.norm(G[:, row] @ matrix, 2, axis=(1, 2)) for row in channels], axis=1)
+            for matrix, radius in problem.parts)
+    return out
+
+
+def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, leaders: int = LEADERS,
+             steps: int = STEPS) -> np.ndarray:
+    """Returns the largest values that were found, by channel; zero where there are no errors.
+
+    Args:
+        problem: What to search.
+        x: Samples of motions (m, 3(6+n)).
+        values: What `first_order` makes of them, but for channels that are not wanted (m, c);
+            those are zero.
+        leaders: Number of climbers for each channel.
+        steps: Number of steps.
+    """
+    out = np.max(values, axis=0)
+    wanted = np.nonzero(out > 0.0)[0]
+    if len(wanted) == 0:
+        return out
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T  # (c, leaders)
+    climb = Climb(problem, x[worst.ravel()],
+                  [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
+    for _ in range(steps):
+        climb.step()
+    out[wanted] = np.max(climb.value.reshape(worst.shape), axis=1)
+    return out
+
+
+class Climb:
+    """Climbers side by side, each for one channel.
+
+    Args:
+        problem: What to search.
+        x: Where they start, motions of the set (m, 3(6+n)).
+        channels: What each climbs for.
+    """
+
+    def __init__(self, problem: SearchProblem, x: np.ndarray, channels: list[slice]):
+        self._problem = problem
+        width = problem.values(x[0], np.zeros(2 * problem.size)).shape[-1]
+        self._mask = np.zeros((len(x), width))
+        for row, channel in zip(self._mask, channels, strict=True):
+            row[channel] = 1.0
+        declared, size = problem.declared, problem.size
+        lower, upper = declared.box
+        free = np.full(3, np.inf)
+        self._box = np.concatenate([-free, lower]), np.concatenate([free, upper])
+        self._scale = declared.scale(problem.model)[:size]
+        self._balls = ((slice(size, size + 3), declared.nu1), (slice(size + 3, size + 6),
+                       declared.nu2), (slice(size + 6, 2 * size), declared.qdot))
+        self.x, self.error = x, np.zeros((len(x), 2 * size))
+        self.value = np.zeros(len(x))
+        self._reach = np.ones(len(x))
+
+    def step(self) -> None:
+        """Takes one step."""
+        by_x, by_error = self._gradients()
+        size = self._problem.size
+        toward = self._furthest_motion(by_x), self._furthest_error(by_error)
+        way = self._way(by_x[:, :size])
+        tried = []
+        for reach in REACHES:
+            for jump in JUMPS:
+                x = self.x + jump * (toward[0] - self.x)
+                x[:, :size] = self._kept(self.x[:, :size] + (reach * self._reach)[:, None] * way)
+                error = self.error + jump * (toward[1] - self.error)
+                tried.append((self._values(x, error), x, error, np.full(len(x), reach)))
+        values, motions, errors, reaches = (np.stack(each) for each in zip(*tried, strict=True))
+        best = np.argmax(values, axis=0), np.arange(len(self.x))
+        better = values[best] > self.value
+        self.value = np.where(better, values[best], self.value)
+        self.x = np.where(better[:, None], motions[best], self.x)
+        self.error = np.where(better[:, None], errors[best], self.error)
+        self._reach = np.clip(self._reach * np.where(
+            better & (reaches[best] > 0.0), WIDENED * reaches[best], NARROWED), 1e-4, 1.0)
+
+    def _values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the sizes of the climbers' channels (m,)."""
+        return np.concatenate([np.linalg.norm(
+            self._problem.values(x[i: i + BATCH], error[i: i + BATCH]) * self._mask[i: i + BATCH],
+            axis=1) for i in range(0, len(x), BATCH)])
+
+    def _gradients(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the derivatives of the climbers' channels by motion and by error.
+
+        At no errors all is zero: there the channel counts along its leading direction.
+        """
+        problem, size = self._problem, self._problem.size
+        by_x, by_error = np.empty((len(self.x), 3 * size)), np.empty((len(self.x), 2 * size))
+        some = max(1, BATCH // (3 * size))
+        for i in range(0, len(self.x), some):
+            x, error, mask = (each[i: i + some, None] for each in (self.x, self.error, self._mask))
+            value = problem.values(x, error) * mask
+            moved = problem.values(x + 0j, error + 1j * COMPLEX_STEP * np.eye(2 * size))
+            slope = moved.imag / COMPLEX_STEP * mask
+            leading = np.linalg.svd(slope, full_matrices=False)[2][:, :1]
+            length = np.linalg.norm(value, axis=-1, keepdims=True)
+            unit = np.where(np.any(error != 0.0, axis=-1, keepdims=True),
+                            value / np.maximum(length, 1e-300), leading).swapaxes(-1, -2)
+            by_error[i: i + some] = (slope @ unit)[..., 0]
+            moved = problem.values(x + 1j * COMPLEX_STEP * np.eye(3 * size), error + 0j)
+            by_x[i: i + some] = (moved.imag / COMPLEX_STEP @ unit)[..., 0]
+        return by_x, by_error
+
+    def _furthest_motion(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the ζ̄ and ū furthest up the gradient, and the poses as they are."""
+        size, out = self._problem.size, self.x.copy()
+        for ball, radius in self._balls:
+            out[:, ball] = radius * _unit(gradient[:, ball], out[:, ball] / radius)
+        by_u = gradient[:, 2 * size:]
+        out[:, 2 * size:] = np.where(by_u == 0.0, out[:, 2 * size:], np.sign(by_u))
+        return out
+
+    def _furthest_error(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the error furthest up the gradient."""
+        out = np.zeros_like(gradient)
+        for matrix, radius in self._problem.parts:
+            out += radius * _unit(gradient @ matrix, 0.0) @ matrix.T
+        return out
+
+    def _way(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the poses' way up (m, 6+n), its largest part as long as the set is wide."""
+        pose, scale = self.x[:, : self._problem.size], self._scale
+        up = gradient * scale
+        up[:, 3:] = np.where(((pose >= self._box[1]) & (up > 0.0)
+                              | (pose <= self._box[0]) & (up < 0.0))[:, 3:], 0.0, up[:, 3:])
+        # Along active limits.
+        steps = DIFFERENCE * np.diag(scale)
+        sides = (pose[:, None] + np.concatenate([steps, -steps])).reshape(-1, len(scale))
+        plus, minus = np.split(self._problem.bounded(sides).reshape(len(pose), -1, 3), 2, axis=1)
+        level = self._problem.bounded(pose)
+        for i in range(3):
+            slope = (plus - minus)[..., i] * (np.abs(up) > 0.0)
+            slope = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+            along = np.sum(up * slope, axis=1)
+            leaves = (np.abs(level[:, i]) > ACTIVE) & (along * level[:, i] > 0.0)
+            up -= np.where(leaves, along, 0.0)[:, None] * slope
+        return scale * up / np.maximum(np.max(np.abs(up), axis=1, keepdims=True), 1e-300)
+
+    def _kept(self, pose: np.ndarray) -> np.ndarray:
+        """Returns poses (m, 6+n), pulled towards where the climbers are until they are inside."""
+        pose = np.clip(pose, *self._box)
+        here = self.x[:, : self._problem.size]
+        low, high = np.zeros((len(pose), 1)), np.ones((len(pose), 1))
+        share = high
+        for _ in range(PULLS):
+            inside = np.all(np.abs(self._problem.bounded(here + share * (pose - here)))
+                            <= 1.0 + EDGE, axis=1)[:, None]
+            if np.all(inside & (share == 1.0)):
+                break
+            low, high = np.where(inside, share, low), np.where(inside, high, share)
+            share = np.where(low == 1.0, 1.0, 0.5 * (low + high))
+        return here + low * (pose - here)
+
+
+def _unit(vectors: np.ndarray, otherwise: np.ndarray | float) -> np.ndarray:
+    """Returns unit vectors (m, j), `otherwise` where one is zero."""
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(size > 0.0, vectors / np.maximum(size, 1e-300), otherwise)

@@ -1,0 +1,60 @@
+"""The largest values of functions of the joint angles, by two searches."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+GRID_POINTS = 6000
+"""Largest number of points of the grid."""
+ROUNDS, ROUND_POINTS, SHRINK = 12, 600, 0.6
+"""Rounds of random points about the worst ones, points in each, and each round's size over the last
+one's."""
+CHECKS = 3000
+"""Random points of the second search."""
+CHECK_BOUND_SHARE = 0.3
+"""Probability with which a coordinate of these is on a bound."""
+
+
+def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
+                         upper: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Returns the largest values (c,) of a function that were found in a box of joint angles.
+
+    Args:
+        function: Values (m, c) at m sets of joint angles (m, n).
+        lower: Corner of the box (n,) [rad].
+        upper: The opposite corner (n,) [rad].
+        seed: Seed of the random points.
+    """
+    size, rng = len(lower), np.random.default_rng(seed)
+    along = max(2, int(GRID_POINTS ** (1.0 / max(size, 1))))
+    axes = [np.linspace(0.0, 1.0, along)] * size
+    unit = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, size)
+    values = function(lower + unit * (upper - lower))
+    worst = np.argmax(values, axis=0)
+    best, where = values.max(axis=0), unit[worst]
+    each, reach = max(8, ROUND_POINTS // len(best)), 1.0 / (along - 1)
+    for _ in range(ROUNDS):
+        steps = reach * rng.uniform(-1.0, 1.0, (len(best), each, size))
+        near = np.clip(where[:, None] + steps, 0.0, 1.0).reshape(-1, size)
+        found = function(lower + near * (upper - lower))
+        better = found.max(axis=0) > best
+        best = np.maximum(best, found.max(axis=0))
+        where[better] = near[np.argmax(found, axis=0)[better]]
+        reach *= SHRINK
+    return best
+
+
+def second_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
+                       upper: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Returns the largest values (c,) at random points, many of them on faces and edges of the box.
+
+    Args:
+        function: As of `supremum_over_joints`, as are the others.
+        lower: Corner of the box.
+        upper: The opposite corner.
+        seed: Seed of the points.
+    """
+    rng = np.random.default_rng([seed, 1])
+    unit = rng.uniform(-0.5 * CHECK_BOUND_SHARE, 1.0 + 0.5 * CHECK_BOUND_SHARE,
+                       (CHECKS, len(lower)))
+    return np.max(function(lower + np.clip(unit, 0.0, 1.0) * (upper - lower)), axis=0)

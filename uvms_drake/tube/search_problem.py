@@ -1,0 +1,141 @@
+"""What is searched for its largest values: functions of a nominal motion and of errors.
+
+A motion x is a pose (the tip's position, the vehicle's attitude, the joints), ζ̄ and ū over its
+limits; an error is in a sum of ellipsoids. `ascent` and `second_search` look for the largest value
+of each channel, the norm of some components, over all motions of the declared set and all errors.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.spatial import times
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.rests import jacobian_rate_times, rests
+
+Part = tuple[np.ndarray, float]
+"""Matrix (2(6+n), j) and radius: the errors are the sum of matrix · ball of the radius."""
+
+
+@dataclass(frozen=True)
+class SearchProblem:
+    """The sets; a derived class has the function."""
+
+    model: ContactModel
+    declared: ConstraintSet
+    parts: list[Part]
+    """The errors (2(6+n),), a sum."""
+
+    @property
+    def size(self) -> int:
+        """6 + n."""
+        return self.model.size
+
+    @property
+    def channels(self) -> list[slice]:
+        """Components of the values whose norm is looked at."""
+        raise NotImplementedError
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the values (..., c) of motions (..., 3(6+n)) and errors (..., 2(6+n)).
+
+        Real or complex; zero where there are no errors.
+        """
+        raise NotImplementedError
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Returns random motions (count, 3(6+n)), ū a third of the time on each of its bounds."""
+        poses, speeds = np.empty((0, self.size)), np.empty((0, self.size))
+        while len(poses) < count:
+            config, zeta = self.declared.sample(self.model, count, rng)
+            pose = config.copy()
+            pose[:, :3] = self.model.task_pose(config)[:, :3]
+            inside = np.all(np.abs(self.bounded(pose)) <= 1.0 + 1e-7, axis=1)
+            poses = np.concatenate([poses, pose[inside]])
+            speeds = np.concatenate([speeds, zeta[inside]])
+        u = np.clip(1.5 * rng.uniform(-1.0, 1.0, (count, self.size)), -1.0, 1.0)
+        return np.concatenate([poses[:count], speeds[:count], u], axis=1)
+
+    def config(self, pose: np.ndarray) -> np.ndarray:
+        """Returns 𝔮 (..., 6+n) with the tip at the first three numbers of `pose`."""
+        config = pose.copy()
+        config[..., :3] = 0.0
+        config[..., :3] = pose[..., :3] - self.model.task_pose(config)[..., :3]
+        return config
+
+    def bounded(self, pose: np.ndarray) -> np.ndarray:
+        """Returns what has to be in [−1, 1] of poses (m, 6+n) beside their box (m, 3).
+
+        Tip pitch, contact, and how near the attitude is to where the contact's law jumps.
+        """
+        config, still = self.config(pose), np.zeros((len(pose), self.size))
+        chi = self.model.task_pose(config)[:, :6]
+        turned = self.model.surface.turned(chi) / NEAREST_TO_A_JUMP
+        kept = self.declared.normalised(self.model, config, still)[:, :2]
+        return np.concatenate([kept, turned[:, None]], axis=1)
+
+
+NEAREST_TO_A_JUMP = 0.9
+"""Share of the angle at which a contact's law jumps up to which attitudes count."""
+
+
+@dataclass(frozen=True)
+class RestProblem(SearchProblem):
+    """The rests of the law `resolved`; see `rests`."""
+
+    u_limits: np.ndarray
+    """|ūᵢ| (6+n,)."""
+    k: float
+    sigma: float
+    preimage: bool = False
+    """Whether the errors are (𝔭, 𝔯), 𝔢_y = J_x(𝔮)𝔭, instead of (𝔢_y, 𝔯)."""
+    forces: bool = False
+    """Whether the rests of τ count, too."""
+    largest_rate: np.ndarray | float = field(default=np.inf)
+    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+
+    @property
+    def channels(self) -> list[slice]:
+        """Those of ν₁, ν₂, φ, θ, uᵢ and τᵢ."""
+        last = (3 if self.forces else 2) * self.size + 2
+        return [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(self.size, last))]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the rests (..., 3(6+n) + 2)."""
+        pose, zeta, share = np.split(x, 3, axis=-1)
+        config, u = self.config(pose), self.u_limits * share
+        if np.any(np.isfinite(self.largest_rate)):
+            f = self.model.drift(config, zeta)
+            rate, limit = u + f, self.largest_rate * np.ones(self.size)
+            u = np.where(np.abs(rate.real) > limit, np.sign(rate.real) * limit, rate) - f
+        e_y, r = error[..., : self.size], error[..., self.size:]
+        if self.preimage:  # J_x at the real configuration, to second order.
+            y, J = self.model.task_pose(config), self.model.task_jacobian(config)
+            real = self.model.configuration(y + times(J, e_y))
+            e_y = times(self.model.task_jacobian(real), e_y)
+        return rests(self.model, config, zeta, u, e_y, r, self.k, self.sigma)
+
+
+@dataclass(frozen=True)
+class TurningProblem(SearchProblem):
+    """J_x⁻¹J̇_x w for an error (0, w): with w in the unit ball, its largest norm is ω."""
+
+    @property
+    def channels(self) -> list[slice]:
+        """All of it."""
+        return [slice(0, self.size)]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns J_x⁻¹J̇_x w (..., 6+n) [1/s]."""
+        pose, zeta, _ = np.split(x, 3, axis=-1)
+        kinematics = self.model.kinematics(self.config(pose))
+        rate = jacobian_rate_times(kinematics, zeta, error[..., self.size:])
+        return times(np.linalg.inv(self.model.extended(kinematics.J_chi)), rate)
+
+
+def turning_problem(model: ContactModel, declared: ConstraintSet, weights: np.ndarray
+                    ) -> TurningProblem:
+    """Returns the problem whose largest value is sup‖J_x⁻¹J̇_xŴ‖₂."""
+    matrix = np.concatenate([np.zeros((model.size, model.size)), np.diag(weights)])
+    return TurningProblem(model, declared, [(matrix, 1.0)])
