@@ -20,6 +20,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimate import Estimate
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,7 @@ def certificate(scenario) -> Certificate:
         conditions=(Condition("a", 1.0, ">", 0.0), Condition("b", 2.0, "<=", 2.0)),
         tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf)),
         terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
+        estimates=(Estimate("ω", 1.1, 0.9),), tightening=3, proven=1,
         bounds={"force": 2.5}, paper={"printed radius": np.inf}, **fingerprint(scenario))
 
 
@@ -44,6 +46,7 @@ def test_a_certificate_survives_its_file(certificate, tmp_path):
     again = read_certificate(tmp_path / CERTIFICATE_FILE)
     assert again.to_data() == certificate.to_data()
     assert again.certified
+    assert again.estimates == certificate.estimates
     assert again.paper["printed radius"] == np.inf
     np.testing.assert_array_equal(again.tube.tau, np.inf)
 

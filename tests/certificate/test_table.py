@@ -14,6 +14,7 @@ from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import QUANTITIES, Constant
 from uvms_drake.tube.dynamic import WEIGHTED
+from uvms_drake.tube.estimate import Estimate
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})
@@ -52,6 +53,18 @@ def test_a_number_that_is_none_fails_without_an_amount():
 def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
     scenario = load_scenario("girona500_ideal", [override])
     assert verdict(replace(EMPTY, conditions=tuple(assumptions(scenario)))) == line
+
+
+def test_the_verdict_says_how_much_is_proven():
+    certificate = replace(EMPTY, conditions=(Condition("fine", 1.0, ">", 0.0),), tightening=21,
+                          proven=9, estimates=(Estimate("ω", 1.0, 0.5), Estimate("u", 2.0, 1.8)))
+    assert verdict(certificate) == (
+        "certified: all 1 conditions hold; of the 21 numbers that tighten limits 9 are proven, "
+        "12 estimated (a second search found up to 90% of what is claimed)")
+    rows = format_certificate(certificate).splitlines()
+    closest = rows.index("estimates: what is claimed, and what a second search found of it") + 1
+    assert rows[closest].split() == ["u", "2", "90%"]
+    assert rows[closest + 1].split() == ["ω", "1", "50%"]
 
 
 @pytest.mark.parametrize("beginning", HELP)

@@ -166,7 +166,7 @@ def test_the_table_names_everything(certificate):
         "rad/s")
     for condition in certificate.conditions:
         assert condition.name in text
-    assert text.endswith(f"certified: all {len(certificate.conditions)} conditions hold")
+    assert f"certified: all {len(certificate.conditions)} conditions hold; of the " in text
 
 
 # The tube
@@ -294,7 +294,7 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
         nu2=0.2, qdot=0.1)
     law = Transpose(sigma=12.0)
     constants = estimate_constants(model, declared, CONSTANTS, samples=300)
-    tube, conditions, _ = transpose_kinematic_tube(
+    tube, conditions, *_ = transpose_kinematic_tube(
         law, Basis(
             model, declared, constants, 0.05, np.ones(6), np.zeros(0), scenario.certificate))
     assert all(item.holds for item in conditions), conditions

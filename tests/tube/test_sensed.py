@@ -9,13 +9,13 @@ import pytest
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube import sensed
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.sensed import (
     FeltForce,
     contact_gain,
     contact_input_rest,
     push_of,
-    supremum_over_joints,
 )
 
 LOWER, UPPER = np.array([-0.4, 0.6, -0.1, -0.8]), np.array([0.4, 1.3, 0.72, 0.8])
@@ -57,7 +57,8 @@ K, SIGMA, STEP = 50.0, 40.0, 2.5e-4
 @pytest.fixture(scope="module", autouse=True)
 def searched_once(model) -> Iterator[None]:
     """Suprema of DECLARED and the tool's angle of FORCE, which do not depend on the forces."""
-    found = sensed._suprema(model, DECLARED, FORCE.tool_angle, 0)
+    sizes, box = sensed._sizes_over_joints(model, DECLARED, FORCE.tool_angle)
+    found = sensed._suprema(supremum_over_joints(sizes, *box))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sensed, "_suprema", lambda *_: found)
         yield
@@ -155,7 +156,9 @@ def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
 def test_the_input_of_a_contact_differs_by_no_more_than_its_rest(model):
     """Between two poses of a tube, 𝔲 and τ for the same force in Σ_I."""
     joints, orientation, size = 1e-3, 2e-3, 45.0
-    rests = contact_input_rest(model, LOWER, UPPER, size, joints, orientation)
+    rest, second = contact_input_rest(model, LOWER, UPPER, size, joints, orientation)
+    assert np.all((0.9 * rest < second) & (second <= 1.01 * rest))
+    rests = np.split(rest, 2)
     rng, nominal = np.random.default_rng(5), poses(3000, 6)
     y = model.task_pose(nominal)
     error = rng.normal(size=y.shape)
@@ -191,3 +194,7 @@ def test_the_search_finds_the_maximum_of_a_known_function():
         found = supremum_over_joints(values, lower, upper)
         assert found[0] == pytest.approx(0.0, abs=1e-3)
         assert found[1] == pytest.approx(2.0 * size)
+        second = second_over_joints(values, lower, upper)
+        assert np.all(second <= found + 1e-9)
+        assert second[0] > -0.05 * size
+        assert second[1] > 1.5 * size

@@ -6,12 +6,17 @@ import pytest
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.tube_image import input_gain, rests, tube_image
+from uvms_drake.tube.rests import rests
+from uvms_drake.tube.tube_image import input_gain, tube_image
 
 K, SIGMA, D = 20.0, 5.0, 0.1
 WEIGHTS = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 1.0, 0.5, 0.8, 1.0])
 WEIGHTED_GAINS = (0.64, 1.15)
 """Largest ‖J_pŴ‖ and ‖J_oŴ‖, from samples."""
+QUICK = {"samples": 40, "forces": False}
+"""Few samples."""
+
+pytestmark = pytest.mark.usefixtures("few_searches")
 U_LIMITS = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])
 
 
@@ -23,10 +28,10 @@ def small_set() -> ConstraintSet:
 
 
 @pytest.fixture(scope="module")
-def images(model, small_set):
+def images(model, small_set, few_searches):
     """Images of a ball and of an ellipsoid."""
     return [tube_image(model, small_set, U_LIMITS, d_bound=D, gains=gains, k=K, sigma=SIGMA,
-                       samples=150, safety_factor=1.1, seed=0, weights=weights)
+                       safety_factor=1.1, seed=0, weights=weights, **QUICK)
             for gains, weights in (((1.74, 1.88), np.ones(10)), (WEIGHTED_GAINS, WEIGHTS))]
 
 
@@ -126,11 +131,12 @@ def test_no_error_of_the_ellipsoid_tilts_the_vehicle_beyond_the_image(model, sma
 def test_what_counts_is_the_product_of_bound_and_weights(model, small_set, images):
     """Also where no weight is 1; the shift and the rests of second order have products of both."""
     same = tube_image(
-        model, small_set, U_LIMITS, d_bound=4.0 * D, k=K, sigma=SIGMA, samples=150,
+        model, small_set, U_LIMITS, d_bound=4.0 * D, k=K, sigma=SIGMA,
         gains=(0.25 * WEIGHTED_GAINS[0], 0.25 * WEIGHTED_GAINS[1]), safety_factor=1.1, seed=0,
-        weights=0.25 * WEIGHTS)
+        weights=0.25 * WEIGHTS, **QUICK)
     for name, value in vars(images[1]).items():
-        np.testing.assert_allclose(getattr(same, name), value, rtol=1e-9)
+        if name not in ("tau", "check"):
+            np.testing.assert_allclose(getattr(same, name), value, rtol=1e-6)
 
 
 def test_a_channel_that_is_disturbed_less_takes_less(images):
@@ -140,14 +146,14 @@ def test_a_channel_that_is_disturbed_less_takes_less(images):
     assert weighted.qdot == ball.qdot  # The largest weight of the joints is 1.
     assert weighted.omega == ball.omega  # What σ has to be above is of the nominal motion.
     assert np.max(weighted.u[:6] / ball.u[:6]) < 0.6
-    assert np.max(weighted.u / ball.u) < 1.1  # To what samples find of a supremum.
+    assert np.max(weighted.u / ball.u) < 1.5  # To what few climbers find of a supremum.
 
 
 def test_the_image_is_the_same_for_the_same_seed_and_grows_with_the_disturbance(
         model, small_set, image):
     again, larger = (tube_image(
-        model, small_set, U_LIMITS, d_bound=d, gains=(1.74, 1.88), k=K, sigma=SIGMA, samples=150,
-        safety_factor=1.1, seed=0) for d in (D, 1.5 * D))
+        model, small_set, U_LIMITS, d_bound=d, gains=(1.74, 1.88), k=K, sigma=SIGMA,
+        safety_factor=1.1, seed=0, **QUICK) for d in (D, 1.5 * D))
     np.testing.assert_array_equal(again.u, image.u)
     assert np.all(larger.u > image.u)
     assert larger.qdot == pytest.approx(1.5 * image.qdot)
@@ -156,6 +162,24 @@ def test_the_image_is_the_same_for_the_same_seed_and_grows_with_the_disturbance(
 def test_a_slow_loop_has_no_image(model, small_set):
     """If the task turns faster than the law corrects, σ ≤ ω, nothing is bounded."""
     slow = tube_image(model, small_set, U_LIMITS, d_bound=D, gains=(1.74, 1.88), k=K, sigma=0.3,
-                      samples=20, safety_factor=1.1, seed=0)
+                      safety_factor=1.1, seed=0, **QUICK)
     assert slow.omega > 0.3
     assert np.all(np.isinf(slow.u))
+
+
+def test_forces_have_an_image_only_if_they_are_wanted(model, small_set, image):
+    forced = tube_image(model, small_set, U_LIMITS, d_bound=D, gains=(1.74, 1.88), k=K,
+                         sigma=SIGMA, safety_factor=1.1, seed=0, **QUICK | {"forces": True})
+    assert image.tau is None
+    np.testing.assert_allclose(forced.u, image.u, rtol=0.02)
+    M = model.mass_matrix(model.kinematics(small_set.sample(
+        model, 200, np.random.default_rng(6))[0]))
+    assert forced.tau is not None
+    assert np.all(forced.tau > D * np.linalg.norm(M, axis=2).max(axis=0))  # 𝔲 alone makes that.
+    assert "rest of τ[0]" in {estimate.name for estimate in forced.check()}
+
+
+def test_a_ball_has_a_proven_attitude_and_all_else_an_estimate(images):
+    names = [{estimate.name for estimate in image.check()} for image in images]
+    assert names[1] - names[0] == {"α", "rest of φ", "rest of θ"}
+    assert {"ω", "rest of ν₁", "rest of u[9]"} <= names[0]

@@ -70,13 +70,16 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
             tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
-            conditions=(*found.conditions, *unrefuted(found.estimates), *assumptions(scenario)),
-            estimates=found.estimates)
+            conditions=(*found.conditions, *assumptions(scenario)))
         if not draft.certified:
             return draft
         tightening, proven = how_many_are_proven(scenario, found, model)
         draft = replace(draft.adding(room_of(scenario, found.radii, model)),
                         tightening=tightening, proven=proven)
+        if not draft.certified:
+            return draft
+        estimates = found.check()
+        draft = replace(draft.adding(list(unrefuted(estimates))), estimates=estimates)
         if not draft.certified:
             return draft
         return _with_terminal_set(draft, found, scenario, model, progress)

@@ -24,7 +24,7 @@ from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.estimate import Estimate, largest_of
+from uvms_drake.tube.estimate import Estimate, largest_of, together
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.sensed import FeltForce, contact_input_rest
 from uvms_drake.tube.tip_jerk import second_jerk, tip_jerk
@@ -98,7 +98,6 @@ class Sensed(Dynamic):
         planned, off = slower(declared, radii), contact.tool_angle + np.arctan(aside)
         tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, off,
                                         10 * settings.constant_samples, settings.seed)
-        tip_again = second_jerk(basis.model, planned, scenario.mpc.time_step, off, settings.seed)
         jerk = np.hypot(1.0, aside) * tip
         rest = settings.safety_factor * worst
         u_rest, tau_rest = np.split(rest, 2)
@@ -126,8 +125,10 @@ class Sensed(Dynamic):
             Condition("front, room from a reading without touch [m]", room, ">", 0.0),
             Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
                       largest_force(with_tube))), tube.budget, tube.estimated,
-            (*tube.estimates, largest_of("what the contact adds to u", rest, second),
-             Estimate("jerk of the tip", tip, tip_again)))
+            together(tube.check, lambda: (
+                largest_of("what the contact adds to u", rest, second),
+                Estimate("jerk of the tip", tip, second_jerk(
+                    basis.model, planned, scenario.mpc.time_step, off, settings.seed)))))
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:

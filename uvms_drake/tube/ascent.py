@@ -53,8 +53,8 @@ def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
     return out
 
 
-def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, leaders: int = LEADERS,
-             steps: int = STEPS) -> np.ndarray:
+def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int = 1
+             ) -> np.ndarray:
     """Returns the largest values that were found, by channel; zero where there are no errors.
 
     Args:
@@ -62,17 +62,16 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, leaders:
         x: Samples of motions (m, 3(6+n)).
         values: What `first_order` makes of them, but for channels that are not wanted (m, c);
             those are zero.
-        leaders: Number of climbers for each channel.
-        steps: Number of steps.
+        patience: How many times `STEPS` the climbers take.
     """
     out = np.max(values, axis=0)
     wanted = np.nonzero(out > 0.0)[0]
     if len(wanted) == 0:
         return out
-    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T  # (c, leaders)
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:LEADERS].T  # (c, climbers)
     climb = Climb(problem, x[worst.ravel()],
                   [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
-    for _ in range(steps):
+    for _ in range(patience * STEPS):
         climb.step()
     out[wanted] = np.max(climb.value.reshape(worst.shape), axis=1)
     return out

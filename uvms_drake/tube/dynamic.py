@@ -16,6 +16,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
 from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.estimate import together
 from uvms_drake.tube.kinematic import undetermined_joints
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.push import Push
@@ -105,14 +106,14 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     budget = {name: {"d": by_d[name], **parts} for name, parts in push.budget.items()}
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
     estimated: tuple[str, ...] = ESTIMATED
-    estimates = image.estimates
+    check = image.check
     if np.any(basis.weights != 1.0):
         estimated += ("roll", "pitch")
     if basis.contact is not None:
         estimated = tuple(vars(tube))
-        estimates += push.estimates + checked_constants(
-            basis.model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)
-    return LawTube(tube, (condition,), budget, estimated, estimates)
+        check = together(check, push.check, lambda: checked_constants(
+            basis.model, basis.declared, (basis.constants["J_dot_max"],), settings.seed))
+    return LawTube(tube, (condition,), budget, estimated, check)
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
@@ -131,7 +132,7 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
                      roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
     names = TRANSPOSE_JOINTS if law.joints else TRANSPOSE
     return LawTube(tube, (*found.conditions, undetermined_joints(law, model)),
-                   estimated=tuple(vars(tube)), estimates=checked_constants(
+                   estimated=tuple(vars(tube)), check=lambda: checked_constants(
                        model, basis.declared, tuple(basis.constants[name] for name in names),
                        basis.settings.seed))
 

@@ -6,6 +6,7 @@ same. If it finds more than is claimed, the claim was wrong and the certificate 
 not, the claim is still an estimate.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,21 @@ class Estimate:
         if self.claim > 0.0:
             return self.second / self.claim
         return np.inf if self.second > 0.0 else 0.0
+
+
+Check = Callable[[], tuple[Estimate, ...]]
+"""Makes the second search, which takes as long as the first: it is for a certificate, not for a
+study of many tubes."""
+
+
+def no_estimates() -> tuple[Estimate, ...]:
+    """Returns none."""
+    return ()
+
+
+def together(*checks: Check) -> Check:
+    """Returns the check that makes several."""
+    return lambda: tuple(estimate for check in checks for estimate in check())
 
 
 def largest_of(name: str, claim: np.ndarray, second: np.ndarray) -> Estimate:

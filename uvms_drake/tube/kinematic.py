@@ -61,9 +61,8 @@ def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
     tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
                      nu1=nu1, nu2=nu2, qdot=0.0, tip_speed=2.0 * law.sigma * e, roll=roll,
                      pitch=pitch)
-    estimates = () if not np.isfinite(nu1) else _second_velocities(
-        basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed)
-    return LawTube(tube, (), estimated=("z", "nu1", "nu2"), estimates=estimates)
+    return LawTube(tube, (), estimated=("z", "nu1", "nu2"), check=lambda: _second_velocities(
+        basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed))
 
 
 def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
@@ -78,7 +77,7 @@ def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
     tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
                      tip_speed=2.0 * law.sigma * e, roll=roll, pitch=pitch)
     return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
-                   estimated=tuple(vars(tube)), estimates=checked_constants(
+                   estimated=tuple(vars(tube)), check=lambda: checked_constants(
                        basis.model, basis.declared,
                        tuple(basis.constants[name] for name in names), basis.settings.seed))
 

@@ -12,7 +12,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.estimate import Estimate
+from uvms_drake.tube.estimate import Check, no_estimates
 from uvms_drake.tube.sensed import FeltForce
 from uvms_drake.tube.settings import CertificateSettings
 
@@ -57,5 +57,5 @@ class LawTube(NamedTuple):
     """Parts of radii by their source: who takes how much."""
     estimated: tuple[str, ...] = ()
     """The radii that rest on estimates, by their names; the others are proven."""
-    estimates: tuple[Estimate, ...] = ()
-    """What is estimated, with what a second search found."""
+    check: Check = no_estimates
+    """Returns what is estimated, with what a second search finds."""

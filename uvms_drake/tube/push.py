@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_drake.tube.estimate import Estimate
+from uvms_drake.tube.estimate import Check, no_estimates
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Push:
     """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
     w: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
-    estimates: tuple[Estimate, ...] = ()
-    """What of it is estimated."""
+    check: Check = no_estimates
+    """Returns what of it is estimated."""
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of `depth`, `position` [m] and `depth_speed` [m/s] by their source."""

@@ -16,15 +16,14 @@ BATCH = 400
 """States evaluated at a time."""
 
 
-def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator,
-                  generations: int = GENERATIONS) -> np.ndarray:
+def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator
+                  ) -> np.ndarray:
     """Returns the largest values that it found of the wanted channels (number of `wanted`,).
 
     Args:
         problem: What to search.
         wanted: Indices of channels.
         rng: Source of random numbers.
-        generations: Number of generations.
     """
     size, declared, runs = problem.size, problem.declared, len(wanted)
     lower, upper = declared.box
@@ -61,4 +60,4 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
 
     first = 0.3 * rng.normal(size=(runs, 5 * size))
     first[:, :size] = 0.0
-    return evolve(values, first, generations, rng)[0]
+    return evolve(values, first, GENERATIONS, rng)[0]

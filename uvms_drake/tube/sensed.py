@@ -12,6 +12,7 @@ the box of the joints: found on a grid and closer and closer to the worst of it,
 a declared factor, and called estimates.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -111,7 +112,8 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         safety_factor: Factor of suprema, which are searched for.
         seed: Seed of the search.
     """
-    worst, second = _searched(model, declared, force.tool_angle, seed)
+    sizes, box = _sizes_over_joints(model, declared, force.tool_angle)
+    worst = supremum_over_joints(sizes, *box, seed)
     found = _suprema(worst)
     turning = declared.nu2 + safety_factor * found.turning * declared.qdot
     instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
@@ -149,7 +151,8 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         z=np.sum(parts("velocity", found.zeta), axis=0),
         u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
         w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
-        estimates=(largest_of("what M⁻¹J_Eᵀ makes of forces", safety_factor * worst, second),),
+        check=lambda: (largest_of("what M⁻¹J_Eᵀ makes of forces", safety_factor * worst,
+                                  second_over_joints(sizes, *box, seed)),),
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 
@@ -184,9 +187,9 @@ class _Suprema(NamedTuple):
     """Of each row of ζ̇ (6+n,)."""
 
 
-def _searched(model: UvmsModel, declared: ConstraintSet, tool_angle: float, seed: int
-              ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns suprema over the joints and n in the cone about the tip's x-axis, by two searches."""
+def _sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
+        Callable[[np.ndarray], np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Returns the norms by the joints and n in the cone about the tip's x-axis, and their box."""
     size, num_joints = model.size, model.num_joints
     blocks = (slice(0, 3), slice(3, 6), slice(6, size))
 
@@ -210,13 +213,12 @@ def _searched(model: UvmsModel, declared: ConstraintSet, tool_angle: float, seed
                         np.linalg.norm(_norm(slope[..., :3]), axis=-1)]
         return np.stack(columns, axis=-1)
 
-    box = np.append(declared.q_lower, [0.0, 0.0]), np.append(
-        declared.q_upper, [tool_angle, 2.0 * np.pi])
-    return supremum_over_joints(sizes, *box, seed), second_over_joints(sizes, *box, seed)
+    return sizes, (np.append(declared.q_lower, [0.0, 0.0]),
+                   np.append(declared.q_upper, [tool_angle, 2.0 * np.pi]))
 
 
 def _suprema(worst: np.ndarray) -> _Suprema:
-    """Returns the suprema that `_searched` returned one by one."""
+    """Returns the suprema of `_sizes_over_joints` by what they are of."""
     table = worst[1:].reshape(-1, 4).T
     return _Suprema(float(worst[0]), *(_Sizes(*table[:, part]) for part in (
         0, 1, 2, slice(3, 6), slice(6, None))))

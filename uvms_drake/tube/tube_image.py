@@ -37,14 +37,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.tube.ascent import STEPS, first_order, supremum
+from uvms_drake.tube.ascent import first_order, supremum
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.estimate import Estimate, largest_of
+from uvms_drake.tube.estimate import Check, Estimate, largest_of, together
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.search_problem import Part, RestProblem, SearchProblem, turning_problem
-from uvms_drake.tube.second_search import GENERATIONS, second_search
+from uvms_drake.tube.second_search import second_search
 from uvms_drake.tube.tubes import attitude_radii, joint_rate_radius, preimage_shift
+
+PATIENCE = 4
+"""How much longer than the rests ω is searched for, which takes less."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,8 @@ class TubeImage:
     """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], τ = M(𝔮)𝔲, if it was asked for."""
     omega: float
     """Bound ω of ‖J_x⁻¹J̇_x‖₂ [1/s]."""
-    estimates: tuple[Estimate, ...]
-    """What of it is estimated."""
+    check: Check
+    """Returns what of it is estimated."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +139,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
                d_bound: float, gains: tuple[float, float], k: float, sigma: float,
                samples: int, safety_factor: float, seed: int,
                weights: np.ndarray | float = 1.0, push: Push | None = None,
-               largest_rate: np.ndarray | float = np.inf, forces: bool = True,
-               steps: int = STEPS, generations: int = GENERATIONS) -> TubeImage:
+               largest_rate: np.ndarray | float = np.inf, forces: bool = True) -> TubeImage:
     """Returns the deviations over the constraint set; infinite if σ ≤ ω.
 
     Args:
@@ -155,31 +157,32 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         push: What the errors of a force sensor add, if the contact is felt.
         largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,) beside those that |ūᵢ| gives.
         forces: Whether τ is wanted.
-        steps: Steps of the ascent.
-        generations: Generations of the second search.
     """
     push, size = push or Push(), model.size
     weights = weights * np.ones(size)
-    rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    checks: list[Check] = []
 
-    def searched(names: list[str], problem: SearchProblem, x: np.ndarray, values: np.ndarray,
-                 steps: int = steps) -> list[Estimate]:
-        if not np.any(values):
-            return []
-        found = safety_factor * supremum(problem, x, values, steps=steps)
+    def searched(names: list[str], problem: SearchProblem, values: np.ndarray, patience: int = 1
+                 ) -> dict[str, float]:
+        """Returns what is claimed of the channels that have any values."""
         wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
-        second = second_search(problem, wanted, other, generations)
-        return [Estimate(names[i], float(found[i]), float(each))
-                for i, each in zip(wanted, second, strict=True)]
+        found = safety_factor * supremum(problem, x, values, patience)
+
+        def check() -> tuple[Estimate, ...]:
+            second = second_search(problem, wanted, np.random.default_rng([seed, 1]))
+            return tuple(Estimate(names[i], float(found[i]), float(each))
+                         for i, each in zip(wanted, second, strict=True))
+
+        if len(wanted):
+            checks.append(check)
+        return {names[i]: float(found[i]) for i in wanted}
 
     # How fast J_x turns, and so how far 𝔭 is off 𝔭₀.
     turning = [turning_problem(model, constraint_set, each) for each in (np.ones(size), weights)]
-    x = turning[0].draw(samples, rng)
-    estimates = searched(["ω"], turning[0], x, first_order(turning[0], x), 4 * steps)
-    omega = alpha = estimates[0].claim if estimates else 0.0
+    x = turning[0].draw(samples, np.random.default_rng(seed))
+    omega = alpha = searched(["ω"], turning[0], first_order(turning[0], x), PATIENCE).get("ω", 0.0)
     if np.any(weights != 1.0):
-        found = searched(["α"], turning[1], x, first_order(turning[1], x), 4 * steps)
-        estimates, alpha = estimates + found, found[0].claim if found else 0.0
+        alpha = searched(["α"], turning[1], first_order(turning[1], x), PATIENCE).get("α", 0.0)
     shift = preimage_shift(k, sigma, d_bound, omega, alpha)
     if np.any(push.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
         drift = omega * float(np.linalg.norm(push.p))
@@ -187,7 +190,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     if not np.isfinite(shift):
         none = np.full(size, np.inf)
         return TubeImage(nu1=np.inf, nu2=np.inf, qdot=np.inf, roll=np.inf, pitch=np.inf, u=none,
-                         tau=none if forces else None, omega=omega, estimates=tuple(estimates))
+                         tau=none if forces else None, omega=omega, check=together(*checks))
 
     # The rests, each over the set of errors in which it is smaller.
     radius = d_bound / (k * sigma)
@@ -197,18 +200,18 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
                             forces=forces, largest_rate=largest_rate)]
     if np.any(weights != 1.0) or np.any(push.p):
         problems.append(replace(problems[0], parts=errors.of_preimage(), preimage=True))
-    names = ["ν₁", "ν₂", "φ", "θ", *(f"{name}[{i}]" for name in ("u", "τ") for i in range(size))]
+    names = [f"rest of {name}" for name in (
+        "ν₁", "ν₂", "φ", "θ", *(f"{name}[{i}]" for name in ("u", "τ") for i in range(size)))]
     values = [first_order(problem, x) for problem in problems]
     if len(problems) == 1:  # Their proven bounds are hardly larger.
         values[0][:, 2:4] = 0.0
     smaller = np.argmin([np.max(each, axis=0) for each in values], axis=0)
-    rests = dict.fromkeys(names, 0.0)
+    claims = dict.fromkeys(names, 0.0)
     for i, (problem, each) in enumerate(zip(problems, values, strict=True)):
-        found = searched(names, problem, x, each * (smaller == i))
-        rests.update({estimate.name: estimate.claim for estimate in found})
-        estimates += [replace(estimate, name=f"rest of {estimate.name}") for estimate in found]
+        claims |= searched(names, problem, each * (smaller == i))
+    rests = np.array([claims[name] for name in names])
 
-    roll, pitch = (rests["φ"], rests["θ"]) if len(problems) > 1 else attitude_radii(
+    roll, pitch = map(float, rests[2:4]) if len(problems) > 1 else attitude_radii(
         constraint_set, errors.radii[1], errors.radii[2], model.num_joints)
 
     # The linear parts by their filters, with the shift δ of 𝔭; the rests as they were found.
@@ -217,20 +220,20 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift
     tau = None
     if forces:
-        inertia, moved = _inertia(model, constraint_set, weights, safety_factor, seed)
-        estimates += moved
-        tau = (np.array([rests[f"τ[{i}]"] for i in range(size)]) + inertia[:, 0] * u
-               + inertia[:, 1] * extra + inertia[:, 2:] @ push.w)
+        inertia, check = _inertia(model, constraint_set, weights, safety_factor, seed)
+        checks.append(check)
+        tau = (rests[4 + size:] + inertia[:, 0] * u + inertia[:, 1] * extra
+               + inertia[:, 2:] @ push.w)
     return TubeImage(
-        nu1=float(rests["ν₁"] + z[0] + sigma * shift),
-        nu2=float(rests["ν₂"] + z[1] + sigma * shift), qdot=float(z[2]),
+        nu1=float(rests[0] + z[0] + sigma * shift),
+        nu2=float(rests[1] + z[1] + sigma * shift), qdot=float(z[2]),
         roll=roll, pitch=pitch,
-        u=np.array([rests[f"u[{i}]"] for i in range(size)]) + weights * u + extra + push.u,
-        tau=tau, omega=omega, estimates=tuple(estimates))
+        u=rests[4: 4 + size] + weights * u + extra + push.u,
+        tau=tau, omega=omega, check=together(*checks))
 
 
 def _inertia(model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
-             safety_factor: float, seed: int) -> tuple[np.ndarray, list[Estimate]]:
+             safety_factor: float, seed: int) -> tuple[np.ndarray, Check]:
     """Returns the largest norms of each row of MŴ, M and its columns of ν₁, ν₂, q̇ (6+n, 5)."""
     size = model.size
 
@@ -242,5 +245,5 @@ def _inertia(model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
 
     box = declared.q_lower, declared.q_upper
     claim = safety_factor * supremum_over_joints(norms, *box, seed)
-    second = second_over_joints(norms, *box, seed)
-    return claim.reshape(5, size).T, [largest_of("rows of M", claim, second)]
+    return claim.reshape(5, size).T, lambda: (
+        largest_of("rows of M", claim, second_over_joints(norms, *box, seed)),)
