@@ -193,12 +193,14 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
     ζ̄̇ is constant between two knots, at which the speeds are within limits.
     """
     declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
+    limits = scenario.limits
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
         d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
-        u_limit=np.asarray(scenario.limits.u, dtype=float), settings=scenario.certificate,
-        contact=contact, forces=scenario.limits.tau is not None,
+        u_limit=np.asarray(limits.u, dtype=float), settings=scenario.certificate,
+        contact=contact, forces=bool(
+            limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step)
 
 

@@ -95,8 +95,8 @@ class Sensed(Dynamic):
             basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
             radii.orientation, settings.seed)
         aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
-        planned, off = slower(declared, radii), contact.tool_angle + np.arctan(aside)
-        tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, off,
+        planned, cone = slower(declared, radii), contact.tool_angle + np.arctan(aside)
+        tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, cone,
                                         10 * settings.constant_samples, settings.seed)
         jerk = np.hypot(1.0, aside) * tip
         rest = settings.safety_factor * worst
@@ -128,7 +128,7 @@ class Sensed(Dynamic):
             together(tube.check, lambda: (
                 largest_of("what the contact adds to u", rest, second),
                 Estimate("jerk of the tip", tip, second_jerk(
-                    basis.model, planned, scenario.mpc.time_step, off, settings.seed)))))
+                    basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))))
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:
