@@ -15,7 +15,7 @@ class CertificateSettings:
     constant_samples: int = 2000
     """States at which each constant is evaluated before the local searches."""
     tube_samples: int = 300
-    """Nominal states from which the tube's image in velocities and inputs is taken."""
+    """Nominal states from the worst of which the tube in velocities and inputs is searched for."""
     terminal_samples: int = 2000
     """States in which the terminal set is checked, for every radius tried."""
     safety_factor: float = 1.1
