@@ -1,8 +1,7 @@
 """What forces have to carry besides the acceleration that a row of `tip first` asks for.
 
-The rows are η̈ = Aτ_v − h_v + δ_v and s̈ = Bτ_q − h_s + δ_s, see `tube.row_loop`. A, B, h_v
-and h_s, here for stacks of states, are what its sources `feed_forward` (f = ÿ̄ + h) and c, by their rates,
-are bounded with.
+The rows are η̈ = Aτ_v − h_v + δ_v and s̈ = Bτ_q − h_s + δ_s, see `tube.row_loop`. A, B, h_v and h_s,
+here for stacks of states, are what its sources `feed_forward`, f = ÿ̄ + h, and c are bounded with.
 """
 
 from typing import NamedTuple
