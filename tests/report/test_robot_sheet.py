@@ -1,14 +1,17 @@
 """`report.robot_sheet`: against closed forms, and against the model let go."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.robots import altered
+from support.robots import TEMPLATE, altered
 
+from uvms_drake.control.laws.tip_rows import POSE
 from uvms_drake.model.thruster_data import CurveData, ThrusterData, ThrusterKind, ThrusterParameters
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.trim import middle_posture
+from uvms_drake.model.uvms import model_dir
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.report.robot_sheet import (
     Thrust,
@@ -19,6 +22,7 @@ from uvms_drake.report.robot_sheet import (
     swing,
     thrust_of,
 )
+from uvms_drake.station.robot import complaints_about
 
 TIP = '<frame name="tip" attached_to="forearm">'
 BARE = [(".sdf", TIP, TIP.replace("forearm", "vehicle")),
@@ -113,7 +117,9 @@ def test_the_reach_is_the_length_of_the_arm(sheets):
 
 
 def test_what_is_no_mistake_is_noted(sheets):
-    assert notes_of(sheets["bluerov2_alpha5"]) == []
+    assert notes_of(sheets["box_uvms"]) == []
+    (steep,) = notes_of(sheets["bluerov2_alpha5"])
+    assert steep.startswith("the tip's x points almost straight up or down in this posture")
     dry = replace(sheets["box_uvms"], bodies=[("hook", 1.0, 0.0, np.zeros(3))],
                   joints=[("elbow", -np.inf, np.inf, 0.0, 0.0)],
                   thrust=Thrust(("bow",), np.zeros((6, 2)), (), 1.2, "bow"))
@@ -136,3 +142,32 @@ def test_a_vehicle_without_an_arm_has_a_sheet(tmp_path):
     text = format_sheet(sheet_of(bare, "bare", np.zeros(0)))
     assert text.startswith("bare: 0 joints, no thrusters.yaml\n")
     assert "reach" not in text
+
+
+@pytest.mark.parametrize("n", [3, 6, 7])
+def test_arms_of_any_length_are_sound_and_have_a_sheet(n, tmp_path):
+    """The forearm again and again, each turned by a third more about the one before."""
+    robot = tmp_path / TEMPLATE
+    shutil.copytree(model_dir(TEMPLATE), robot)
+    file = robot / f"{TEMPLATE}.sdf"
+    file.write_text(with_joints(file.read_text(encoding="utf-8"), n), encoding="utf-8")
+    uvms = read_uvms(str(robot))
+    assert len(uvms.joints) == n
+    assert complaints_about(uvms, str(robot)) == []
+    sheet = sheet_of(uvms, "arm", middle_posture(uvms))
+    assert len(sheet.rows) == n
+    assert sheet.rows[:6] == (POSE[:3] if n == 3 else POSE)
+    assert format_sheet(sheet).startswith(f"arm: {n} joints")
+    assert f"body link{n} is dry: hydrodynamics.yaml does not name it" in notes_of(sheet)
+
+
+def with_joints(sdf: str, n: int) -> str:
+    """Returns the template with n joints; links beyond the second are like it, and dry."""
+    start, end = sdf.index('<link name="forearm">'), sdf.index('<frame name="tip"')
+    second, more, last = sdf[start:end], "", "forearm"
+    for i in range(3, n + 1):
+        link = second.replace("forearm", f"link{i}").replace("elbow", f"joint{i}")
+        link = link.replace('"upper_arm">0.3 0 0 0 0 0', f'"{last}">0.3 0 0 1.05 0 0')
+        more += link.replace(">upper_arm<", f">{last}<")
+        last = f"link{i}"
+    return sdf[:end] + more + sdf[end:].replace('"forearm"', f'"{last}"')

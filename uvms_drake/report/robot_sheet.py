@@ -16,6 +16,8 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 POSTURES = 2000
 """Random postures within the joints' limits that reach and dexterity are found from."""
+STEEP = np.deg2rad(80.0)
+"""Pitch of the tip that no task can be near to."""
 NO_FORCE = 1e-9
 """Limit of a thruster that pushes one way only, the other way [N]."""
 
@@ -235,6 +237,9 @@ def notes_of(sheet: RobotSheet) -> list[str]:
              for name, lower, upper, *_ in sheet.joints if not np.isfinite(lower + upper)]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
               for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]
+    if abs(sheet.tip[4]) > STEEP:
+        notes.append("the tip's x points almost straight up or down in this posture, where its "
+                     "Euler angles are singular")
     if sheet.thrust is not None and sheet.thrust.hover > 1.0:
         notes.append(f"thruster {sheet.thrust.hover_thruster} is too weak to hold the robot level")
     notes += [f"body {name} is dry: hydrodynamics.yaml does not name it"
