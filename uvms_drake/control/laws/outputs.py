@@ -5,7 +5,7 @@ import numpy as np
 from uvms_drake.control.laws.law import Outputs, Pair
 from uvms_drake.model.euler import COMPLEX_STEP, pose_difference
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import configuration_rate, configuration_rate_matrix
+from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 
 def outputs_of(now: Pair, rows: np.ndarray) -> Outputs:
@@ -36,7 +36,7 @@ def output_motion(config: np.ndarray, zeta: np.ndarray, J_x: np.ndarray, J_x_dot
 def vehicle_motion(config: np.ndarray, zeta: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns η̇ (..., 6), J_η (..., 6, 6+n) with η̇ = J_η ζ, and J̇_η ζ (..., 6), real."""
-    moved = configuration_rate(
-        config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta.astype(complex))
-    return (moved.real[..., :6], configuration_rate_matrix(config)[..., :6, :],
-            moved.imag[..., :6] / COMPLEX_STEP)
+    Gamma = configuration_rate_matrix(config)
+    rate = times(Gamma, zeta)
+    moved = configuration_rate_matrix(config + 1j * COMPLEX_STEP * rate)[..., :6, :]
+    return rate[..., :6], Gamma[..., :6, :], times(moved.imag / COMPLEX_STEP, zeta)
