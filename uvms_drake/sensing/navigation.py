@@ -104,7 +104,7 @@ class Dvl:
     noise: np.ndarray = field(default_factory=lambda: np.array([0.0041, 0.0039, 0.0009]))
     """Standard deviation σ of a fix (3,) [m/s]."""
     gap: float = 0.38
-    """Longest time between two fixes [s]."""
+    """Longest time between two fixes [s], of which whole periods count."""
     lost: float = 0.1
     """Probability that a fix is lost; 1: every gap is the longest."""
     growth: float = 0.02
