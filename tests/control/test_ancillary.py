@@ -8,7 +8,7 @@ from support.laws import SIGMA, K, pairs, resolved_input, transpose_input
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ancillary import AncillaryFeedback, limited_input
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst, Transpose
 from uvms_drake.control.limits import Limits
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
@@ -233,3 +233,21 @@ def test_a_gain_that_is_not_positive_is_named(model, law, key, value):
     with pytest.raises(InvalidParameter) as caught:
         AncillaryFeedback(model, law(**{key: value}))
     assert caught.value.key == key
+
+
+def test_where_the_thrusters_say_what_they_give_only_the_joints_are_cut_here(model, states):
+    """The vehicle is asked for more than its limits, the joints are not, then they are, too."""
+    state, nominal, acceleration, _ = next(pairs(model, states, "free"))
+    for joints, cut in ((1e3, False), (1e-2, True)):
+        limits = Limits(u=np.repeat([1e-3, joints], [6, 4]))
+        feedback = AncillaryFeedback(model, TipFirst(), limits)
+        context = feedback.CreateDefaultContext()
+        for name, value in (("state", state), ("nominal_state", nominal),
+                            ("nominal_acceleration", acceleration)):
+            feedback.GetInputPort(name).FixValue(context, value)
+        assert feedback.GetOutputPort("limited").Eval(context)[0] == 1.0
+        feedback.GetInputPort("vehicle_wrench").FixValue(context, np.zeros(6))
+        assert feedback.GetOutputPort("limited").Eval(context)[0] == cut
+        u = feedback.GetOutputPort("u").Eval(context)
+        assert np.max(np.abs(u[:6])) > 1e-3
+        assert np.max(np.abs(u[6:])) <= joints * (1.0 + 1e-9)

@@ -6,7 +6,9 @@ in `control.laws`.
 
 An actuator saturates, and so does the command, where it is told the robot's input limits. Inside
 of what the certificate covers, and as far as the estimated radii of the input hold, the command is
-within them; so there nothing is cut and the law's own is sent.
+within them; so there nothing is cut and the law's own is sent. Where the law is told what the
+thrusters give, they are the ones to cut the vehicle's command, which would cost the tip its hold
+here: only what the joints get is cut.
 """
 
 import math
@@ -65,6 +67,14 @@ def _input_limits(limits: Limits, num_joints: int) -> tuple[np.ndarray, np.ndarr
     check_limits(limits, num_joints)
     tau = None if limits.tau is None else np.asarray(limits.tau, dtype=float)
     return np.asarray(limits.u, dtype=float), tau
+
+
+def _of_joints(u_limit: np.ndarray, tau_limit: np.ndarray | None
+               ) -> tuple[np.ndarray, np.ndarray | None]:
+    """Returns the limits of |uᵢ| and |τᵢ| (6+n,) without those of the vehicle."""
+    none = np.full(6, np.inf)
+    return (np.append(none, u_limit[6:]),
+            None if tau_limit is None else np.append(none, tau_limit[6:]))
 
 
 def is_lost(measured: np.ndarray) -> bool:
@@ -170,7 +180,10 @@ class AncillaryFeedback(LeafSystem):
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))
-        command.set_value(wanted if self._limits is None else _cut(wanted, *self._limits))
+        if self._limits is not None:
+            wanted = _cut(wanted, *(
+                self._limits if now.wrench is None else _of_joints(*self._limits)))
+        command.set_value(wanted)
 
     def _calc_u(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._command.Eval(context).u())
