@@ -143,6 +143,16 @@ def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
     assert "what would help" in line
 
 
+def test_a_claim_that_a_second_search_beats_voids_the_certificate(monkeypatch):
+    search_less(monkeypatch)
+    monkeypatch.setattr("uvms_drake.tube.tube_image.second_search",
+                        lambda problem, wanted, rng: np.full(len(wanted), 9.0))
+    void = certify(load_scenario("girona500_ideal", FEW))
+    assert void.failed.name.startswith("estimates, second search over claim (rest of ν")
+    assert "what would help: a larger certificate.safety_factor" in verdict(void)
+    assert (void.tightening, void.proven) == (21, 9)  # Joints, q̇, attitudes and static force.
+
+
 def test_a_certificate_of_forces_needs_a_limit_on_them():
     with pytest.raises(InvalidParameter, match=r"limits\.static_force = None: must be a number"):
         certify(load_scenario("girona500_ideal", ["limits.static_force=null"]))
