@@ -15,6 +15,11 @@ NU_1, U_1 = 0, 5
 """Channels of ν₁ and u[1]."""
 
 
+@pytest.fixture(autouse=True)
+def two_climbers(monkeypatch):
+    monkeypatch.setattr("uvms_drake.tube.ascent.LEADERS", 2)
+
+
 @pytest.fixture(scope="module")
 def declared() -> ConstraintSet:
     return ConstraintSet(
