@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from uvms_drake.station.scenario import load_scenario
+
 ROOT = Path(__file__).parents[1]
 READMES = sorted(path for path in ROOT.rglob("README.md")
                  if not any(part.startswith(".") or part in ("build", "out")
@@ -29,13 +31,14 @@ def test_the_readme_is_short():
 
 
 def test_the_lags_that_the_readme_names_are_where_the_loop_becomes_unstable():
-    """Of ë + (k + σ) ė + kσ e = 0 through a lag T: T s³ + s² + (k + σ) s + kσ, with k = 20 1/s."""
+    """Of ë + (k + σ) ė + kσ e = 0 through a lag T: T s³ + s² + (k + σ) s + kσ."""
     text = (ROOT / "README.md").read_text("utf-8")
-    found = re.findall(r"up to\s+(\d+\.\d+) s with σ = (\d+)", text)
+    found = re.findall(r"(?:room for|leaves)\s+(\d+\.\d+) s", text)
     assert len(found) == 2
-    for T, sigma in ((float(T), float(sigma)) for T, sigma in found):
+    for T, name in zip(map(float, found), ("girona500_ideal", "girona500_contact"), strict=True):
+        law = load_scenario(name).ancillary
         for lag, stable in ((0.99 * T, True), (1.01 * T, False)):
-            roots = np.roots([lag, 1.0, 20.0 + sigma, 20.0 * sigma])
+            roots = np.roots([lag, 1.0, law.k + law.sigma, law.k * law.sigma])
             assert (np.max(roots.real) < 0.0) == stable
 
 

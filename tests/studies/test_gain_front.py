@@ -7,7 +7,7 @@ import pytest
 from support.quick import FEW
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst, Transpose
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.studies.gain_front import format_front, front
 
@@ -39,4 +39,10 @@ def test_a_law_without_a_certificate_has_no_front(model):
 
     scenario = replace(load_scenario("girona500_ideal", FEW), ancillary=Derived())
     with pytest.raises(InvalidParameter, match="ancillary = 'Derived': must be a law with a cert"):
+        front(scenario, model)
+
+
+def test_a_law_with_gains_by_the_row_has_no_front(model):
+    scenario = replace(load_scenario("girona500_ideal", FEW), ancillary=TipFirst())
+    with pytest.raises(InvalidParameter, match="must be a law with one k and one σ, for a front"):
         front(scenario, model)

@@ -80,7 +80,7 @@ def format_certificate(certificate: Certificate) -> str:
         *_budget_rows(certificate), *_estimate_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
-        "", "the paper's Lemma with these constants",
+        *(["", "the paper's Lemma with these constants"] if certificate.paper else []),
         *(f"  {name:<32}{value:>12.4g} {UNITS[name]}"
           for name, value in certificate.paper.items()),
         "", verdict(certificate)])
@@ -169,7 +169,8 @@ def _budget_rows(certificate: Certificate) -> list[str]:
         f"  {source:<24}" + "".join(f"{1e3 * parts[source]:>12.4g}"
                                     for parts in certificate.budget.values())
         for source in sources),
-        f"  {'':<24}" + "".join(f"{name:>12}" for name in certificate.budget) + "   [mm, mm/s]"]
+        f"  {'':<24}" + "".join(f"{name:>12}" for name in certificate.budget)
+        + "   [mm, mrad, mm/s]"]
 
 
 def _estimate_rows(certificate: Certificate) -> list[str]:

@@ -48,6 +48,8 @@ def check_front(scenario: Scenario) -> None:
     motion, law = motion_of(scenario), type(scenario.ancillary)
     require(motion.has_forces, "motion", scenario.motion, "dynamic, for a front")
     require(law in motion.tubes, "ancillary", law.__name__, "a law with a certificate, for a front")
+    require(np.isfinite(scenario.ancillary.k), "ancillary", law.__name__,
+            "a law with one k and one σ, for a front")
 
 
 def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float] = DISTURBANCES,

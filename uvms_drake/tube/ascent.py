@@ -53,8 +53,8 @@ def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
     return out
 
 
-def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int = 1
-             ) -> np.ndarray:
+def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int = 1,
+             leaders: int = LEADERS) -> np.ndarray:
     """Returns the largest values that were found, by channel; zero where there are no errors.
 
     Args:
@@ -63,12 +63,13 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
         values: What `first_order` makes of them, but for channels that are not wanted (m, c);
             those are zero.
         patience: How many times `STEPS` the climbers take.
+        leaders: How many climbers there are for each channel.
     """
     out = np.max(values, axis=0)
     wanted = np.nonzero(out > 0.0)[0]
     if len(wanted) == 0:
         return out
-    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:LEADERS].T  # (c, climbers)
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T  # (c, climbers)
     climb = Climb(problem, x[worst.ravel()],
                   [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
     for _ in range(patience * STEPS):

@@ -7,10 +7,11 @@ for a law that is derived from it.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws import Resolved, TipFirst, Transpose
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
@@ -21,6 +22,7 @@ from uvms_drake.tube.kinematic import undetermined_joints
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.sensed import push_of
+from uvms_drake.tube.tip_first import tip_first_law_tube
 from uvms_drake.tube.tube_image import tube_image
 from uvms_drake.tube.tubes import (
     attitude_radii,
@@ -138,7 +140,8 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
 
 
 DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
-    Resolved: resolved_law_tube, Transpose: transpose_law_tube}
+    Resolved: resolved_law_tube, Transpose: transpose_law_tube,
+    TipFirst: partial(tip_first_law_tube, row_norm=gain)}
 """Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
 
 TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
@@ -148,7 +151,12 @@ which takes no search; by the law's exact type."""
 
 
 def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-    """Returns the radii of the paper's Lemma for the same constants, gains and d̃, to compare."""
+    """Returns the radii of the paper's Lemma for the same constants, gains and d̃, to compare.
+
+    None of a law whose rows have gains of their own.
+    """
+    if np.isnan(law.k):
+        return {}
     lemma = lemma_constants(basis.constants)
     tubes = paper_conditions(lemma, law.k, law.sigma, basis.d_bound)
     least = smallest_k(lemma)

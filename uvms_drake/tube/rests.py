@@ -29,7 +29,7 @@ def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndar
     # The nominal motion and its input.
     nominal = model.kinematics(nominal_config)
     J_bar = model.extended(nominal.J_chi)
-    f_bar, M_bar = _drift(model, nominal, nominal_zeta)
+    f_bar, M_bar = drift_and_inertia(model, nominal, nominal_zeta)
     y_bar = np.concatenate([nominal.chi, nominal_config[..., 6:]], axis=-1)
     y_dot = times(J_bar, nominal_zeta)
     y_ddot = jacobian_rate_times(nominal, nominal_zeta, nominal_zeta) + times(
@@ -46,7 +46,7 @@ def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndar
     e_dot = times(J, zeta) - y_dot
     zeta_ref_dot = times(inverse, y_ddot - sigma * e_dot - jacobian_rate_times(
         real, zeta, zeta_ref))
-    f, M = _drift(model, real, zeta)
+    f, M = drift_and_inertia(model, real, zeta)
     u_rest = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
     # Less the linear parts of (1).
     attitude = wrap_angle(config[..., 3:5] - nominal_config[..., 3:5])
@@ -84,7 +84,7 @@ def _rate_of_inverse(rpy: np.ndarray, rate: np.ndarray, w: np.ndarray) -> np.nda
                      -sf * about - cf * across], axis=-1)
 
 
-def _drift(model: ContactModel, kinematics: Kinematics, zeta: np.ndarray
+def drift_and_inertia(model: ContactModel, kinematics: Kinematics, zeta: np.ndarray
            ) -> tuple[np.ndarray, np.ndarray]:
     """Returns f and M."""
     M = model.mass_matrix(kinematics)

@@ -33,6 +33,8 @@ from uvms_drake.tube.periodic_loop import PeriodicLoop, Stretch
 from uvms_drake.tube.tube_image import input_gain
 from uvms_drake.tube.tubes import joint_rate_radius
 
+MOMENT_POINTS, MOMENT_SPAN = 20_001, 40.0
+"""Points of the quadrature of a moment, and its length in time constants."""
 FINENESS = 400
 """Points of the quadrature of |K| in each of its time constants."""
 
@@ -58,6 +60,26 @@ def instant_gains(k: float, sigma: float) -> Gains:
         sigma: σ [1/s].
     """
     return Gains(1.0 / (k * sigma), joint_rate_radius(k, sigma, 1.0), input_gain(k, sigma), 1.0 / k)
+
+
+def moments(k: float, sigma: float) -> Gains:
+    """Returns the first moments ∫t|g(t)|dt of the impulse responses, by quadrature.
+
+    Times a rate they bound what is lost by taking a factor of δ that changes at that rate out of
+    the convolution: |∫g(τ)(J(t − τ) − J(t))δ(t − τ)dτ| ≤ sup‖J̇‖ ∫τ|g(τ)|dτ sup|δ|.
+
+    Args:
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+    """
+    if abs(k - sigma) < 1e-6 * k:
+        sigma = k * (1.0 - 1e-6)
+    rates, span = np.array([k, sigma]), k - sigma
+    t = np.linspace(0.0, MOMENT_SPAN / min(k, sigma), MOMENT_POINTS)
+    decays = np.exp(-np.multiply.outer(t, rates))
+    return Gains(*(float(np.trapezoid(t * np.abs(decays @ np.array(parts)), t)) for parts in (
+        (-1.0 / span, 1.0 / span), (k / span, -sigma / span),
+        (k**2 / span, -sigma**2 / span), (1.0, 0.0))))
 
 
 def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:

@@ -83,6 +83,31 @@ class FeltForce:
         return self.lag + self.period
 
 
+def by_source(force: FeltForce, A: "Sizes", known: float, late: float, *, turning: float,
+              qdot: float, moving: float = 0.0, turned: float = 0.0, safety_factor: float = 1.0
+              ) -> np.ndarray:
+    """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
+
+    Args:
+        force: The forces.
+        A: Those of the rows' matrices.
+        known: γ.
+        late: γ′.
+        turning: ω, how fast the tip's axes turn [rad/s].
+        qdot: Bound of ‖q̇‖ [rad/s].
+        moving: J̃‖𝔯‖, if the rows are under the filter by their velocity.
+        turned: What Ȧ has beside the part by the joints, where the rows are turned.
+        safety_factor: Factor of the suprema.
+    """
+    A_rate = A.by_joints * qdot + turned
+    return np.array([safety_factor * part for part in (
+        known * (A.force * force.error + A.torque * force.torque_error),
+        known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
+        known * A.force * force.aside_rate * force.age + late * A.force * force.aside_ripple,
+        known * (A.force * turning * force.size * force.age + moving / safety_factor
+                 + force.age * A_rate * (force.ripple + force.aside_ripple)))])
+
+
 def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: float, sigma: float, *,
             J_dot: float, safety_factor: float = 1.0, seed: int = 0) -> Push:
     """Returns what the errors of a force sensor do to the law `resolved`.
@@ -112,24 +137,19 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         safety_factor: Factor of suprema, which are searched for.
         seed: Seed of the search.
     """
-    sizes, box = _sizes_over_joints(model, declared, force.tool_angle)
+    sizes, box = sizes_over_joints(model, declared, force.tool_angle)
     worst = supremum_over_joints(sizes, *box, seed)
-    found = _suprema(worst)
+    found = suprema_of(worst)
     turning = declared.nu2 + safety_factor * found.turning * declared.qdot
     instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
 
-    def parts(gain: str, A: _Sizes, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+    def parts(gain: str, A: Sizes, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
         """Returns the terms of (3) by source (number of `SOURCES`, ...)."""
-        known, late = getattr(instant, gain), getattr(missed, gain)
-        A_rate = A.by_joints * declared.qdot + turned
-        return np.array([safety_factor * part for part in (
-            known * (A.force * force.error + A.torque * force.torque_error),
-            known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
-            known * A.force * force.aside_rate * force.age + late * A.force * force.aside_ripple,
-            known * (A.force * turning * force.size * force.age + moving / safety_factor
-                     + force.age * A_rate * (force.ripple + force.aside_ripple)))])
+        return by_source(force, A, getattr(instant, gain), getattr(missed, gain), turning=turning,
+                         qdot=declared.qdot, moving=moving, turned=turned,
+                         safety_factor=safety_factor)
 
-    def through(A: _Sizes) -> np.ndarray:
+    def through(A: Sizes) -> np.ndarray:
         """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
         return np.asarray(safety_factor * (A.force * force.error + A.torque * force.torque_error))
 
@@ -141,7 +161,7 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
     position = parts("position", found.position, J_r, turned)
     depth = parts("position", found.depth, J_r, turned)
     speed = parts("velocity", found.depth, J_r, turned)
-    orientation = parts("position", _Sizes(*(euler * size for size in found.rotation)), J_r,
+    orientation = parts("position", Sizes(*(euler * size for size in found.rotation)), J_r,
                         euler_rate * float(found.rotation.force))
     return Push(
         depth=float(np.sum(depth)), depth_speed=float(np.sum(speed)),
@@ -157,7 +177,7 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 
 
-class _Sizes(NamedTuple):
+class Sizes(NamedTuple):
     """Suprema of norms of matrices A(q), one or several of them."""
 
     force: np.ndarray | float
@@ -170,24 +190,24 @@ class _Sizes(NamedTuple):
     """(Σᵢ‖∂A_f/∂qᵢ‖²)^½, which times ‖q̇‖ bounds ‖dA_f/dt‖."""
 
 
-class _Suprema(NamedTuple):
+class Suprema(NamedTuple):
     """Those of the matrices of (3)."""
 
     turning: float
     """‖J_ω,q‖, of the tip's angular velocity by the joints' rates."""
-    depth: _Sizes
+    depth: Sizes
     """Of n·𝔭̇."""
-    position: _Sizes
+    position: Sizes
     """Of the tip's velocity, in its axes."""
-    rotation: _Sizes
+    rotation: Sizes
     """Of its angular velocity, likewise."""
-    zeta: _Sizes
+    zeta: Sizes
     """Of ν₁, ν₂ and q̇, (3,) each."""
-    rows: _Sizes
+    rows: Sizes
     """Of each row of ζ̇ (6+n,)."""
 
 
-def _sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
+def sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
         Callable[[np.ndarray], np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Returns the norms by the joints and n in the cone about the tip's x-axis, and their box."""
     size, num_joints = model.size, model.num_joints
@@ -217,10 +237,10 @@ def _sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: fl
                    np.append(declared.q_upper, [tool_angle, 2.0 * np.pi]))
 
 
-def _suprema(worst: np.ndarray) -> _Suprema:
-    """Returns the suprema of `_sizes_over_joints` by what they are of."""
+def suprema_of(worst: np.ndarray) -> Suprema:
+    """Returns the suprema of `sizes_over_joints` by what they are of."""
     table = worst[1:].reshape(-1, 4).T
-    return _Suprema(float(worst[0]), *(_Sizes(*table[:, part]) for part in (
+    return Suprema(float(worst[0]), *(Sizes(*table[:, part]) for part in (
         0, 1, 2, slice(3, 6), slice(6, None))))
 
 

@@ -9,7 +9,6 @@ from support.laws import not_asked, pairs
 from support.tiny_robots import tiny_robot, turret
 
 from uvms_drake.certificate.certify import certify
-from uvms_drake.certificate.table import verdict
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
@@ -182,10 +181,3 @@ def test_settings_without_a_meaning_are_refused(settings, message):
     scenario = load_scenario("girona500_ideal", [f"ancillary=!TipFirst {{{settings}}}"])
     with pytest.raises((InvalidParameter, ScenarioError), match=message):
         certify(scenario)
-
-
-def test_it_has_no_certificate_yet_and_says_so():
-    scenario = load_scenario("girona500_ideal", ["ancillary=!TipFirst {}"])
-    assert scenario.law == "tip first"
-    assert verdict(certify(scenario)).startswith(
-        "void: certificate of the law TipFirst, none is known")

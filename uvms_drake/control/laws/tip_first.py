@@ -101,7 +101,7 @@ class TipFirst(AncillaryLaw):
 
     @property
     def name(self) -> str:  # noqa: D102  see AncillaryLaw
-        return "tip first"
+        return "tip-first"
 
     @property
     def undriven_rows(self) -> np.ndarray:

@@ -1,0 +1,155 @@
+"""Tests of `uvms_drake.tube.tip_first` and of the image that it uses."""
+
+import numpy as np
+import pytest
+from support.tiny_robots import tiny_robot
+
+from uvms_drake.control.laws import TipFirst
+from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.outputs import outputs_of
+from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.control.laws.tip_rows import tip_rows
+from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.row_gains import moments
+from uvms_drake.tube.settings import CertificateSettings
+from uvms_drake.tube.tip_first import tip_first_law_tube
+from uvms_drake.tube.tip_first_image import arm_of
+from uvms_drake.tube.tip_first_rests import configuration_of, output_jacobian, tip_first_rests
+
+BOUNDS = ConstraintSet(
+    q_lower=np.array([-0.2, 1.0, 0.2, -0.3]), q_upper=np.array([0.2, 1.2, 0.45, 0.3]), roll=0.1,
+    pitch=0.1, tip_pitch=0.4, nu1=0.15, nu2=0.1, qdot=0.8)
+FEW = CertificateSettings(constant_samples=10, tube_samples=10, terminal_samples=10)
+
+
+def states(model, seed: int) -> tuple[np.ndarray, ...]:
+    """Returns 𝔮̄, ζ̄ and ū (10,), and errors x, x' (10,) of outputs."""
+    rng = np.random.default_rng(seed)
+    config, zeta = BOUNDS.sample(model, 1, rng)
+    return (config[0], zeta[0], 0.3 * rng.normal(size=10), 0.01 * rng.normal(size=10),
+            0.02 * rng.normal(size=10))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_rests_are_what_the_law_does_beyond_its_linear_part(model, seed):
+    config, zeta, u, x, x_dot = states(model, seed)
+    law, rows = TipFirst(BlockGains(3.0, 2.0), BlockGains(20.0, 10.0)), tip_rows(model)
+    found = tip_first_rests(model, rows, config, zeta, u, x, x_dot)
+    # The real state by the errors of the outputs, and the law in it.
+    real_config = configuration_of(model, rows, config, model.kinematics(config), x)
+    kinematics = model.kinematics(real_config)
+    J = output_jacobian(model, real_config, kinematics, rows)
+    e, e_dot = (np.append(each[:6], J[6:, 6:] @ each[6:]) for each in (x, x_dot))
+    y_dot = output_jacobian(model, config, model.kinematics(config), rows) @ zeta
+    real_zeta = np.linalg.solve(J, y_dot + e_dot)
+    now = pair_of(model, np.append(real_config, real_zeta), np.append(config, zeta))
+    out = outputs_of(now, rows)
+    np.testing.assert_allclose(out.error, e, atol=1e-9)
+    np.testing.assert_allclose(out.rate[0] - out.rate[1], e_dot, atol=1e-9)
+    acceleration = u + model.drift(config, zeta)
+    command = law.command(model, now, lambda: acceleration, lambda: u)
+    k, sigma = law.gains("k", 4), law.gains("sigma", 4)
+    linear = np.linalg.solve(J, -(k + sigma) * e_dot - k * sigma * e)
+    M, M_bar = (model.mass_matrix(each) for each in (kinematics, model.kinematics(config)))
+    expected = np.concatenate([
+        real_zeta - zeta, real_config[6:] - config[6:],
+        (kinematics.chi - model.kinematics(config).chi)[3:], command.u() - u - linear,
+        command.tau() - M_bar @ u - M @ linear])
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_the_rests_have_derivatives_by_complex_steps(model, derivative):
+    config, zeta, u, x, x_dot = states(model, 4)
+    rows, along = tip_rows(model), np.random.default_rng(1).normal(size=(5, 10))
+
+    def moved(step):
+        return tip_first_rests(model, rows, *(each + step * way for each, way in zip(
+            (config, zeta, u, x, x_dot), along, strict=True)))
+
+    found = moved(1e-30j).imag / 1e-30
+    np.testing.assert_allclose(found, derivative(moved), atol=1e-4 * np.max(np.abs(found)))
+
+
+@pytest.mark.parametrize(("k", "sigma"), [(20.0, 5.0), (8.0, 8.0)])
+def test_the_first_moments_are_those_of_the_impulse_responses(k, sigma):
+    found = moments(k, sigma)
+    assert found.position == pytest.approx((k + sigma) / (k * sigma) ** 2, rel=1e-5)
+    assert found.error == pytest.approx(k**-2, rel=1e-5)
+    # ∫t|ġ|dt in parts, with the maximum of g at t*.
+    k, sigma = 1.000001 * k, sigma
+    late = np.log(k / sigma) / (k - sigma)
+    g = (np.exp(-sigma * late) - np.exp(-k * late)) / (k - sigma)
+    until = ((1.0 - np.exp(-sigma * late)) / sigma - (1.0 - np.exp(-k * late)) / k) / (k - sigma)
+    expected = 2.0 * late * g - 2.0 * until + 1.0 / (k * sigma)
+    assert found.velocity == pytest.approx(expected, rel=1e-4)
+
+
+def test_what_the_rows_change_meanwhile_costs_no_more_than_the_moment_says():
+    """The error G∗(J D) against J(t)(G∗D), for a J that turns and a D that jumps."""
+    k, sigma, h, turning = 12.0, 6.0, 1e-3, 0.7
+    rng, worst = np.random.default_rng(2), 0.0
+    for _ in range(20):
+        e, own = np.zeros((2, 2, 2))  # (e, ė) of either, two components
+        for i in range(1500):
+            if i % 50 == 0:
+                D = rng.normal(size=2)
+                D /= np.linalg.norm(D)
+            angle = turning * i * h
+            J = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            for z, push in ((e, J @ D), (own, D)):
+                z[1] += h * (push - (k + sigma) * z[1] - k * sigma * z[0])
+                z[0] += h * z[1]
+        worst = max(worst, float(np.linalg.norm(e[0] - J @ own[0])))
+    assert 0.05 < worst / (turning * moments(k, sigma).position) < 1.0
+
+
+def test_an_arm_that_can_be_stretched_is_found_out():
+    """Its J_sq loses rank in the middle of the set, which no sample hits."""
+    axes, anchors = [[0, 0, 1], [0, 1, 0], [0, 1, 0]], [[0.5, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]
+    arm = tiny_robot(axes, anchors, (0.3, 0.0, 0.0))
+    for lower, regular in ((0.3, True), (-0.31, False)):
+        bounds = ConstraintSet(
+            q_lower=np.array([-0.1, 0.2, lower]), q_upper=np.array([0.1, 0.4, 0.9]), roll=0.1,
+            pitch=0.1, tip_pitch=1.4, nu1=0.1, nu2=0.1, qdot=0.1)
+        found = arm_of(arm, bounds, np.arange(3), FEW)
+        assert (found.regular > 0.0) == regular
+        assert np.isfinite(found.carried) == regular
+
+
+def basis(model, **changed) -> Basis:
+    """Returns data with constants that are not what they would be, but larger."""
+    known = {name: Constant(name, value, "proven", 1, {}, 1.0, value) for name, value in (
+        ("J_position_max", 3.0), ("J_dot_max", 1.0))}
+    values = {"model": model, "declared": BOUNDS, "constants": known, "d_bound": 0.05,
+              "weights": np.ones(model.size), "u_limit": np.repeat([0.5, 20.0], [6, 4]),
+              "settings": FEW}
+    return Basis(**(values | changed))
+
+
+def row_norm(basis: Basis, block: str) -> float:
+    return basis.value({"position": "J_position_max"}[block])
+
+
+@pytest.mark.parametrize(("law", "message"), [
+    (TipFirst(rows=["x", "y", "q3", "q4"]), "rows of the tip's task, z is not among them"),
+    (TipFirst(undriven=["roll"]), "undriven roll, of which no bound is known")])
+def test_what_has_no_bound_is_void_and_says_so(model, law, message):
+    found = tip_first_law_tube(law, basis(model), row_norm)
+    assert [condition.name for condition in found.conditions if not condition.holds] == [message]
+
+
+def test_a_soft_vehicle_costs_the_tip_nothing_and_the_joints_much(model, monkeypatch):
+    """To first order, which is enough for this."""
+    monkeypatch.setattr("uvms_drake.tube.tip_first_image.supremum",
+                        lambda problem, x, values, leaders: np.max(values, axis=0))
+    soft, stiff = (tip_first_law_tube(
+        TipFirst(BlockGains(k, k), BlockGains(20.0, 10.0)), basis(model), row_norm)
+        for k in (4.0, 8.0))
+    assert all(condition.holds for condition in soft.conditions)
+    assert soft.radii.position == pytest.approx(3.0 * 0.05 / 200.0) == stiff.radii.position
+    assert soft.budget["vehicle"]["d"] == pytest.approx(0.05 / 16.0)
+    assert soft.radii.roll == pytest.approx(0.05 / 16.0 / np.sqrt(1.0 - np.sin(0.1)))
+    assert soft.radii.joints > 2.0 * stiff.radii.joints > 0.0
+    assert soft.radii.u[0] < 2.0 * 0.05  # the vehicle's own, whatever the arm has to do
