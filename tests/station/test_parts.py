@@ -57,9 +57,9 @@ def given_up(scenario) -> list[str]:
 
 def test_the_force_settles_with_a_sampled_command():
     """Every 10 ms and 5 ms late: within a third of a time constant of the law."""
-    record = simulate(scenario_of(6.0, actuation=[SampledCommand(0.01, 0.005)]))
+    record = simulate(scenario_of(4.5, actuation=[SampledCommand(0.01, 0.005)]))
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
-    assert np.all(error[record.time > 5.0] < record.scenario.task.force_tolerance)
+    assert np.all(error[record.time > 4.0] < record.scenario.task.force_tolerance)
     assert np.any(record.force[0] != record.force[-1])
 
 
