@@ -55,9 +55,9 @@ def test_a_late_sensor_misses_all_of_it_and_a_fast_one_little():
     late = lagged_gains(40.0, 10.0, 5.0, 0.2)  # It may still say the opposite,
     assert late.position == pytest.approx(2.0 * instant.position, rel=0.1)
     assert late.velocity == pytest.approx(instant.velocity, rel=0.05)  # which does not move it.
-    fast = lagged_gains(40.0, 10.0, 4e-3, 2e-4)
-    peak = 2.0 / 40.0 * 4.0 ** (-10.0 / 30.0)  # the variation of the impulse response
-    assert fast.position == pytest.approx(4.1e-3 * peak, rel=0.1)
+    fast = lagged_gains(40.0, 40.0, 2.5e-3, 2.5e-4)
+    peak = 2.0 / 40.0 * np.exp(-1.0)  # the variation of the impulse response
+    assert fast.position == pytest.approx(2.625e-3 * peak, rel=0.1)
     np.testing.assert_allclose(
         lagged_gains(40.0, 10.0, 0.0, 0.01), 2.0 * np.array(instant), rtol=1e-12)
 
