@@ -45,7 +45,7 @@ class Hovering:
     """A simulation of it, and what can be read."""
 
     def __init__(self, model, law, *, bound=0.0, disturbance=None, limits=None, sensing=(),
-                 actuation=(), faults=(), step=0.02, told=True):
+                 actuation=(), faults=(), step=0.02):
         builder, self.signals = DiagramBuilder(), {}
         plant = builder.AddNamedSystem("uvms", make_uvms_plant(
             model="girona500_arm5e", surface=None,
@@ -70,7 +70,7 @@ class Hovering:
         listeners = [feedback, observer] if observer else [feedback]
         if observer and actuation:
             builder.Connect(applied, observer.GetInputPort("applied"))
-        if VEHICLE_WRENCH in self.signals and told:
+        if VEHICLE_WRENCH in self.signals:
             for listener in listeners:
                 builder.Connect(self.signals[VEHICLE_WRENCH], listener.GetInputPort(VEHICLE_WRENCH))
         self.diagram = builder.Build()

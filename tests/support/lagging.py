@@ -32,8 +32,6 @@ class Motion(NamedTuple):
     """τ_v as it is given (T, 6)."""
     carried: np.ndarray
     """A = J_ηv M*⁻¹ (T, 6, 6), see `tube.row_loop`."""
-    wanted: np.ndarray
-    """ÿ̄ of the vehicle's rows (T, 6)."""
     feedback: np.ndarray
     """−(k + σ)ė − kσe − δ̂ of a `TipFirst` (T, 10)."""
 
@@ -80,7 +78,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
             star = M[:6, :6] - M[:6, 6:] @ np.linalg.solve(J[6:, 6:], J[6:, :6])
             feedback = -(k + sigma) * (out.rate[0] - out.rate[1]) - k * sigma * out.error - estimate
             log.append((time, out.error, J, d, asked, given[:6], J[:6, :6] @ np.linalg.inv(star),
-                        (out.J[1] @ nominal_acceleration + out.bias[1])[:6], feedback))
+                        feedback))
         lagging = (asked[:6] - wrench) / lag if lag else np.zeros(6)
         return np.concatenate([configuration_rate(config, zeta), predicted + d, lagging,
                                out.J[0] @ predicted + out.bias[0] + estimate])

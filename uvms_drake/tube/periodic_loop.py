@@ -91,7 +91,7 @@ class PeriodicLoop:
             N: How v enters at a tick (m,).
             D: How it enters the outputs at once (o,).
         """
-        rows = np.concatenate([self.C @ until for until, _ in self._until()])
+        rows = np.concatenate([self.C @ until for until in self._until()])
         total = self._sum(rows, lambda rows: np.abs(rows @ N), self.periods)
         return _largest(total, len(self.C)) + np.abs(D)
 
@@ -142,7 +142,7 @@ class PeriodicLoop:
         more = self._with_input(B, jumps, rate)
         cycle = more.cycle
         state = np.append(np.linalg.solve(cycle[m, m] * np.eye(m) - self.cycle, cycle[:m, m]), 1.0)
-        return more, np.max([np.abs(more.C @ until @ state) for until, _ in more._until()], axis=0)
+        return more, np.max([np.abs(more.C @ until @ state) for until in more._until()], axis=0)
 
     def _with_input(self, B: np.ndarray, jumps: list[np.ndarray], rate: complex = 0.0
                     ) -> "PeriodicLoop":
@@ -152,11 +152,12 @@ class PeriodicLoop:
             tuple(Stretch(stretch.duration, jump)
                   for stretch, jump in zip(self.stretches, jumps, strict=True)), self.points)
 
-    def _until(self) -> list[tuple[np.ndarray, int]]:
-        """Returns what is made of the state after a tick (m, m) at each phase, and its stretch."""
-        out, before = [], np.eye(len(self.A))
-        for i, (stretch, flow) in enumerate(zip(self.stretches, self._flows, strict=True)):
-            out += [(flow[j] @ before, i) for j in range(0, self.points + 1, self.points // PHASES)]
+    def _until(self) -> list[np.ndarray]:
+        """Returns what is made of the state after a tick (m, m), at each phase of each stretch."""
+        out: list[np.ndarray] = []
+        before = np.eye(len(self.A))
+        for stretch, flow in zip(self.stretches, self._flows, strict=True):
+            out += list(flow[:: self.points // PHASES] @ before)
             before = stretch.jump @ flow[-1] @ before
         return out
 
@@ -175,8 +176,8 @@ class PeriodicLoop:
             return np.sum([absolute_integral(rows @ states, step)
                            for states, step in zip(late, steps, strict=True)], axis=0)
 
-        until = self._until()
-        total = self._sum(np.concatenate([self.C @ at for at, _ in until]), integral, periods)
+        rows = np.concatenate([self.C @ until for until in self._until()])
+        total = self._sum(rows, integral, periods)
         # Impulses in the period that the output is read in.
         within = [self._within(i, j, pushed, steps) for i in range(len(steps))
                   for j in range(0, self.points + 1, self.points // PHASES)]
