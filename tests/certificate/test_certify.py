@@ -18,8 +18,12 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.report.robot_sheet import largest_wrench
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
@@ -195,6 +199,24 @@ def test_the_bilateral_scenario_is_certified(monkeypatch):
     search_constants_less(monkeypatch)
     certificate = certify(load_scenario("girona500_bilateral", FEW[:1]))
     assert certificate.certified, verdict(certificate)
+
+
+def test_the_bluerov_is_certified_against_friction_at_its_light_joints(monkeypatch):
+    """0.1 N m at every joint, 5 N on the hull, and forces that thrusters and joints can give."""
+    search_less(monkeypatch)
+    scenario = load_scenario("bluerov2_ideal", [*FEW, "certificate.safety_factor=1.5"])
+    certificate = certify(scenario)
+    assert certificate.certified, verdict(certificate)
+    assert certificate.bounds["force"] <= 0.4
+    model = load_model(scenario)
+    M = np.diag(model.mass_matrix(model.kinematics(
+        np.concatenate([np.zeros(6), scenario.task.posture]))))
+    forces = M * scenario.disturbance.bound * scenario.disturbance.weights
+    assert np.all(forces >= [5.0] * 3 + [0.12] * 3 + [0.098] * 4)
+    thrusters = ThrusterModel.of(read_uvms(scenario.model).thrusters)
+    for axis in range(6):
+        assert scenario.limits.tau[axis] <= 0.6 * min(
+            largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
 
 
 def test_the_table_names_everything(certificate):

@@ -6,7 +6,6 @@ from support.robots import TEMPLATE, altered
 
 from uvms_drake.command.main import main
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.report import robot_page, robot_views
 from uvms_drake.report.robot_page import sweeps
 from uvms_drake.station.robot import complaints_about
 
@@ -52,19 +51,6 @@ def test_every_mistake_has_a_line(tmp_path, capsys):
     first, second = err.splitlines()
     assert "hydrodynamics.yaml: displaced_volume of all bodies" in first
     assert "hydrodynamics.yaml: center_of_buoyancy of all bodies" in second
-
-
-@pytest.mark.slow
-def test_pictures_are_written_where_they_are_asked_for(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(robot_views, "PIXELS", 200)
-    monkeypatch.setattr(robot_page, "RATE", 2.0)
-    output = tmp_path / "out"
-    assert main(["robot", "box_uvms", "--output", str(output)]) == 0
-    assert capsys.readouterr().err == f"written to {output}: robot.png, robot.html\n"
-    assert (output / "robot.png").read_bytes().startswith(b"\x89PNG")
-    page = (output / "robot.html").read_text(encoding="utf-8")
-    assert "<html" in page[:200]
-    assert len(page) > 1e6  # It needs no server.
 
 
 def test_the_tip_is_told_for_a_posture(capsys):
