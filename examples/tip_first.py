@@ -1,18 +1,22 @@
-"""Thrusters that lag, on two laws: one holds the tip with the vehicle, the other with the arm.
+"""Thrusters that lag, on three laws: two hold the tip with the vehicle, the third with the arm.
 
-The law `resolved` keeps the arm's angles and asks the vehicle to hold the tip. It does so too late:
-beyond a lag of (k + sigma)/(k sigma), 0.25 s here, the loop swings up. The law `tip first` takes
-what the thrusters give now as it is, and holds the tip with the arm whatever that is.
+The laws `resolved` and `transpose` ask the vehicle to hold the tip, too late: beyond a lag of
+(k + sigma)/(k sigma), 0.25 s for the first, the loop swings up. The law `tip first` takes what the
+thrusters give now as it is, and holds the tip with the arm whatever that is. The wall is 5 mm
+farther than the controller believes, and a wrist sensor feels it.
 """
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import uvms_drake as uv
 from uvms_drake.actuation.thrusters import Thrusters
-from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws import Resolved, TipFirst, Transpose
+from uvms_drake.sensing import ForceSensor
 
 
 def main() -> None:
@@ -20,17 +24,34 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
     parser.add_argument("--lag", type=float, default=0.3, help="of the thrusters [s]")
+    parser.add_argument("--figure", type=Path, help="where to draw it, as PNG")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_ideal", [f"duration={arguments.duration}"])
+    scenario = uv.load_scenario("girona500_ideal", [
+        f"duration={arguments.duration}", "surface_error.shift=[0.005, 0, 0]"])
     scenario.actuation = [Thrusters(period=0.02, lag=arguments.lag, dead_time=0.0)]
+    figure, panels = plt.subplots(3, sharex=True, figsize=(5.0, 4.5), layout="constrained")
     # There are five thrusters: roll is left to weight and buoyancy.
-    for law in (Resolved(k=20.0, sigma=5.0), TipFirst(undriven=["roll"])):
-        record = uv.simulate(replace(scenario, ancillary=law))
-        vehicle = np.linalg.norm(record.state[:, :3] - record.nominal_state[:, :3], axis=1)
-        print(f"{law.name}: the tip is off by up to "
-              f"{1e3 * np.max(record.deviation_of('position')):.1f} mm, the vehicle by up to "
-              f"{1e3 * np.max(vehicle):.1f} mm; force at the end {record.force[-1, 0]:.2f} N, "
+    for law in (Transpose(k=20.0, sigma=1.0), Resolved(k=20.0, sigma=5.0),
+                TipFirst(undriven=["roll"])):
+        sensing = [ForceSensor()] if law.takes_force else []
+        record = uv.simulate(replace(scenario, ancillary=law, sensing=sensing))
+        tip = 1e3 * record.deviation_of("position")
+        vehicle = 1e3 * np.linalg.norm(record.state[:, :3] - record.nominal_state[:, :3], axis=1)
+        print(f"{law.name}: the tip is off by up to {np.max(tip):.1f} mm, the vehicle by up to "
+              f"{np.max(vehicle):.1f} mm; force at the end {record.force[-1, 0]:.2f} N, "
               f"desired {scenario.task.force[0]:.2f} N")
+        for axis, values in zip(panels, (tip, vehicle, record.force[:, 0]), strict=True):
+            axis.plot(record.time, values, label=law.name)
+    for axis, name in zip(panels, ("tip off [mm]", "vehicle off [mm]", "force [N]"), strict=True):
+        axis.set_ylabel(name)
+        axis.set_yscale("linear" if axis is panels[-1] else "log")
+        axis.grid(alpha=0.3)
+    for axis in panels[:2]:
+        axis.set_ylim(bottom=0.05)
+    panels[0].legend(ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    panels[-1].set_xlabel(f"time [s], thrusters that lag by {arguments.lag:g} s")
+    if arguments.figure:
+        figure.savefig(arguments.figure, dpi=200)
 
 
 if __name__ == "__main__":

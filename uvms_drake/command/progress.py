@@ -15,7 +15,7 @@ from uvms_drake.common.alarm import LOGGER
 
 LINES = 5  # in a log file, and one for the beginning
 BAR = 20  # letters
-CERTIFYING = "certifying (half a minute)"
+CERTIFYING = "certifying (a minute or two)"
 
 
 def stream_of(args: argparse.Namespace) -> TextIO:
