@@ -5,34 +5,39 @@ vehicle's attitude and the joints; of ζ̄, in balls; of ū, in a box; and of th
 ellipsoids. In ū they are affine, in ζ̄ and the errors nearly linear or quadratic: there the point
 of the set that is furthest up the gradient is soon the maximum. So a step goes some of the way to
 that point, and in 𝔮̄ some way along the gradient, in units of the set's widths, bent along limits
-of tip pitch and contact that are active. Several lengths are tried at once, the best counts, if it
-is better. All climbers, a few for each channel from the worst samples, go side by side in one
-batch.
+of tip pitch and contact that are active, with and without some of the last step's direction.
+Several lengths are tried at once, the best counts, if it is better. All climbers, a few for each
+channel from the worst samples, go side by side in one batch, and the better of them go on.
 
 A value that is found is reached, so it is a bound from below; `second_search` looks for the same by
 other means.
 """
+
+from itertools import product
 
 import numpy as np
 
 from uvms_drake.model.uvms_model import COMPLEX_STEP
 from uvms_drake.tube.search_problem import SearchProblem
 
-LEADERS, STEPS = 6, 8
-"""Climbers for each channel, from its worst samples, and their steps."""
+LEADERS, ROUNDS, STEPS = 8, 3, 4
+"""Climbers for each channel, from its worst samples; rounds, after each of which the better half of
+them goes on; and steps in a round."""
 BATCH = 400
 """States evaluated at a time."""
 REACHES = (1.0, 0.3, 0.1, 0.0)
 """Steps in 𝔮̄ that are tried, over a climber's reach."""
 JUMPS = (1.0, 0.3)
 """Fractions of the way in ζ̄, ū and the errors that are tried."""
-WIDENED, NARROWED = 1.5, 0.1
+MOMENTUM = 0.7
+"""Share of the last step's direction that is tried in the next one, too: ridges are bent."""
+WIDENED, NARROWED = 2.5, 0.3
 """Factors of a climber's reach after its best step and after none."""
 ACTIVE = 0.97
 """Share of a bound from which on it bends a step."""
 DIFFERENCE = 1e-6
 """Step of the differences of what is bounded."""
-PULLS = 7
+PULLS = 5
 """Halvings of a step that leaves the set."""
 EDGE = 1e-9
 """Allowance for rounding at a bound."""
@@ -54,7 +59,7 @@ def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
 
 
 def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int = 1,
-             leaders: int = LEADERS) -> np.ndarray:
+             leaders: int | None = None) -> np.ndarray:
     """Returns the largest values that were found, by channel; zero where there are no errors.
 
     Args:
@@ -62,19 +67,24 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
         x: Samples of motions (m, 3(6+n)).
         values: What `first_order` makes of them, but for channels that are not wanted (m, c);
             those are zero.
-        patience: How many times `STEPS` the climbers take.
-        leaders: How many climbers there are for each channel.
+        patience: How many times as many steps the climbers take.
+        leaders: How many climbers there are for each channel; `LEADERS`, if left out.
     """
     out = np.max(values, axis=0)
     wanted = np.nonzero(out > 0.0)[0]
     if len(wanted) == 0:
         return out
-    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T  # (c, climbers)
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders or LEADERS].T
     climb = Climb(problem, x[worst.ravel()],
                   [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
-    for _ in range(patience * STEPS):
-        climb.step()
-    out[wanted] = np.max(climb.value.reshape(worst.shape), axis=1)
+    first = np.arange(len(wanted))[:, None]
+    for _ in range(ROUNDS):
+        for _ in range(patience * STEPS):
+            climb.step()
+        value = climb.value.reshape(len(wanted), -1)
+        better = np.argsort(-value, axis=1, kind="stable")[:, : max(1, value.shape[1] // 2)]
+        climb.keep((first * value.shape[1] + better).ravel())
+    out[wanted] = climb.value.reshape(len(wanted), -1)[:, 0]
     return out
 
 
@@ -103,25 +113,37 @@ class Climb:
         self.x, self.error = x, np.zeros((len(x), 2 * size))
         self.value = np.zeros(len(x))
         self._reach = np.ones(len(x))
+        self._last = np.zeros((len(x), size))
+
+    def keep(self, which: np.ndarray) -> None:
+        """Keeps the climbers of these indices."""
+        self.x, self.error, self.value = self.x[which], self.error[which], self.value[which]
+        self._mask, self._reach, self._last = (
+            self._mask[which], self._reach[which], self._last[which])
 
     def step(self) -> None:
         """Takes one step."""
         by_x, by_error = self._gradients()
         size = self._problem.size
         toward = self._furthest_motion(by_x), self._furthest_error(by_error)
-        way = self._way(by_x[:, :size])
+        pose, toward_pose = self.x[:, :size], self._way(by_x[:, :size])
+        ways = (toward_pose, toward_pose + MOMENTUM * self._last)
         tried = []
         for reach in REACHES:
-            for jump in JUMPS:
+            for jump, way in product(JUMPS, ways if reach > 0.0 else ways[:1]):
                 x = self.x + jump * (toward[0] - self.x)
-                x[:, :size] = self._kept(self.x[:, :size] + (reach * self._reach)[:, None] * way)
+                x[:, :size] = self._kept(pose + (reach * self._reach)[:, None] * way)
                 error = self.error + jump * (toward[1] - self.error)
                 tried.append((self._values(x, error), x, error, np.full(len(x), reach)))
         values, motions, errors, reaches = (np.stack(each) for each in zip(*tried, strict=True))
         best = np.argmax(values, axis=0), np.arange(len(self.x))
         better = values[best] > self.value
         self.value = np.where(better, values[best], self.value)
-        self.x = np.where(better[:, None], motions[best], self.x)
+        gone = np.where(better[:, None], motions[best], self.x)
+        moved = (gone - self.x)[:, :size]
+        length = np.max(np.abs(moved / self._scale), axis=1, keepdims=True)
+        self._last = moved / np.maximum(length, 1e-300)
+        self.x = gone
         self.error = np.where(better[:, None], errors[best], self.error)
         self._reach = np.clip(self._reach * np.where(
             better & (reaches[best] > 0.0), WIDENED * reaches[best], NARROWED), 1e-4, 1.0)

@@ -46,7 +46,7 @@ from uvms_drake.tube.search_problem import Part, RestProblem, SearchProblem, tur
 from uvms_drake.tube.second_search import second_search
 from uvms_drake.tube.tubes import attitude_radii, joint_rate_radius, preimage_shift
 
-PATIENCE = 4
+PATIENCE = 2
 """How much longer than the rests ω is searched for, which takes less."""
 
 
