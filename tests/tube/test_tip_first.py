@@ -13,6 +13,7 @@ from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.row_gains import moments
+from uvms_drake.tube.sensed import FeltForce, reading_input
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.tube.tip_first import tip_first_law_tube
 from uvms_drake.tube.tip_first_image import arm_of
@@ -72,7 +73,7 @@ def test_the_rests_have_derivatives_by_complex_steps(model, derivative):
     np.testing.assert_allclose(found, derivative(moved), atol=1e-4 * np.max(np.abs(found)))
 
 
-@pytest.mark.parametrize(("k", "sigma"), [(20.0, 5.0), (8.0, 8.0)])
+@pytest.mark.parametrize(("k", "sigma"), [(20.0, 5.0), (8.0, 8.0), (2000.0, 1.0)])
 def test_the_first_moments_are_those_of_the_impulse_responses(k, sigma):
     found = moments(k, sigma)
     assert found.position == pytest.approx((k + sigma) / (k * sigma) ** 2, rel=1e-5)
@@ -84,6 +85,9 @@ def test_the_first_moments_are_those_of_the_impulse_responses(k, sigma):
     until = ((1.0 - np.exp(-sigma * late)) / sigma - (1.0 - np.exp(-k * late)) / k) / (k - sigma)
     expected = 2.0 * late * g - 2.0 * until + 1.0 / (k * sigma)
     assert found.velocity == pytest.approx(expected, rel=1e-4)
+    # ∫t|w| likewise: 1 − (1 + at)e^{−at} is the integral of a²te^{−at}, and there is a zero at 2t*.
+    rest = [(1.0 + a * 2.0 * late) * np.exp(-a * 2.0 * late) for a in (sigma, k)]
+    assert found.input == pytest.approx(2.0 * (rest[0] - rest[1]) / (k - sigma), rel=1e-4)
 
 
 def test_what_the_rows_change_meanwhile_costs_no_more_than_the_moment_says():
@@ -134,7 +138,9 @@ def row_norm(basis: Basis, block: str) -> float:
 
 @pytest.mark.parametrize(("law", "message"), [
     (TipFirst(rows=["x", "y", "q3", "q4"]), "rows of the tip's task, z is not among them"),
-    (TipFirst(undriven=["roll"]), "undriven roll, of which no bound is known")])
+    (TipFirst(undriven=["roll"]), "undriven roll, of which no bound is known"),
+    (TipFirst(tip=BlockGains(20.0, 10.0, observer=2.0)),
+     "tip.observer, with which (1) is another loop [1/s]")])
 def test_what_has_no_bound_is_void_and_says_so(model, law, message):
     found = tip_first_law_tube(law, basis(model), row_norm)
     assert [condition.name for condition in found.conditions if not condition.holds] == [message]
@@ -153,3 +159,52 @@ def test_a_soft_vehicle_costs_the_tip_nothing_and_the_joints_much(model, monkeyp
     assert soft.radii.roll == pytest.approx(0.05 / 16.0 / np.sqrt(1.0 - np.sin(0.1)))
     assert soft.radii.joints > 2.0 * stiff.radii.joints > 0.0
     assert soft.radii.u[0] < 2.0 * 0.05  # the vehicle's own, whatever the arm has to do
+
+
+FELT = FeltForce(size=50.0, rate=0.0, ripple=0.0, aside_rate=0.0, aside_ripple=0.0, error=2.0,
+                 torque_error=0.1, lag=0.02, period=0.01, tool_angle=0.2)
+
+
+def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
+    """To both limits, what is off while the tip turns beside the error in rest."""
+    given = []
+
+    def reading(model, lower, upper, force, torque, seed):
+        given.append((force, torque))
+        return (len(given) - 1.0) * np.arange(20.0), np.zeros(20)
+
+    monkeypatch.setattr("uvms_drake.tube.tip_first.reading_input", reading)
+    monkeypatch.setattr("uvms_drake.tube.tip_first_image.supremum",
+                        lambda problem, x, values, leaders: np.max(values, axis=0))
+    monkeypatch.setattr("uvms_drake.tube.joint_search.GRID_POINTS", 16)
+    monkeypatch.setattr("uvms_drake.tube.joint_search.ROUNDS", 0)
+    law, felt = TipFirst(BlockGains(20.0, 20.0), BlockGains(50.0, 50.0)), basis(
+        model, contact=FELT, forces=True)
+    without, found = (tip_first_law_tube(law, felt, row_norm).radii for _ in range(2))
+    added = np.concatenate([found.u - without.u, found.tau - without.tau])
+    np.testing.assert_allclose(added, FEW.safety_factor * np.arange(20.0), atol=1e-9)
+    # At least what the joints of the arm turn the tip by, one at a time and at their limit.
+    J = model.kinematics(np.append(np.zeros(6), 0.5 * (BOUNDS.q_lower + BOUNDS.q_upper))).J_links
+    turning = BOUNDS.nu2 + BOUNDS.qdot * np.max(np.linalg.norm(J[-1, 3:, 6:], axis=0))
+    assert given[0][0] >= 2.0 + turning * 50.0 * 0.03
+    assert given[0][1] == 0.1
+
+
+def test_what_a_reading_adds_is_reached(model, monkeypatch):
+    monkeypatch.setattr("uvms_drake.tube.joint_search.GRID_POINTS", 256)
+    monkeypatch.setattr("uvms_drake.tube.joint_search.ROUNDS", 4)
+    lower, upper, rng = BOUNDS.q_lower, BOUNDS.q_upper, np.random.default_rng(0)
+    most, _ = reading_input(model, lower, upper, 3.0, 0.2)
+    reached = np.zeros(20)
+    for _ in range(100):
+        config = np.append(np.zeros(6), rng.uniform(lower, upper))
+        kinematics = model.kinematics(config)
+        J = kinematics.J_links[-1]
+        forces = J.T * np.sign(rng.normal())
+        rows = np.concatenate([np.linalg.solve(model.mass_matrix(kinematics), forces), forces])
+        for i, row in enumerate(rows):
+            e = np.concatenate([3.0 * row[:3] / max(np.linalg.norm(row[:3]), 1e-9),
+                                0.2 * row[3:] / max(np.linalg.norm(row[3:]), 1e-9)])
+            reached[i] = max(reached[i], (rows @ e)[i])
+    assert (reached <= most + 1e-9).all()
+    assert (reached >= 0.8 * most).all()

@@ -34,7 +34,7 @@ from uvms_drake.tube.tube_image import input_gain
 from uvms_drake.tube.tubes import joint_rate_radius
 
 MOMENT_POINTS, MOMENT_SPAN = 20_001, 40.0
-"""Points of the quadrature of a moment, and its length in time constants."""
+"""Points of the quadrature of a moment for each of its time constants, and its length in them."""
 FINENESS = 400
 """Points of the quadrature of |K| in each of its time constants."""
 
@@ -75,7 +75,7 @@ def moments(k: float, sigma: float) -> Gains:
     if abs(k - sigma) < 1e-6 * k:
         sigma = k * (1.0 - 1e-6)
     rates, span = np.array([k, sigma]), k - sigma
-    t = np.linspace(0.0, MOMENT_SPAN / min(k, sigma), MOMENT_POINTS)
+    t = np.unique(np.linspace(0.0, MOMENT_SPAN / rates, MOMENT_POINTS))
     decays = np.exp(-np.multiply.outer(t, rates))
     return Gains(*(float(np.trapezoid(t * np.abs(decays @ np.array(parts)), t)) for parts in (
         (-1.0 / span, 1.0 / span), (k / span, -sigma / span),

@@ -252,6 +252,33 @@ def _norm(A: np.ndarray) -> np.ndarray:
     return out
 
 
+def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
+                  torque: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Returns what an error e of the reading itself makes of 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
+
+    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor. A reading is
+    held in axes of the tip, which turn at ω: against the mean of the forces in Σ_I that it stands
+    for, which a plan has counted with, it is off by ωF̄(T + h) besides its error in rest.
+
+    Args:
+        model: The controller's model.
+        lower: Smallest joint angles (n,) [rad].
+        upper: Largest joint angles (n,) [rad].
+        force: Bound of the force's part of e [N].
+        torque: Bound of the torque's [N m].
+        seed: Seed of the search.
+    """
+    def sizes(q: np.ndarray) -> np.ndarray:
+        J_E, gain = _tip_jacobian_and_gain(model, q)
+        rows = np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)
+        size: np.ndarray = (force * np.linalg.norm(rows[..., :3], axis=-1)
+                            + torque * np.linalg.norm(rows[..., 3:], axis=-1))
+        return size
+
+    return (supremum_over_joints(sizes, lower, upper, seed),
+            second_over_joints(sizes, lower, upper, seed))
+
+
 def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
                        joints: float, orientation: float, seed: int = 0
                        ) -> tuple[np.ndarray, np.ndarray]:

@@ -29,11 +29,20 @@ from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.estimate import Check, largest_of, no_estimates, together
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.row_gains import Gains, instant_gains, lagged_gains, moments
-from uvms_drake.tube.sensed import SOURCES, Sizes, Suprema, by_source, sizes_over_joints, suprema_of
+from uvms_drake.tube.sensed import (
+    SOURCES,
+    Sizes,
+    Suprema,
+    by_source,
+    reading_input,
+    sizes_over_joints,
+    suprema_of,
+)
 from uvms_drake.tube.tip_first_image import Arm, BlockBounds, arm_of, tip_first_image
 
 VEHICLE, ATTITUDE, TIP, DEPTH, JOINTS = "vehicle", "attitude", "position", "depth", "joints"
@@ -68,6 +77,9 @@ def tip_first_law_tube(law: TipFirst, basis: Basis, row_norm: Callable[[Basis, s
                   for i, name in enumerate("xyz") if i not in rows]
     conditions += [Condition(f"undriven {name}, of which no bound is known", 1.0, "<=", 0.0)
                    for name in law.undriven]
+    conditions += [Condition(f"{key}.observer, with which (1) is another loop [1/s]",
+                             getattr(law, key).observer, "<=", 0.0)
+                   for key in ("vehicle", "tip") if getattr(law, key).observer > 0.0]
     arm = arm_of(model, basis.declared, rows, settings)
     conditions.append(Condition(
         "arm, smallest singular value of J_sq, estimated", arm.regular, ">", 0.0))
@@ -98,8 +110,8 @@ def tip_first_law_tube(law: TipFirst, basis: Basis, row_norm: Callable[[Basis, s
         z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
         qdot=image.qdot, tip_speed=float(sums[TIP][1]), roll=attitude, pitch=attitude,
         depth=float(sums[DEPTH][0]) if felt else None,
-        depth_speed=float(sums[DEPTH][1]) if felt else None, u=image.u + pushes.reading,
-        tau=image.tau)
+        depth_speed=float(sums[DEPTH][1]) if felt else None, u=image.u + pushes.reading[:size],
+        tau=None if image.tau is None else image.tau + pushes.reading[size:])
     budget = {name: {source: float(value[0]) for source, value in parts.items()}
               for name, parts in table.items()}
     if felt:
@@ -107,7 +119,8 @@ def tip_first_law_tube(law: TipFirst, basis: Basis, row_norm: Callable[[Basis, s
     else:
         del budget[DEPTH]
     return LawTube(tube, tuple(conditions), budget, tuple(vars(tube)),
-                   together(arm.check, pushes.check, image.check))
+                   together(arm.check, pushes.check, image.check, lambda: checked_constants(
+                       model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)))
 
 
 def _loop(k: float, sigma: float, basis: Basis) -> _Loop:
@@ -147,13 +160,14 @@ class _Pushes:
         basis: The data.
     """
 
-    reading: np.ndarray | float = 0.0
-    """What the error of the reading adds to u (6+n,)."""
+    reading: np.ndarray
+    """What the error of the reading adds to u and τ (2(6+n),), see `reading_input`."""
     check: Check = no_estimates
 
     def __init__(self, basis: Basis):
         self._basis, contact = basis, basis.contact
         self._found: Suprema | None = None
+        self.reading = np.zeros(2 * basis.model.size)
         if contact is None:
             return
         declared, settings = basis.declared, basis.settings
@@ -161,11 +175,15 @@ class _Pushes:
         worst = supremum_over_joints(sizes, *box, settings.seed)
         found = self._found = suprema_of(worst)
         factor = settings.safety_factor
-        self.check = lambda: (largest_of("what M⁻¹J_Eᵀ makes of forces", factor * worst,
-                                         second_over_joints(sizes, *box, settings.seed)),)
-        self.reading = np.asarray(factor * (
-            found.rows.force * contact.error + found.rows.torque * contact.torque_error))
         self._turning = declared.nu2 + factor * found.turning * declared.qdot
+        force = contact.error + self._turning * contact.size * contact.age
+        each, second = reading_input(basis.model, declared.q_lower, declared.q_upper, force,
+                                     contact.torque_error, settings.seed)
+        self.reading = factor * each
+        self.check = lambda: (
+            largest_of("what M⁻¹J_Eᵀ makes of forces", factor * worst,
+                       second_over_joints(sizes, *box, settings.seed)),
+            largest_of("what a reading adds to u and τ", factor * each, second))
         stretch, sine = _stretch(declared.pitch), np.sin(declared.pitch)
         turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
         vehicle, attitude = self.zeta([0]), self.zeta([1])
