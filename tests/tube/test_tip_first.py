@@ -15,7 +15,7 @@ from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.row_gains import moments
 from uvms_drake.tube.sensed import FeltForce, reading_input
 from uvms_drake.tube.settings import CertificateSettings
-from uvms_drake.tube.tip_first import tip_first_law_tube
+from uvms_drake.tube.tip_first import _in_joints, _loop, _Pushes, tip_first_law_tube
 from uvms_drake.tube.tip_first_image import arm_of
 from uvms_drake.tube.tip_first_rests import configuration_of, output_jacobian, tip_first_rests
 
@@ -159,6 +159,27 @@ def test_a_soft_vehicle_costs_the_tip_nothing_and_the_joints_much(model, monkeyp
     assert soft.radii.roll == pytest.approx(0.05 / 16.0 / np.sqrt(1.0 - np.sin(0.1)))
     assert soft.radii.joints > 2.0 * stiff.radii.joints > 0.0
     assert soft.radii.u[0] < 2.0 * 0.05  # the vehicle's own, whatever the arm has to do
+
+
+def test_no_push_moves_the_joints_further_than_claimed(model):
+    """The worst d along a motion, which is known: that which J_sq⁻¹(T)J_s(t) answers to most."""
+    k, sigma, rows, v = 20.0, 10.0, tip_rows(model), np.array([0.0, 0.0, 1.0, 0.0])
+    t, nominal = np.linspace(0.0, 1.0, 401), 0.5 * (BOUNDS.q_lower + BOUNDS.q_upper)
+    config = np.zeros((len(t), model.size))
+    config[:, 6:] = nominal + np.multiply.outer(np.sin(3.0 * t), 0.4 * (BOUNDS.q_upper - nominal))
+    J_s = model.task_jacobian(config)[:, rows]
+    turning = float(np.max(np.linalg.norm(np.diff(J_s, axis=0), 2, axis=(1, 2)))) / t[1]
+    data = basis(model, constants={"J_dot_max": Constant(
+        "J_dot_max", turning, "proven", 1, {}, 1.0, turning)})
+    law, arm = TipFirst(tip=BlockGains(k, sigma)), arm_of(model, BOUNDS, rows, FEW)
+    claim = _in_joints(law, data, arm, _loop(k, sigma, data), _Pushes(data))["d"]
+    inverse = np.linalg.inv(J_s[-1, :, 6:])
+    answer, age = np.linalg.norm(v @ inverse @ J_s, axis=1), t[-1] - t
+    slow, fast = np.exp(-sigma * age), np.exp(-k * age)
+    g = np.array([slow - fast, k * fast - sigma * slow, k**2 * fast - sigma**2 * slow])
+    worst = 0.05 * np.trapezoid(np.abs(g) / (k - sigma) * answer, t)
+    assert (worst <= claim).all()
+    assert (worst >= 0.2 * claim).all(), worst / claim
 
 
 FELT = FeltForce(size=50.0, rate=0.0, ripple=0.0, aside_rate=0.0, aside_ripple=0.0, error=2.0,

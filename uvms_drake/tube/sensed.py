@@ -125,7 +125,7 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
     taking J_b under the same filter, d/dt(J_b𝔯) = −kJ_b𝔯 + δ + J̇_b𝔯. The tip's axes, in which
     the sensor holds the force, turn at ω, and the rows of its position with them. The rows of Euler
     rates are E(𝔬) times those of the angular velocity, ‖E‖ = (1 − |sin θ|)^−½, and
-    ‖∂E/∂φ‖ = ‖E‖, ‖∂E/∂θ‖ = √(1 + sin²θ)/cos²θ at the largest θ.
+    ‖∂E/∂φ‖ ≤ ‖E‖, ‖∂E/∂θ‖ = √(1 + sin²θ)/cos²θ at the largest θ.
 
     Args:
         model: The controller's.
@@ -151,7 +151,8 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
 
     def through(A: Sizes) -> np.ndarray:
         """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
-        return np.asarray(safety_factor * (A.force * force.error + A.torque * force.torque_error))
+        return np.asarray(safety_factor * (
+            A.force * reading_off(force, turning) + A.torque * force.torque_error))
 
     r = np.sum(parts("error", found.zeta), axis=0)
     J_r, turned = J_dot * float(np.linalg.norm(r)), turning * float(found.position.force)
@@ -252,19 +253,26 @@ def _norm(A: np.ndarray) -> np.ndarray:
     return out
 
 
+def reading_off(force: FeltForce, turning: float) -> float:
+    """Returns how far a reading is off the forces that it stands for, ε_f + ωF̄(T + h) [N].
+
+    They are a mean of F in Σ_I over ages of T + h at most, which a plan has counted with. A reading
+    is held in axes of the tip, which turn at ω meanwhile.
+    """
+    return force.error + turning * force.size * force.age
+
+
 def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
                   torque: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Returns what an error e of the reading itself makes of 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
 
-    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor. A reading is
-    held in axes of the tip, which turn at ω: against the mean of the forces in Σ_I that it stands
-    for, which a plan has counted with, it is off by ωF̄(T + h) besides its error in rest.
+    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
 
     Args:
         model: The controller's model.
         lower: Smallest joint angles (n,) [rad].
         upper: Largest joint angles (n,) [rad].
-        force: Bound of the force's part of e [N].
+        force: Bound of the force's part of e, see `reading_off` [N].
         torque: Bound of the torque's [N m].
         seed: Seed of the search.
     """

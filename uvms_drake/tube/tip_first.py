@@ -40,6 +40,7 @@ from uvms_drake.tube.sensed import (
     Suprema,
     by_source,
     reading_input,
+    reading_off,
     sizes_over_joints,
     suprema_of,
 )
@@ -176,9 +177,9 @@ class _Pushes:
         found = self._found = suprema_of(worst)
         factor = settings.safety_factor
         self._turning = declared.nu2 + factor * found.turning * declared.qdot
-        force = contact.error + self._turning * contact.size * contact.age
-        each, second = reading_input(basis.model, declared.q_lower, declared.q_upper, force,
-                                     contact.torque_error, settings.seed)
+        each, second = reading_input(
+            basis.model, declared.q_lower, declared.q_upper,
+            reading_off(contact, self._turning), contact.torque_error, settings.seed)
         self.reading = factor * each
         self.check = lambda: (
             largest_of("what M⁻¹J_Eᵀ makes of forces", factor * worst,
