@@ -35,6 +35,9 @@ SLOW = (
     "studies/test_compare_laws.py", "visual/test_browser.py")
 """Folders and files of tests that search or simulate for long, half of the time; the longest first,
 so that the last ones to be run are short, and all processes end together."""
+LONG = ("tests/campaign/", "tests/errata/", "tests/test_examples.py", "station/test_retarget.py",
+        "command/test_interrupt.py", "control/test_scp.py", "tube/test_kinematic.py")
+"""Those of them that `.ci/run` leaves out, which is to end within a quarter of an hour."""
 
 
 def rank(item: pytest.Item) -> int:
@@ -49,6 +52,8 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if rank(item) < len(SLOW):
             item.add_marker(pytest.mark.slow)
+        if any(part in item.nodeid for part in LONG):
+            item.add_marker(pytest.mark.long)
 
 
 @pytest.hookimpl(optionalhook=True)
