@@ -39,9 +39,9 @@ def record(config, times, seed=0, size=SIZE):
 
 
 @pytest.mark.parametrize("config", KINDS)
-def test_the_bound_holds_at_a_hundred_thousand_times(config):
+def test_the_bound_holds_at_twenty_thousand_times(config):
     """Exactly, so rounding must not exceed it either."""
-    values = record(config, np.linspace(0.0, 500.0, 100_000))
+    values = record(config, np.linspace(0.0, 500.0, 20_000))
     norms = np.linalg.norm(values, axis=1)
     assert np.max(norms) <= BOUND
     assert np.max(norms) > 0.8 * BOUND
@@ -50,13 +50,13 @@ def test_the_bound_holds_at_a_hundred_thousand_times(config):
 @pytest.mark.parametrize("config", KINDS)
 def test_so_does_that_of_an_ellipsoid_and_of_each_component(config):
     weighted = replace(config, weights=WEIGHTS)
-    values = record(weighted, np.linspace(0.0, 500.0, 100_000))
+    values = record(weighted, np.linspace(0.0, 500.0, 20_000))
     norms = np.linalg.norm(values / WEIGHTS, axis=1)
     assert 0.8 * BOUND < np.max(norms) <= BOUND
     np.testing.assert_allclose(weighted.norm(values), norms, rtol=1e-12)
     assert np.all(np.max(np.abs(values), axis=0) <= BOUND * WEIGHTS)
     np.testing.assert_allclose(
-        values, WEIGHTS * record(config, np.linspace(0.0, 500.0, 100_000)), rtol=1e-12, atol=1e-15)
+        values, WEIGHTS * record(config, np.linspace(0.0, 500.0, 20_000)), rtol=1e-12, atol=1e-15)
 
 
 def test_bound_and_weights_count_by_their_product():
