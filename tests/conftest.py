@@ -26,22 +26,18 @@ from uvms_drake.station.scenario import load_scenario
 
 GIRONA = "girona500_arm5e"
 STIFFNESS = 1000.0  # N/m
-SLOW = (
-    "certificate/test_certify.py", "tests/campaign/", "tube/test_terminal_set.py",
-    "tests/test_examples.py", "control/test_scp.py", "tube/test_kinematic.py", "tests/errata/",
-    "command/test_main.py", "tube/test_constants.py", "station/test_tube_in_contact.py",
-    "command/test_interrupt.py", "command/test_certified.py", "station/test_retarget.py",
-    "command/test_fuzz.py", "station/test_sensed.py", "control/test_nlp.py",
-    "studies/test_compare_laws.py", "visual/test_browser.py", "station/test_faults.py",
+LONG = (
+    "tests/campaign/", "tube/test_terminal_set.py", "tests/test_examples.py",
+    "control/test_scp.py", "tube/test_kinematic.py", "tests/errata/", "tube/test_constants.py",
+    "station/test_tube_in_contact.py", "command/test_interrupt.py", "station/test_retarget.py",
+    "control/test_nlp.py", "studies/test_compare_laws.py", "station/test_faults.py",
     "control/test_kinematic_tube_monitor.py", "report/test_replay.py")
-"""Folders and files of tests that search or simulate for long, half of the time; the longest first,
-so that the last ones to be run are short, and all processes end together."""
-LONG = ("tests/campaign/", "tests/errata/", "tests/test_examples.py", "station/test_retarget.py",
-        "command/test_interrupt.py", "control/test_scp.py", "tube/test_kinematic.py",
-        "tube/test_terminal_set.py", "tube/test_constants.py", "station/test_tube_in_contact.py",
-        "control/test_nlp.py", "studies/test_compare_laws.py", "station/test_faults.py",
-        "control/test_kinematic_tube_monitor.py", "report/test_replay.py")
-"""Those of them that `.ci/run` leaves out, which is to end within a quarter of an hour."""
+"""Folders and files of tests that `.ci/run` leaves out, to end within a quarter of an hour."""
+SLOW = (
+    "certificate/test_certify.py", *LONG, "command/test_main.py", "command/test_certified.py",
+    "command/test_fuzz.py", "station/test_sensed.py", "visual/test_browser.py")
+"""Those of tests that search or simulate for long; the longest first, so that the last ones to be
+run are short, and all processes end together."""
 
 
 def rank(item: pytest.Item) -> int:

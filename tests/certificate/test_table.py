@@ -13,8 +13,8 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import QUANTITIES, Constant
-from uvms_drake.tube.dynamic import WEIGHTED
 from uvms_drake.tube.estimate import Estimate
+from uvms_drake.tube.law_tube import WEIGHTED
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})

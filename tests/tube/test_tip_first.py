@@ -132,17 +132,13 @@ def basis(model, **changed) -> Basis:
     return Basis(**(values | changed))
 
 
-def row_norm(basis: Basis, block: str) -> float:
-    return basis.value({"position": "J_position_max"}[block])
-
-
 @pytest.mark.parametrize(("law", "message"), [
     (TipFirst(rows=["x", "y", "q3", "q4"]), "rows of the tip's task, z is not among them"),
     (TipFirst(undriven=["roll"]), "undriven roll, of which no bound is known"),
     (TipFirst(tip=BlockGains(20.0, 10.0, observer=2.0)),
      "tip.observer, with which (1) is another loop [1/s]")])
 def test_what_has_no_bound_is_void_and_says_so(model, law, message):
-    found = tip_first_law_tube(law, basis(model), row_norm)
+    found = tip_first_law_tube(law, basis(model))
     assert [condition.name for condition in found.conditions if not condition.holds] == [message]
 
 
@@ -151,7 +147,7 @@ def test_a_soft_vehicle_costs_the_tip_nothing_and_the_joints_much(model, monkeyp
     monkeypatch.setattr("uvms_drake.tube.tip_first_image.supremum",
                         lambda problem, x, values, leaders: np.max(values, axis=0))
     soft, stiff = (tip_first_law_tube(
-        TipFirst(BlockGains(k, k), BlockGains(20.0, 10.0)), basis(model), row_norm)
+        TipFirst(BlockGains(k, k), BlockGains(20.0, 10.0)), basis(model))
         for k in (4.0, 8.0))
     assert all(condition.holds for condition in soft.conditions)
     assert soft.radii.position == pytest.approx(3.0 * 0.05 / 200.0) == stiff.radii.position
@@ -201,7 +197,7 @@ def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
     monkeypatch.setattr("uvms_drake.tube.joint_search.ROUNDS", 0)
     law, felt = TipFirst(BlockGains(20.0, 20.0), BlockGains(50.0, 50.0)), basis(
         model, contact=FELT, forces=True)
-    without, found = (tip_first_law_tube(law, felt, row_norm).radii for _ in range(2))
+    without, found = (tip_first_law_tube(law, felt).radii for _ in range(2))
     added = np.concatenate([found.u - without.u, found.tau - without.tau])
     np.testing.assert_allclose(added, FEW.safety_factor * np.arange(20.0), atol=1e-9)
     # At least what the joints of the arm turn the tip by, one at a time and at their limit.

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_load_typed
 
-from uvms_drake.common.errors import InvalidParameter, require, symmetric_matrix, vector, within
+from uvms_drake.common.errors import require, symmetric_matrix, vector, within
+from uvms_drake.model.robot_file import load_robot_file
 from uvms_drake.model.spatial import skew
 
 
@@ -103,12 +103,4 @@ def _check_body(body: BodyHydrodynamics) -> None:
 
 def load_hydrodynamics(path: Path) -> HydrodynamicParameters:
     """Reads and checks a hydrodynamics YAML file; the key of an error starts with its path."""
-    try:
-        parameters = yaml_load_typed(schema=HydrodynamicParameters, filename=str(path))
-        check_hydrodynamics(parameters)
-    except InvalidParameter as error:
-        raise InvalidParameter(f"{path}: {error.key}", error.value, error.allowed) from None
-    except Exception as error:  # PyYAML's and Drake's own, of many types.
-        reason = " ".join(str(error).split()) or "an entry is empty"
-        raise InvalidParameter("hydrodynamics", str(path), f"readable: {reason}") from None
-    return parameters
+    return load_robot_file(path, "hydrodynamics", HydrodynamicParameters, check_hydrodynamics)

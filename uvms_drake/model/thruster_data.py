@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_load_typed
 
-from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.model.robot_file import load_robot_file
 from uvms_drake.model.spatial import cross
 
 FILE = "thrusters.yaml"
@@ -169,12 +169,4 @@ def _weakest(B: np.ndarray, count: int) -> list[str]:
 
 def load_thrusters(path: Path) -> ThrusterParameters:
     """Reads and checks a thrusters YAML file; the key of an error starts with its path."""
-    try:
-        parameters = yaml_load_typed(schema=ThrusterParameters, filename=str(path))
-        check_thrusters(parameters)
-    except InvalidParameter as error:
-        raise InvalidParameter(f"{path}: {error.key}", error.value, error.allowed) from None
-    except Exception as error:  # PyYAML's and Drake's own, of many types.
-        reason = " ".join(str(error).split()) or "an entry is empty"
-        raise InvalidParameter("thrusters", str(path), f"readable: {reason}") from None
-    return parameters
+    return load_robot_file(path, "thrusters", ThrusterParameters, check_thrusters)

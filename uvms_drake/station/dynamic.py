@@ -29,8 +29,8 @@ from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.constants import Constant, estimate_constants
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.covering import prove_constants
-from uvms_drake.tube.dynamic import DYNAMIC_TUBES, WEIGHTED, paper_radii
-from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.dynamic import DYNAMIC_TUBES, paper_radii
+from uvms_drake.tube.law_tube import WEIGHTED, Basis
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
 

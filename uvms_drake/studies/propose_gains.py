@@ -16,7 +16,7 @@ from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.dynamic import gain, resolved_law_tube
+from uvms_drake.tube.dynamic import resolved_law_tube
 from uvms_drake.tube.tube_image import input_gain
 
 FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)
@@ -43,7 +43,7 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     def force_error(law: Resolved) -> float:
         """Returns the bound of the force error with other gains [N]."""
         position, orientation = (
-            gain(basis, block) * basis.d_bound / (law.k * law.sigma)
+            basis.row_norm(block) * basis.d_bound / (law.k * law.sigma)
             for block in ("position", "orientation"))
         return surface.force_error(chi_des, position, orientation, 2.0 * law.sigma * position)
 

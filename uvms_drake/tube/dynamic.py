@@ -7,7 +7,6 @@ for a law that is derived from it.
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -32,23 +31,11 @@ from uvms_drake.tube.tubes import (
     transpose_velocity_radius,
 )
 
-PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
-"""Constants that decide the tube of `resolved` in a ball of disturbances, by block of rows."""
-WEIGHTED = {name: name.replace("_max", "_W_max") for name in PROVEN.values()}
-"""Those of J_xŴ by those of J_x: they decide where Ŵ is not I."""
-
-
 ESTIMATED = ("z", "nu1", "nu2", "u", "tau")
 """Radii of `resolved` that rest on estimates in a ball of disturbances, if nothing is felt."""
 TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
 TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
 """The constants of `transpose`, see `lemma_constants`."""
-
-
-def gain(basis: Basis, block: str) -> float:
-    """Returns the bound of ‖J_bŴ‖ of a block of rows, a key of `PROVEN`."""
-    name = PROVEN[block]
-    return basis.value(name if np.all(basis.weights == 1.0) else WEIGHTED[name])
 
 
 def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
@@ -67,7 +54,7 @@ def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> 
 
 def resolved_task_radius(law: Resolved, basis: Basis) -> float:
     """Returns the bound of ‖𝔢_y‖ under the law `resolved`."""
-    return resolved_tube(law.k, law.sigma, basis.d_bound, gain(basis, "task")).e
+    return resolved_tube(law.k, law.sigma, basis.d_bound, basis.row_norm("task")).e
 
 
 def transpose_task_radius(law: Transpose, basis: Basis) -> float:
@@ -83,7 +70,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     With a felt contact, d and the sensor's errors push the rows together: their parts add up.
     """
     k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
-    gains = gain(basis, "position"), gain(basis, "orientation")
+    gains = basis.row_norm("position"), basis.row_norm("orientation")
     position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
     push = Push() if basis.contact is None else push_of(
         basis.model, basis.declared, basis.contact, k, sigma, J_dot=basis.value("J_dot_max"),
@@ -141,7 +128,7 @@ def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
 
 DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
     Resolved: resolved_law_tube, Transpose: transpose_law_tube,
-    TipFirst: partial(tip_first_law_tube, row_norm=gain)}
+    TipFirst: tip_first_law_tube}
 """Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
 
 TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {

@@ -16,6 +16,11 @@ from uvms_drake.tube.estimate import Check, no_estimates
 from uvms_drake.tube.sensed import FeltForce
 from uvms_drake.tube.settings import CertificateSettings
 
+PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
+"""Constants that decide the tube of `resolved` in a ball of disturbances, by block of rows."""
+WEIGHTED = {name: name.replace("_max", "_W_max") for name in PROVEN.values()}
+"""Those of J_xŴ by those of J_x: they decide where Ŵ is not I."""
+
 
 @dataclass(frozen=True)
 class Basis:
@@ -46,6 +51,11 @@ class Basis:
     def value(self, name: str) -> float:
         """Returns a constant."""
         return self.constants[name].value
+
+    def row_norm(self, block: str) -> float:
+        """Returns the bound of ‖J_bŴ‖ of a block of rows, a key of `PROVEN`."""
+        name = PROVEN[block]
+        return self.value(name if np.all(self.weights == 1.0) else WEIGHTED[name])
 
 
 class LawTube(NamedTuple):

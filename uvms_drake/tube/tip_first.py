@@ -20,7 +20,6 @@ m_e = ∫t|g|dt, J̃ = sup‖J̇‖, and alike for ė and w: joints that are pus
 the tip. `tip_first_image` has the rest.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -63,15 +62,8 @@ class _Loop(NamedTuple):
     """From a force to what comes of its being felt late."""
 
 
-def tip_first_law_tube(law: TipFirst, basis: Basis, row_norm: Callable[[Basis, str], float]
-                       ) -> LawTube:
-    """Returns the tube of the law `tip first`; see the module.
-
-    Args:
-        law: The law.
-        basis: The data.
-        row_norm: Gives the bounds of ‖J_bŴ‖ of the rows "position" of J_x.
-    """
+def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
+    """Returns the tube of the law `tip first`; see the module."""
     model, settings = basis.model, basis.settings
     rows = tip_rows(model, tuple(law.rows))
     conditions = [Condition(f"rows of the tip's task, {name} is not among them", 1.0, "<=", 0.0)
@@ -90,7 +82,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis, row_norm: Callable[[Basis, s
     vehicle, tip = (_loop(gains.k, gains.sigma, basis) for gains in (law.vehicle, law.tip))
     pushes = _Pushes(basis)
     stretch, weights = _stretch(basis.declared.pitch), basis.weights
-    tip_norm = row_norm(basis, "position")
+    tip_norm = basis.row_norm("position")
     table: dict[str, Parts] = {
         VEHICLE: pushes.of(vehicle, float(np.max(weights[:3])), VEHICLE),
         ATTITUDE: pushes.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from uvms_drake.control.laws.outputs import vehicle_motion
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.euler import pose_difference, rate_matrix, rotation_matrix
-from uvms_drake.model.spatial import cross, times
+from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import Kinematics, configuration_rate_matrix
 from uvms_drake.tube.rests import drift_and_inertia, jacobian_rate_times
 
@@ -66,21 +67,9 @@ def output_jacobian(model: ContactModel, config: np.ndarray, kinematics: Kinemat
 
 def output_bias(config: np.ndarray, kinematics: Kinematics, zeta: np.ndarray, rows: np.ndarray
                 ) -> np.ndarray:
-    """Returns J̇_y ζ (..., 6+n): of η̇ = (Rν₁, Tν₂), R(ν₂ × ν₁) and Ṫν₂; of s, J̇_s ζ."""
-    rpy, nu1, nu2 = config[..., 3:6], zeta[..., :3], zeta[..., 3:6]
-    rate = times(rate_matrix(rpy), nu2)
-    sin, cos = np.sin(rpy), np.cos(rpy)
-    sf, cf, st, ct = sin[..., 0], cos[..., 0], sin[..., 1], cos[..., 1]
-    across = cf * nu2[..., 1] - sf * nu2[..., 2]  # θ̇
-    about = sf * nu2[..., 1] + cf * nu2[..., 2]  # ψ̇ cos θ
-    tan, sec = st / ct, 1.0 / ct
-    roll, pitch = rate[..., 0], rate[..., 1]
-    bias = np.stack([
-        tan * across * roll + about * sec**2 * pitch, -about * roll,
-        sec * across * roll + about * sec * tan * pitch], axis=-1)
-    turned = times(rotation_matrix(rpy), cross(nu2, nu1))
-    return np.concatenate(
-        [turned, bias, jacobian_rate_times(kinematics, zeta, zeta)[..., rows]], axis=-1)
+    """Returns J̇_y ζ (..., 6+n)."""
+    return np.concatenate([vehicle_motion(config, zeta)[2],
+                           jacobian_rate_times(kinematics, zeta, zeta)[..., rows]], axis=-1)
 
 
 def configuration_of(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,

@@ -3,8 +3,8 @@
 import numpy as np
 
 from uvms_drake.control.laws.law import Outputs, Pair
-from uvms_drake.model.euler import COMPLEX_STEP, pose_difference
-from uvms_drake.model.spatial import times
+from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.spatial import cross, times
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 
@@ -35,8 +35,18 @@ def output_motion(config: np.ndarray, zeta: np.ndarray, J_x: np.ndarray, J_x_dot
 
 def vehicle_motion(config: np.ndarray, zeta: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns η̇ (..., 6), J_η (..., 6, 6+n) with η̇ = J_η ζ, and J̇_η ζ (..., 6), real."""
-    Gamma = configuration_rate_matrix(config)
-    rate = times(Gamma, zeta)
-    moved = configuration_rate_matrix(config + 1j * COMPLEX_STEP * rate)[..., :6, :]
-    return rate[..., :6], Gamma[..., :6, :], times(moved.imag / COMPLEX_STEP, zeta)
+    """Returns η̇ (..., 6), J_η (..., 6, 6+n) with η̇ = J_η ζ, and J̇_η ζ (..., 6).
+
+    Real or complex. Of η̇ = (Rν₁, Tν₂) the last are R(ν₂ × ν₁) and Ṫν₂.
+    """
+    Gamma = configuration_rate_matrix(config)[..., :6, :]
+    rate, nu1, nu2 = times(Gamma, zeta), zeta[..., :3], zeta[..., 3:6]
+    sin, cos, tan = np.sin(config[..., 3:6]), np.cos(config[..., 3:6]), np.tan(config[..., 4])
+    sec, roll, pitch = 1.0 / cos[..., 1], rate[..., 3], rate[..., 4]
+    across = cos[..., 0] * nu2[..., 1] - sin[..., 0] * nu2[..., 2]  # θ̇
+    about = sin[..., 0] * nu2[..., 1] + cos[..., 0] * nu2[..., 2]  # ψ̇ cos θ
+    turned = times(Gamma[..., :3, :3], cross(nu2, nu1))
+    bias = np.stack([
+        tan * across * roll + about * sec**2 * pitch, -about * roll,
+        sec * across * roll + about * sec * tan * pitch], axis=-1)
+    return rate, Gamma, np.concatenate([turned, bias], axis=-1)
