@@ -5,6 +5,7 @@ limits; an error is in a sum of ellipsoids. `ascent` and `second_search` look fo
 of each channel, the norm of some components, over all motions of the declared set and all errors.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +20,7 @@ Part = tuple[np.ndarray, float]
 
 
 @dataclass(frozen=True)
-class SearchProblem:
+class SearchProblem(ABC):
     """The sets; a derived class has the function."""
 
     model: ContactModel
@@ -33,16 +34,16 @@ class SearchProblem:
         return self.model.size
 
     @property
+    @abstractmethod
     def channels(self) -> list[slice]:
         """Components of the values whose norm is looked at."""
-        raise NotImplementedError
 
+    @abstractmethod
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the values (..., c) of motions (..., 3(6+n)) and errors (..., 2(6+n)).
 
         Real or complex; zero where there are no errors.
         """
-        raise NotImplementedError
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Returns random motions (count, 3(6+n)), ū a third of the time on each of its bounds."""
