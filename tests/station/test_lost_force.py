@@ -14,13 +14,14 @@ WALL = "surface.geometry.point.0=0.01"
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("fault", "start", "end"), [
-    ("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0),
-    ("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5),
+    pytest.param("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0, marks=pytest.mark.long),
+    pytest.param("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5, marks=pytest.mark.long),
     ("!SaturatedForce {start: 2.0, duration: 1.5, largest: 10.0}", 2.0, 3.5),
 ])
 def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
     """While it presses, before it touches, and where the force comes to the end of a range."""
-    scenario = close_to_the_wall(WALL, "log_period=0.01", f"faults=[{fault}]")
+    scenario = close_to_the_wall(
+        WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]")
     record = simulate(scenario)
     contact, felt = sensed_contact(scenario), record.signals["felt_force"]
     static = true_surface(scenario).static_force(record.chi)
