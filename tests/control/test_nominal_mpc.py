@@ -23,6 +23,7 @@ from uvms_drake.control.nominal_mpc import (
     Targets,
 )
 from uvms_drake.control.ocp import FEASIBLE
+from uvms_drake.control.plan import advance
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.model.uvms_model import configuration_rate
 
@@ -76,13 +77,13 @@ class MissingSolver(FailingSolver):
 class Setup:
     """A planner alone, with a measured state that does not follow the plan."""
 
-    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None):
+    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, hover=0):
         solver.ocp = copy.copy(solver.ocp)
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
         self.mpc = NominalMpc.AddToBuilder(
-            builder, solver, state=self.source.get_output_port(), targets=targets)
+            builder, solver, state=self.source.get_output_port(), targets=targets, hover=hover)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.ocp = solver.ocp
@@ -425,6 +426,43 @@ def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
             np.testing.assert_array_equal(
                 setup.read(port, other.get_context()), setup.read(port))
         assert solver.calls - at_end == at_end - at_pause >= 3
+
+
+def test_a_first_plan_that_begins_later_is_known_from_the_start(short_ocp, start):
+    """Until it begins the robot coasts, and no other plan is made."""
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start, hover=2)
+    setup.simulator.Initialize()
+    plan = setup.read("plan")
+    assert plan.start_time == 2 * H
+    for time in (0.0, 0.5 * H, 1.7 * H, 2 * H):
+        setup.go(time)
+        config, zeta = np.split(setup.read("nominal_state"), 2)
+        np.testing.assert_array_equal(zeta, start[10:])
+        half = advance(start[:10], zeta, np.zeros(10), 0.5 * time)
+        np.testing.assert_allclose(config, advance(half, zeta, np.zeros(10), 0.5 * time), atol=1e-7)
+        if time < 2 * H:
+            assert not setup.read("nominal_acceleration").any()
+    setup.go(2.5 * H)
+    assert (setup.report()["status"], solver.calls) == (KEPT, 1)
+    np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[0])
+    assert setup.read("plan").start_time == plan.start_time
+    setup.go(3.5 * H)
+    assert (setup.report()["status"], solver.calls) == (SOLVED, 2)
+    assert setup.read("plan").start_time == pytest.approx(3 * H)
+
+
+def test_a_context_that_is_yet_to_begin_goes_on_in_a_clone(short_ocp, start):
+    for pause in (0.5 * H, H, 1.5 * H, 2 * H):
+        setup = Setup(FailingSolver(short_ocp), start, hover=2)
+        setup.go(pause)
+        setup.jump(start + 0.001)
+        other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
+        other.Initialize()
+        for simulator in (setup.simulator, other):
+            simulator.AdvanceTo(3.5 * H)
+        np.testing.assert_array_equal(
+            setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
 
 
 def test_before_its_first_instant_has_passed_the_first_plan_can_be_made_anew(short_ocp, start):

@@ -15,7 +15,7 @@ PART = "actuation=[!Thrusters {lag: 0.2, dead_time: 0.02, error: [0.1]}]"
 
 def test_a_law_takes_what_the_thrusters_give_by_their_model():
     scenario = load_scenario("girona500_ideal", [
-        "duration=0.1", PART, "ancillary=!TipFirst {undriven: [roll]}"])
+        "duration=0.3", PART, "ancillary=!TipFirst {undriven: [roll]}"])
     record = simulate(scenario)
     force, wrench = (record.signals[name] for name in ("thruster_force", VEHICLE_WRENCH))
     known = ThrusterModel.of(record.model.thrusters)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.transfer import largest
+from support.transfer import impulse, largest
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.tube.row_gains import instant_gains
@@ -79,7 +79,7 @@ def test_it_is_unstable_beyond_rouths_limit():
 class Pulses:
     """A row in small steps, typed again: e, ė after each, of a source that is 1 in one of them."""
 
-    def __init__(self, row: RowLoop, source: str, index: int, periods: int):
+    def __init__(self, row: RowLoop, source: str, index: int, periods: int, *, asked: bool = True):
         self.row, dt = row, row.period / STEPS
         e = rate = a = predicted = seen = estimate = w = 0.0
         commands: list[float] = []  # by tick
@@ -100,7 +100,8 @@ class Pulses:
                 states = [now, *states[:-1]]
                 measured = states[-1]
                 v = -(row.k + row.sigma) * measured[1] - row.k * row.sigma * measured[0] - estimate
-                commands.append(v + (f if source != "feed_forward_rate" else level - dt * pulse))
+                commands.append(v + asked * (
+                    f if source != "feed_forward_rate" else level - dt * pulse))
                 if row.observer:
                     mean = (measured[1] - seen - predicted) / row.period
                     estimate += (1.0 - np.exp(-row.observer * row.period)) * (mean - estimate)
@@ -155,3 +156,65 @@ def test_a_fast_clock_is_none():
 def test_values_without_a_meaning_are_refused(settings, message):
     with pytest.raises(InvalidParameter, match=message):
         RowLoop(**{"k": 2.0, "sigma": 1.0, **settings})
+
+
+AHEAD = (2.0, 0.6, 0.15)
+"""k, σ and T of a row whose plan is asked for ahead."""
+
+
+def early_kernel(ahead: float, t: np.ndarray, integrals: int = 0) -> np.ndarray:
+    """Returns the impulse response of (e^{sℓ} − 1 − Ts)/(sⁱΔ) at the times t, which begin at −ℓ."""
+    k, sigma, T = AHEAD
+    D = np.polymul([T, 1.0, k + sigma, k * sigma], [1.0] + [0.0] * integrals)
+    return (np.where(t > -ahead, impulse([1.0], D, t + ahead), 0.0)
+            - np.where(t > 0.0, impulse([T, 1.0], D, t), 0.0))
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0])
+@pytest.mark.parametrize("wrong", [0.0, 0.1])
+def test_what_is_asked_for_ahead_leaves_what_the_transfer_function_says(rate, wrong):
+    """(e^{sℓ} − 1 − Ts)/Δ: of second order in the lag, and less of it if the lag is another one."""
+    k, sigma, T = AHEAD
+    ahead, D = (1.0 + wrong) * T, [T, 1.0, k + sigma, k * sigma]
+    gains = RowLoop(k, sigma, observer=rate, lag=T, ahead=ahead).gains
+    t = np.linspace(-ahead, 30.0, 100_001)
+    for source, integrals in (("planned", 0), ("planned_rate", 1)):
+        expected = np.trapezoid(np.abs(early_kernel(ahead, t, integrals)), t)
+        assert gains[source].position == pytest.approx(expected, rel=5e-3)
+        second = 0.5 * T**2 * largest([1.0] + [0.0] * (2 - integrals), D)
+        back = wrong * gains["feed_" + ("forward", "forward_rate")[integrals]].position
+        assert gains[source].position < 1.01 * second + 1.1 * back
+    assert gains["planned"].position < (0.19 + wrong) * gains["feed_forward"].position
+    late = RowLoop(k, sigma, observer=rate, lag=T).gains
+    assert late["planned"] == late["feed_forward"] == gains["feed_forward"]
+
+
+@pytest.mark.parametrize("row", [
+    RowLoop(3.0, 1.5, lag=0.15, period=0.1, dead_time=0.1, ahead=0.3),
+    RowLoop(3.0, 1.5, observer=1.0, lag=0.1, period=0.1, dead_time=0.025, ahead=0.18),
+    RowLoop(3.0, 1.5, period=0.1, dead_time=0.1, latency=1, ahead=0.25)])
+def test_a_sampled_row_does_what_all_held_plans_together_do(row):
+    """A plan that jumps at ticks, and one whose steps there are bounded."""
+    periods = round(20.0 / row.period)
+    early = int(np.ceil(row.ahead / row.period - 1e-6)) - 1
+    late = RowLoop(row.k, row.sigma, row.observer, row.lag, row.period, row.dead_time, row.latency)
+    level = early_pulse(late, early, periods)
+    steps = np.cumsum(level.reshape(periods, STEPS, 2), axis=0)
+    for found, expected in ((row.gains["planned"], np.abs(level).reshape(periods, STEPS, 2)),
+                            (row.gains["planned_rate"], row.period * np.abs(steps))):
+        total = np.max(np.sum(expected, axis=0), axis=0)
+        if found is row.gains["planned"]:
+            np.testing.assert_allclose(found[:2], total, rtol=0.02)
+        else:  # and the rest between ticks
+            within = row.ahead - early * row.period
+            rest = max(within, row.period - within) * row.gains["disturbance"].position
+            assert total[0] < found.position < total[0] + 1.1 * rest
+
+
+def early_pulse(row: RowLoop, early: int, periods: int) -> np.ndarray:
+    """Returns e, ė by a plan that is 1 for a period, and asked for so many periods before."""
+    def by(asked: bool) -> np.ndarray:
+        return np.array(Pulses(row, "feed_forward", 0, periods, asked=asked).states)
+
+    whole, flows = by(asked=True), by(asked=False)
+    return whole - flows + np.concatenate([np.zeros((early * STEPS, 2)), flows])[: len(whole)]

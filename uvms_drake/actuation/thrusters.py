@@ -25,7 +25,7 @@ from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
 from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.allocation import Allocation
-from uvms_drake.model.part import VEHICLE_WRENCH, Part, Signals
+from uvms_drake.model.part import VEHICLE_WRENCH, Lateness, Part, Signals
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -90,6 +90,14 @@ class Thrusters(Part):
         lag = found.lag if self.lag is None else np.full(found.size, self.lag)
         dead_time = found.dead_time if self.dead_time is None else self.dead_time
         return replace(found, lag=lag, dead_time=dead_time)
+
+    def lateness(self, model: UvmsModel) -> Lateness:
+        """Returns dead time, half a period and lag of the vehicle's wrench.
+
+        Of thrusters with different lags it is the mean.
+        """
+        known = self.known(model)
+        return Lateness(vehicle=known.dead_time + 0.5 * self.period + float(np.mean(known.lag)))
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:

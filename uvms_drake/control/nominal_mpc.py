@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan
+from uvms_drake.control.plan import Plan, advance
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.why_no_plan import why_no_plan
 
@@ -34,7 +34,7 @@ REACHED = 1e-6
 SOLVED, FAILED, LATE, DROPPED, KEPT = range(5)
 """Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
 away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
-terminal set where the new one is not."""
+terminal set where the new one is not, or because it is yet to begin."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
 """Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
@@ -98,6 +98,9 @@ class NominalMpc(LeafSystem):
     first plan can be made to fail by the port `fault`. Without a first plan there is nothing to
     fall back to: `RunFailed`.
 
+    The first plan may begin a few intervals later, until when the robot coasts: what is to be asked
+    for ahead, see `control.ahead`, has to be known before it is needed. A robot at rest hovers.
+
     A measured state that is not finite is none: there is no first plan from it, and a problem with
     the initial state `measured` plans from the nominal state instead.
 
@@ -152,14 +155,17 @@ class NominalMpc(LeafSystem):
     Args:
         solver: Solves the problem; its `ocp` is the problem.
         targets: Makes the problem of another desired force; None if it stays as it is.
+        hover: Number of intervals before the first plan begins; zero for a `KinematicOcp`.
     """
 
-    def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None):
+    def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None,
+                 hover: int = 0):
         super().__init__()
         # The problem, and how to make one for another desired force.
         self._targets = targets
         self._solver = solver
         self._ocp = solver.ocp
+        self._hover = hover * solver.ocp.time_step
         size = self._ocp.model.size
         force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
         self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
@@ -216,7 +222,10 @@ class NominalMpc(LeafSystem):
         if not np.all(np.isfinite(measured)):
             raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
         solver = self._current(context, self._initial)
-        guess = solver.ocp.resting_plan(now, measured)
+        if self._hover > 0.0:
+            config, zeta = np.split(measured, 2)
+            measured = np.append(advance(config, zeta, np.zeros_like(zeta), self._hover), zeta)
+        guess = solver.ocp.resting_plan(now + self._hover, measured)
         solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
         slack = REACHED if solver.ocp.strict else np.inf
         if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
@@ -235,17 +244,19 @@ class NominalMpc(LeafSystem):
             return False
         elapsed = now - memory.report[0]  # Since the last sample; it may have left the plan as is.
         latest = (1.0 + 1e-9) * self._ocp.time_step
-        begun = now > memory.plan.start_time or memory.solves > 1
+        begun = now > memory.plan.start_time - self._hover or memory.solves > 1
         return begun and -1e-9 <= elapsed <= latest
 
     def _plan_again(self, context: Context, state: State) -> EventStatus:
         started = time.perf_counter()
         now, plan = context.get_time(), self._plan_now(context)
-        if now < plan.start_time + 0.5 * plan.time_step:
+        if now < plan.start_time - self._hover + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
+        if now < plan.start_time + 0.5 * plan.time_step:
+            return self._pass_over(context, state, KEPT, started)  # It begins now or later.
         fault = self._fault(context)
         if fault == DROPPED:
-            return self._pass_over(context, state, self._recall(context), started)
+            return self._pass_over(context, state, DROPPED, started)
         memory = self._asked(context)
         guess = self._guess(context, memory)
         force, solution, status = memory.force, NOTHING, fault
@@ -263,17 +274,18 @@ class NominalMpc(LeafSystem):
         return int(self._fault_port.Eval(context)[0]) if self._fault_port.HasValue(context) \
             else SOLVED
 
-    def _pass_over(self, context: Context, state: State, memory: MpcMemory, started: float
+    def _pass_over(self, context: Context, state: State, status: int, started: float
                    ) -> EventStatus:
         """Leaves the plan as it is, but for an end that comes before the next sample."""
-        plan, now = memory.plan, context.get_time()
+        memory, now = self._recall(context), context.get_time()
+        plan = memory.plan
         assert plan is not None
         ocp = self._current(context, memory).ocp
         while plan.start_time + ocp.horizon * plan.time_step < now + 0.5 * plan.time_step:
             plan = ocp.continued(plan)
         report = memory.report.copy()
-        report[:2] = now, DROPPED
-        self._say(now, DROPPED, memory)
+        report[:2] = now, status
+        self._say(now, status, memory)
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
             memory, plan=plan, report=report, solve_seconds=time.perf_counter() - started))
         return EventStatus.Succeeded()
@@ -404,9 +416,9 @@ class NominalMpc(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, solver: SequentialConvexSolver, *,
                      state: OutputPort | None = None, targets: Targets | None = None,
-                     name: str = "nominal_mpc") -> "NominalMpc":
+                     hover: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
         """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""
-        mpc = NominalMpc(solver, targets)
+        mpc = NominalMpc(solver, targets, hover)
         builder.AddNamedSystem(name, mpc)
         if state is not None:
             builder.Connect(state, mpc.GetInputPort("state"))

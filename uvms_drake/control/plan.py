@@ -136,6 +136,7 @@ class Plan(ABC):
         Args:
             time: [s].
             since: A knot [s] from which on the plan is followed now; its beginning, if left out.
+                A sample before its beginning, if it is yet to begin.
         """
 
     @abstractmethod
@@ -201,7 +202,15 @@ class DynamicPlan(Plan):
 
     def at(self, time: float, since: float | None = None
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there."""
+        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there.
+
+        Before the first knot of a plan that is yet to begin the robot coasts towards it.
+        """
+        before, tolerance = self.start_time - time, KNOT_TOLERANCE * self.time_step
+        early = since is not None and since < self.start_time - tolerance
+        if before > (-tolerance if early else tolerance):
+            still = np.zeros_like(self.zeta[0])
+            return advance(self.config[0], self.zeta[0], still, -before), self.zeta[0], still
         index, duration = self._interval(time, since)
         zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
         return (advance(self.config[index], zeta, zeta_dot, duration),

@@ -4,6 +4,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
+from uvms_drake.control.ahead import add_forces_ahead, hover_of
 from uvms_drake.control.ancillary import AncillaryFeedback
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.explored_front import ExploredFront
@@ -16,12 +17,13 @@ from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.observer import add_observer, export_inputs
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.tracking_ocp import TrackingOcp
+from uvms_drake.model.part import ON_TIME, Lateness
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass,
                          sensing: ForceSensing, *, force: float, largest: float, margin: float,
-                         limits: Limits | None = None) -> Diagram:
+                         limits: Limits | None = None, lateness: Lateness = ON_TIME) -> Diagram:
     """Returns the tube-based NMPC that presses on a wall of a class, as a Diagram named "tube_mpc".
 
     ::
@@ -87,6 +89,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         largest: Largest force along n that may be asked for [N].
         margin: E, how far the real tip may be beyond the planned one; see `ExploredFront` [m].
         limits: Those of the real robot, which `u` and `tau` keep to; None: they are not cut.
+        lateness: Of the commands, see `make_tube_mpc`.
     """
     require(largest + sensing.noise < sensing.largest, "largest", largest,
             "a force that is read before the end of the sensor's range")
@@ -102,7 +105,9 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
                                      desired_force=desired.GetOutputPort("along"))
 
     # The plan, and the feedback about it.
-    mpc = NominalMpc.AddToBuilder(builder, SequentialConvexSolver(ocp), state=measured)
+    mpc = NominalMpc.AddToBuilder(
+        builder, SequentialConvexSolver(ocp), state=measured,
+        hover=hover_of(law, lateness, ocp.time_step))
     for source, port in ((press.get_output_port(), "target"),
                          (front.GetOutputPort("front"), "safe_depth")):
         builder.Connect(source, mpc.GetInputPort(port))
@@ -111,6 +116,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     builder.Connect(going.get_output_port(), front.GetInputPort("reach"))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
+    add_forces_ahead(builder, ocp.model, law, feedback, lateness, nominal=mpc)
 
     builder.ExportInput(state.get_input_port(), "state")
     export_inputs(builder, feedback, add_observer(

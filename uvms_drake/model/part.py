@@ -89,6 +89,20 @@ class StateReading(NamedTuple):
     """(2(6+n),) [s]."""
 
 
+class Lateness(NamedTuple):
+    """How much later than it is commanded a force acts, as the controller believes [s].
+
+    The delay of what changes slowly: a dead time, half a period of a hold, the constant of a lag.
+    """
+
+    vehicle: float = 0.0
+    joints: float = 0.0
+
+
+ON_TIME = Lateness()
+"""Forces that act at once."""
+
+
 class Part(Component, ABC):
     """A part of a chain from plant to controller (sensing) or from controller to plant (actuation).
 
@@ -127,6 +141,14 @@ class Part(Component, ABC):
             size: 6 + n.
         """
         return None
+
+    def lateness(self, model: UvmsModel) -> Lateness:
+        """Returns how late it makes a command, as the controller believes; zero, as by default.
+
+        Args:
+            model: The controller's.
+        """
+        return ON_TIME
 
 
 class Fault(Component):

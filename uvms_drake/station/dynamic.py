@@ -17,7 +17,7 @@ from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import Signals
+from uvms_drake.model.part import ON_TIME, Lateness, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
@@ -77,8 +77,8 @@ class Dynamic(Motion[DynamicOcp]):
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
         with within("ancillary"):
-            return make_tube_mpc(
-                ocp, scenario.ancillary, targets, command_limits(scenario))
+            return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
+                                 lateness_of(scenario, model))
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
@@ -135,6 +135,12 @@ def command_limits(scenario: Scenario) -> Limits | None:
     """
     implicit = scenario.simulator.integration_scheme in IMPLICIT
     return None if implicit else scenario.limits
+
+
+def lateness_of(scenario: Scenario, model: UvmsModel) -> Lateness:
+    """Returns how late the scenario's actuation makes a command, as the controller believes."""
+    late = [part.lateness(model) for part in scenario.actuation]
+    return Lateness(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
 
 
 def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,

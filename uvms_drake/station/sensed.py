@@ -19,7 +19,7 @@ from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import ForceReading
 from uvms_drake.model.surface import SensedContact
-from uvms_drake.station.dynamic import Dynamic, command_limits, effective_disturbance
+from uvms_drake.station.dynamic import Dynamic, command_limits, effective_disturbance, lateness_of
 from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
@@ -66,7 +66,7 @@ class Sensed(Dynamic):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(contact),
                 force=force, largest=largest, margin=margin,
-                limits=command_limits(scenario))
+                limits=command_limits(scenario), lateness=lateness_of(scenario, model))
 
     def contact_force(self, scenario: Scenario) -> FeltForce:
         """Returns the forces of all walls of the class, and how they are felt."""

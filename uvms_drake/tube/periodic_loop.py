@@ -91,20 +91,48 @@ class PeriodicLoop:
             N: How v enters at a tick (m,).
             D: How it enters the outputs at once (o,).
         """
-        rows = np.concatenate([self.C @ until for until in self._until()])
-        total = self._sum(rows, lambda rows: np.abs(rows @ N), self.periods)
-        return _largest(total, len(self.C)) + np.abs(D)
+        return _largest(self._by_samples(N), len(self.C)) + np.abs(D)
 
-    def held_gain(self, B: np.ndarray, N: np.ndarray) -> np.ndarray:
+    def held_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
         """Returns the largest |z| (o,) by an input |w| ≤ 1 that changes at ticks only; or inf.
 
         Args:
             B: How w enters the flow (m,).
             N: How its new value enters at a tick (m,).
+            early: Number of ticks by which that is before it flows.
         """
         jumps = [_bordered(stretch.jump, np.zeros(len(B)), 1.0) for stretch in self.stretches]
         jumps[-1][-1, -1] = 0.0
-        return self._with_input(B, jumps).sample_gain(np.append(N, 1.0))
+        known, N = self._beforehand(np.zeros((early, len(N))), N)
+        more = self._with_input(B, jumps)
+        return _largest(known + more._by_samples(np.append(N, 1.0)), len(self.C))
+
+    def step_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
+        """Returns the largest |z| (o,) by an input that steps at ticks by at most 1; or inf.
+
+        It is of any level, and inf, too, for an output that a constant input moves. The arguments
+        are those of `held_gain`.
+        """
+        if math.isinf(self.periods):
+            return np.full(len(self.C), np.inf)
+        known, N_early = self._beforehand(np.tile(N, (early, 1)), N)
+        settled, left = self._settled(B, N, 0.0)[1:]
+        total = _largest(known + self._by_samples(N_early - settled), len(self.C))
+        return np.where(left > 1e-9 * (1.0 + total), np.inf, total)
+
+    def _beforehand(self, again: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the sum of |z| (phases · o,) from a jump N on, over periods, and the state then.
+
+        Args:
+            again: Jumps at the ends of these periods (periods, m).
+            N: The first jump (m,).
+        """
+        rows = np.concatenate([self.C @ until for until in self._until()])
+        total, state = np.zeros(len(rows)), N
+        for jump in again:
+            total += np.abs(rows @ state)
+            state = self.cycle @ state + jump
+        return total, state
 
     def rate_gain(self, B: np.ndarray, N: np.ndarray | float = 0.0) -> np.ndarray:
         """Returns the largest |z| (o,) by an input |ẇ(t)| ≤ 1 of any level; inf: unstable.
@@ -117,7 +145,7 @@ class PeriodicLoop:
         """
         if math.isinf(self.periods):
             return np.full(len(self.C), np.inf)
-        more, left = self._settled(B, N, 0.0)
+        more, _, left = self._settled(B, N, 0.0)
         gain = more._by_flow(np.eye(len(more.A))[-1], self.periods)
         return np.where(left > 1e-9 * (1.0 + gain / self.periods), np.inf, gain)
 
@@ -131,18 +159,22 @@ class PeriodicLoop:
         """
         if math.isinf(self.periods):
             return np.full(len(self.C), np.inf)
-        return self._settled(B, N, 1j * omega)[1]
+        return self._settled(B, N, 1j * omega)[2]
 
     def _settled(self, B: np.ndarray, N: np.ndarray | float, rate: complex
-                 ) -> tuple["PeriodicLoop", np.ndarray]:
-        """Returns the loop with w = e^(rate t) as its last state, and the |z| (o,) it leads to."""
+                 ) -> tuple["PeriodicLoop", np.ndarray, np.ndarray]:
+        """Returns the loop with w = e^(rate t) as its last state, and where that leads to.
+
+        That is the state after a tick (m,) by w = 1 there, and the largest |z| (o,).
+        """
         m = len(self.A)
         jumps = [_bordered(stretch.jump, np.zeros(m), 1.0) for stretch in self.stretches]
         jumps[-1][:m, m] = N
         more = self._with_input(B, jumps, rate)
         cycle = more.cycle
         state = np.append(np.linalg.solve(cycle[m, m] * np.eye(m) - self.cycle, cycle[:m, m]), 1.0)
-        return more, np.max([np.abs(more.C @ until @ state) for until in more._until()], axis=0)
+        left = np.max([np.abs(more.C @ until @ state) for until in more._until()], axis=0)
+        return more, state[:-1], left
 
     def _with_input(self, B: np.ndarray, jumps: list[np.ndarray], rate: complex = 0.0
                     ) -> "PeriodicLoop":
@@ -160,6 +192,11 @@ class PeriodicLoop:
             out += list(flow[:: self.points // PHASES] @ before)
             before = stretch.jump @ flow[-1] @ before
         return out
+
+    def _by_samples(self, N: np.ndarray) -> np.ndarray:
+        """Returns the sum of |z| (phases · o,) from jumps N at all ticks."""
+        rows = np.concatenate([self.C @ until for until in self._until()])
+        return self._sum(rows, lambda rows: np.abs(rows @ N), self.periods)
 
     def _by_flow(self, B: np.ndarray, periods: float) -> np.ndarray:
         steps = [stretch.duration / self.points for stretch in self.stretches]

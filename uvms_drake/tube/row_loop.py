@@ -24,6 +24,20 @@ T(Aτ_v)˙ + Aτ_v = Aτ_c + TȦτ_v, so that c = G[TȦτ_v]. ∎
 *And for the tip.* s̈ = Bτ_q − h + δ with B = J_s M⁻¹[0; 1], h = −J_s M⁻¹((τ_v, 0) − b) − J̇_sζ, and
 (A) commands τ_q = B⁻¹(v + h). So (1) holds, with hold and delay only in G; τ_v is in its h.
 
+*What is known in advance.* With the plan's forces τ̄ asked for ℓ ahead, see `control.ahead`, the
+command is τ_c = A⁻¹(v + h) + (e^{sℓ} − 1)τ̄, and Gv + (G − 1)h + c becomes
+
+    Gv + (G − 1)(h − Aτ̄) + A(G e^{sℓ} − 1)τ̄ + c,    c = (AG − GA)(τ_c − e^{sℓ}τ̄).              (3)
+
+So f is parted in f̄ = Aτ̄, and f − f̄, which is nothing on the plan and as small as the tube is. The
+first enters (1) by G e^{sℓ} − 1, but for what A changes within the delays. For a lag and ℓ = T
+
+    e = (e^{sT} − 1 − Ts)/Δ f̄,    at most T²/2 times ‖s²/Δ‖₁ sup|f̄|, ‖s/Δ‖₁ sup|f̄˙|, ‖1/Δ‖₁ sup|f̄¨|,
+
+since e^{sT} − 1 − Ts = s²∫₀ᵀ(T − u)e^{su}du, with half the range of f̄ for sup|f̄|. A force that
+grows linearly leaves nothing. If the lag is not ℓ but ℓ − ΔT, ΔT s/Δ f̄ comes to it: an error of
+10 % brings 10 % of (2) back. ∎
+
 *These are all sources of a row*, in its own unit [m/s², rad/s²]:
 
 - `disturbance`: δ that may be anything, at most ‖(J_yW)ᵢ‖ d̃. In it are M⁻¹Jᵀ(𝔉_s − 𝔉) of a force
@@ -32,6 +46,9 @@ T(Aτ_v)˙ + Aτ_v = Aτ_c + TȦτ_v, so that c = G[TȦτ_v]. ∎
 - `feed_forward`: f, if it changes at ticks only, where there are any. A constant leaves nothing: f
   may be taken less any constant, so half of its range counts.
 - `feed_forward_rate`: ḟ. A plan that jumps, and h, which is smooth, are one part each of f.
+- `planned`, `planned_rate`: likewise of f̄, the part of f that is asked for `ahead`. What
+  `feed_forward` and its rate then move a row by is f − f̄; without it there is no difference. In a
+  sampled loop `planned_rate` is a bound: that of f̄ held from tick to tick, and of the rest.
 - `position`, `velocity`: errors of y and ẏ as they are measured, per sample. A latency t_L is one
   too, ȳ(t − t_L) − ȳ(t) and its rate, beside what it does to the loop.
 
@@ -43,6 +60,7 @@ their e. The command to a δ whose level and rate are known is bounded by the sm
 observer's ÿ_pred, if it has a sampled state, is off likewise.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -50,12 +68,14 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.tube.periodic_loop import PeriodicLoop, Stretch
+from uvms_drake.tube.periodic_loop import PeriodicLoop, Stretch, absolute_integral, exponential
 
 EXACT = 1e-6
 """Part of a period by which times differ that are meant to be the same."""
 FRACTION = 0.1
 """Length of a period of a loop without clocks, by its fastest rate: for the quadrature only."""
+AHEAD_POINTS = 256
+"""Intervals of the quadrature over the time by which f̄ is asked for ahead."""
 E, RATE = 0, 1
 """The first two states: e and ė."""
 
@@ -89,11 +109,13 @@ class RowLoop:
     """From a tick to where the command comes to the actuator [s], of a sampled feedback."""
     latency: int = 0
     """Age of the state that is measured, in periods."""
+    ahead: float = 0.0
+    """ℓ, by how much f̄ is asked for ahead [s]: lag, dead time, half a period."""
 
     def __post_init__(self) -> None:
         for key in ("k", "sigma"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("observer", "lag", "period", "dead_time"):
+        for key in ("observer", "lag", "period", "dead_time", "ahead"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         for key in ("dead_time", "latency"):
             late = getattr(self, key)
@@ -116,6 +138,7 @@ class RowLoop:
             "feed_forward": (loop.held_gain(f, f_sampled) if self.period > 0.0
                              else loop.flow_gain(f)),
             "feed_forward_rate": loop.rate_gain(f, f_sampled)}
+        gains |= self._planned(gains)
         for i, name in enumerate(("position", "velocity")):
             D = np.array([0.0, 0.0, -(self.k * self.sigma, self.k + self.sigma)[i]])
             if self.period > 0.0:
@@ -124,6 +147,22 @@ class RowLoop:
                 D[2] -= self.observer * i
                 gains[name] = loop.flow_gain(system.noise[i], D)
         return {name: Peak(*map(float, values)) for name, values in gains.items()}
+
+    def _planned(self, late: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Returns the gains from f̄, given those from an f that is not asked for ahead."""
+        if self.ahead == 0.0 or not self.stable:
+            return {name: late[name.replace("planned", "feed_forward")]
+                    for name in ("planned", "planned_rate")}
+        loop, f, f_sampled, h = (
+            self._system.loop, self._system.f, self._system.f_sampled, self.period)
+        if h == 0.0:
+            return _by_early_flow(loop, f, self._system.asked, self.ahead)
+        early = math.ceil(self.ahead / h - EXACT) - 1
+        within = self.ahead - early * h  # From a tick to the sample that is held from there.
+        return {
+            "planned": loop.held_gain(f, f_sampled, early),
+            "planned_rate": h * loop.step_gain(f, f_sampled, early) + (
+                max(within, h - within) * loop.flow_gain(f))}
 
     def wave(self, omega: float) -> Peak:
         """Returns the amplitudes by δ = sin(ωt + φ) of any φ, once they have settled.
@@ -150,6 +189,8 @@ class _System(NamedTuple):
     """f, at a tick (m,)."""
     noise: np.ndarray
     """Errors of y and of ẏ (2, m), at a tick or into the flow."""
+    asked: np.ndarray
+    """What is asked for in f (m,), a part of `f` or `f_sampled`."""
 
 
 def _feedback(row: RowLoop, m: int, e: int, rate: int, estimate: int | None) -> np.ndarray:
@@ -171,21 +212,49 @@ def _continuous(row: RowLoop) -> _System:
     a, x, k, sigma, rate = 2, m - 1, row.k, row.sigma, row.observer
     v = _feedback(row, m, E, RATE, x if rate else None)
     from_noise = np.array([-k * sigma, -(k + sigma) - rate])
-    A, noise, f, delta = np.zeros((m, m)), np.zeros((2, m)), np.zeros(m), np.eye(m)[RATE]
+    A, noise, asked, delta = np.zeros((m, m)), np.zeros((2, m)), np.zeros(m), np.eye(m)[RATE]
     A[E, RATE] = 1.0
     if row.lag > 0.0:
         A[RATE, a], A[a] = 1.0, v / row.lag
         A[a, a] -= 1.0 / row.lag
         noise[:, a] = from_noise / row.lag
-        f[RATE], f[a] = -1.0, 1.0 / row.lag
+        asked[a] = 1.0 / row.lag
     else:
-        A[RATE], noise[:, RATE] = v, from_noise
+        A[RATE], noise[:, RATE], asked[RATE] = v, from_noise, 1.0
     if rate:
         A[x, x], delta[x], noise[1, x] = -rate, rate, -(rate**2)
     period = FRACTION / float(np.max(np.abs(np.linalg.eigvals(A))))
     loop = PeriodicLoop(A, np.array([np.eye(m)[E], np.eye(m)[RATE], v]),
                         (Stretch(period, np.eye(m)),))
-    return _System(loop, delta, f, np.zeros(m), noise)
+    return _System(loop, delta, asked - np.eye(m)[RATE], np.zeros(m), noise, asked)
+
+
+def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, ahead: float
+                   ) -> dict[str, np.ndarray]:
+    """Returns the gains (o,) from f̄ and its rate, in continuous time.
+
+    An impulse of f̄, or of its rate, comes by what is asked for, and `ahead` later by the rest.
+
+    Args:
+        loop: The row.
+        f: How f enters (m,).
+        asked: The part of it that is asked for.
+        ahead: ℓ [s].
+    """
+    m, step = len(f), ahead / AHEAD_POINTS
+    flow = np.zeros((m + 1, m + 1))
+    flow[:m, :m], flow[:m, m] = loop.A, asked
+    advance = exponential(step * flow)
+    states = np.zeros((2, AHEAD_POINTS + 1, m + 1))
+    states[0, 0, :m], states[1, 0, m] = asked, 1.0
+    for i in range(AHEAD_POINTS):
+        states[:, i + 1] = states[:, i] @ advance.T
+    known = absolute_integral(np.moveaxis(states[..., :m] @ loop.C.T, 1, -1), step)
+    settled = -np.linalg.solve(loop.A, f)  # by f̄ = 1
+    after = states[:, -1, :m] + [f - asked, -settled]
+    level, rate = (known[i] + loop.flow_gain(after[i]) for i in (0, 1))
+    moves = np.abs(loop.C @ settled) > 1e-9 * (1.0 + rate)
+    return {"planned": level, "planned_rate": np.where(moves, np.inf, rate)}
 
 
 def _sampled(row: RowLoop) -> _System:
@@ -247,4 +316,4 @@ def _sampled(row: RowLoop) -> _System:
         arrives[at["w"]] = unit[at[f"q{waiting - 1}"]]
         stretches = (Stretch(rest, arrives), Stretch(h - rest, jump))
     C = np.array([unit[E], unit[RATE], _feedback(row, m, E, RATE, estimate)])
-    return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled, noise)
+    return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled, noise, f_sampled)

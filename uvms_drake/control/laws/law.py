@@ -45,6 +45,9 @@ class Pair(NamedTuple):
     estimate: np.ndarray | None = None
     """δ̂, what an observer takes the disturbance of the law's outputs for (6+n,) [m/s², rad/s²];
     None: there is no observer."""
+    ahead: np.ndarray | None = None
+    """τ̄(t + ℓ) − τ̄(t), what the plan's forces change until a command acts (6+n,) [N, N m]; None: it
+    acts at once."""
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
@@ -154,7 +157,7 @@ class AncillaryLaw(ABC):
     takes_force: ClassVar[bool] = False
     """Whether the command takes `Pair.contact`."""
     takes_wrench: ClassVar[bool] = False
-    """Whether the command takes `Pair.wrench`."""
+    """Whether it knows of actuators: the command takes `Pair.wrench` and `Pair.ahead`."""
 
     @property
     def name(self) -> str:

@@ -33,7 +33,8 @@ about it. In (L) its row of dynamics, with that torque, takes the place of its r
 not fed back; all other rows obey (R) as before.
 
 The vehicle's rows obey (R) as far as τ_v is what (L) asks for. What a lag makes of them is in
-`tube.row_loop`.
+`tube.row_loop`. What is known in advance need not be late: where the command is known to act ℓ
+later, the plan's forces of that time are asked for, τ + τ̄(t + ℓ) − τ̄(t), see `control.ahead`.
 """
 
 from collections.abc import Callable
@@ -121,7 +122,7 @@ class TipFirst(AncillaryLaw):
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
-        """Returns τ of (L), and with a wrench the joints' of (A); it asks for ζ̄̇ only."""
+        """Returns τ of (L), with a wrench the joints' of (A), ahead if told; it asks for ζ̄̇ only."""
         n, out = model.num_joints, outputs_of(now, tip_rows(model, tuple(self.rows)))
         k, sigma = self.gains("k", n), self.gains("sigma", n)
         wanted = out.J[1] @ nominal_acceleration() + out.bias[1]  # ÿ̄
@@ -143,6 +144,8 @@ class TipFirst(AncillaryLaw):
         tau = torques(undriven)
         if now.wrench is not None:
             tau[6:] = torques(np.arange(6))[6:]
+        if now.ahead is not None:
+            tau += now.ahead
         tau[undriven] = 0.0
         return Command(u=cache(lambda: np.linalg.solve(M, tau)), tau=lambda: tau, M=lambda: M)
 

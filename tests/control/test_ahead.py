@@ -1,0 +1,126 @@
+"""Tests of `uvms_drake.control.ahead`: what is asked for, and what it leaves on the robot."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.systems.framework import DiagramBuilder
+from support.lagging import CONFIG, Motion, run
+
+from uvms_drake.control.ahead import ForcesAhead, forces_ahead, hover_of
+from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.part import ON_TIME, Lateness
+from uvms_drake.station.dynamic import lateness_of
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube.row_loop import RowLoop
+
+H, N = 0.2, 6
+GAINS = (1.5, 0.4)  # k, σ of the vehicle [1/s]
+
+
+def jumping(start_time: float = 0.0) -> DynamicPlan:
+    """A plan that speeds up, brakes, and speeds up again, all coordinates at once."""
+    size = np.array([0.2, -0.2, 0.2, 0.1, 0.1, -0.1, 0.4, 0.4, -0.4, 0.4])
+    zeta_dot = np.outer([1.0, 1.0, 0.8, -0.5, -0.5, 0.1], size)
+    return DynamicPlan.from_accelerations(start_time, H, CONFIG, np.zeros(10), zeta_dot)
+
+
+def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
+    """Returns τ̄ (10,) by M ζ̄̇ − M f."""
+    config, zeta, zeta_dot = plan.at(time)
+    return model.mass_matrix(model.kinematics(config)) @ (zeta_dot - model.drift(config, zeta))
+
+
+def test_it_is_what_the_plans_forces_change_until_they_act(model):
+    plan, time, late = jumping(), 0.25, Lateness(0.3, 0.04)
+    ahead = forces_ahead(model, plan, time, late, plan.at(time))
+    now = planned_forces(model, plan, time)
+    np.testing.assert_allclose(ahead[:6], planned_forces(model, plan, 0.55)[:6] - now[:6],
+                               atol=1e-9)
+    np.testing.assert_allclose(ahead[6:], planned_forces(model, plan, 0.29)[6:] - now[6:],
+                               atol=1e-9)
+    # Beyond the end the last forces are meant; what is on time asks for nothing.
+    np.testing.assert_array_equal(*(
+        forces_ahead(model, plan, time, Lateness(vehicle), plan.at(time))[:6]
+        for vehicle in (N * H - time, 9.0)))
+    assert not forces_ahead(model, plan, time, ON_TIME, plan.at(time)).any()
+
+
+def test_before_a_plan_begins_its_first_forces_are_known(model):
+    plan = jumping(start_time=0.4)
+    before = forces_ahead(model, plan, 0.1, Lateness(0.2, 0.2), plan.at(0.1))
+    np.testing.assert_allclose(before, 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        forces_ahead(model, plan, 0.3, Lateness(0.2, 0.2), plan.at(0.3)),
+        planned_forces(model, plan, 0.5) - planned_forces(model, jumping(0.0), 0.0)
+        + model.mass_matrix(model.kinematics(CONFIG)) @ plan.zeta_dot[0], atol=1e-9)
+
+
+def test_only_a_law_that_knows_of_actuators_asks_ahead(short_ocp):
+    late = Lateness(0.25, 0.02)
+    assert hover_of(TipFirst(), late, H) == 2
+    assert hover_of(TipFirst(), Lateness(0.4, 0.02), H) == 2
+    for law, lateness in ((Resolved(), late), (TipFirst(), ON_TIME)):
+        assert hover_of(law, lateness, H) == 0
+        assert not make_tube_mpc(short_ocp, law, lateness=lateness).HasSubsystemNamed(
+            "forces_ahead")
+    controller = make_tube_mpc(short_ocp, TipFirst(), lateness=late)
+    ahead, feedback = (controller.GetSubsystemByName(name) for name in (
+        "forces_ahead", "ancillary"))
+    assert controller.AreConnected(ahead.get_output_port(), feedback.GetInputPort("ahead"))
+
+
+def test_it_is_as_late_as_the_parts_of_the_actuation_together(model):
+    scenario = load_scenario("girona500_ideal", [
+        "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
+        "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
+    np.testing.assert_allclose(lateness_of(scenario, model), [0.02 + 0.155, 0.02])
+    assert lateness_of(load_scenario("girona500_ideal"), model) == ON_TIME
+
+
+def test_as_a_system_it_reads_the_plan_of_now(model):
+    builder = DiagramBuilder()
+    system = builder.AddSystem(ForcesAhead(model, Lateness(0.3, 0.04)))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own, plan = system.GetMyMutableContextFromRoot(context), jumping()
+    context.SetTime(0.25)
+    config, zeta, zeta_dot = plan.at(0.25)
+    system.GetInputPort("plan").FixValue(own, Value(plan))
+    system.GetInputPort("nominal_state").FixValue(own, np.append(config, zeta))
+    system.GetInputPort("nominal_acceleration").FixValue(own, zeta_dot)
+    np.testing.assert_array_equal(
+        system.get_output_port().Eval(own),
+        forces_ahead(model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25)))
+
+
+@pytest.mark.slow
+def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
+    """A plan that hovers, and then speeds up, behind a lag of 0.1 s.
+
+    The vehicle's errors are within the bound of (e^{sT} − 1 − Ts)/Δ, and several times as large if
+    nothing is asked for ahead.
+    """
+    lag, plan = 0.1, jumping(start_time=0.2)
+    law = TipFirst(BlockGains(*GAINS), BlockGains(20.0, 10.0))
+
+    def nominal(time: float) -> tuple[np.ndarray, np.ndarray]:
+        config, zeta, zeta_dot = plan.at(time)
+        return np.append(config, zeta), zeta_dot
+
+    def ahead(time: float) -> np.ndarray:
+        return forces_ahead(model, plan, time, Lateness(lag), plan.at(time))
+
+    def moved(**settings) -> Motion:
+        return run(model, law, lambda time, J: np.zeros(10), 1.0, plan=nominal, lag=lag, **settings)
+
+    early, late = moved(ahead=ahead), moved()
+    e, largest = early.error[:, :6], np.max(np.abs(late.error[:, :6]), axis=0)
+    f = np.einsum("tij,tj->ti", late.carried, late.asked[:, :6]) - late.feedback[:, :6]
+    assert np.all(np.max(np.abs(e), axis=0) < 0.2 * largest)
+    assert np.max(np.abs(early.error[:, 6:])) < 1e-4  # the tip
+    gains = RowLoop(*GAINS, lag=lag, ahead=lag).gains
+    assert np.all(np.max(np.abs(e), axis=0)
+                  <= 1.1 * gains["planned"].position * 0.5 * np.ptp(f, axis=0))

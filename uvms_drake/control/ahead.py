@@ -1,0 +1,130 @@
+"""The plan's forces, asked for as much earlier as the actuators give them later.
+
+A force that is commanded now acts later: behind a dead time, a hold, a lag. A feedback cannot do
+without the time, but a plan is known in advance. So a law adds to its command
+
+    τ̄(t + ℓ) − τ̄(t),    τ̄ = M ζ̄̇ + b + Jᵀ𝔉 along the plan,                                     (P)
+
+and commands the plan's forces of the time at which they act. ℓ is the sum of the dead times, half
+the periods of the holds, and the time constants of the lags; see `Lateness`.
+
+*What is left.* Let G be what a dead time D and a lag T make of a command. With ℓ = D + T the plan's
+forces come as G e^{sℓ}τ̄, and
+
+    G e^{sℓ} − 1 = (e^{sT} − 1 − Ts)/(Ts + 1),    e^{sT} − 1 − Ts = s²∫₀ᵀ (T − u) e^{su} du,
+
+in place of G − 1 = −Ts/(Ts + 1) without it: a term of second order in s, zero for every plan whose
+forces grow linearly. `tube.row_loop` has what a row makes of it. If the lag is T + ΔT and not T,
+−ΔT s/(Ts + 1) comes to it, ΔT/T of the term without (P).
+
+*Why not τ̄ + Tτ̄˙*, which is the inverse of the lag? It leaves nothing where τ̄ is smooth. A plan has
+constant accelerations between its knots, though, and its forces jump there: the inverse asks for
+impulses, which no thruster gives, and without them jumps come as late as ever. Of all averages
+∫p(θ)τ̄(t + θ)dθ of what is to come, p ≥ 0, with nothing left of first order, (P) leaves least of
+second: ∫θ²p/2 − T(∫θp) + T² with ∫θp = T is smallest where p is a pulse at T, by Jensen. And it
+asks for nothing but forces of the plan: what keeps the plan's within limits keeps these.
+
+*A new plan* counts from its first knot on. What it changes of the old one within ℓ of its start was
+not asked for ahead, and comes as late as without (P). The largest such change would be the first
+plan, where before there was none: a jump J that comes late leaves the velocity off by JT, and with
+(P) nothing that is late later on makes up for it. So the first plan is made ℓ ahead, too, and the
+robot hovers until it begins, see `hover_of`. Beyond the end of a plan its last forces are meant.
+"""
+
+import math
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+
+from uvms_drake.control.ancillary import AncillaryFeedback
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.plan import KNOT_TOLERANCE, DynamicPlan
+from uvms_drake.model.part import Lateness
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+def forces_ahead(model: UvmsModel, plan: DynamicPlan, time: float, lateness: Lateness,
+                 now: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Returns τ̄(t + ℓ) − τ̄(t) (6+n,) of (P) [N, N m].
+
+    Args:
+        model: The controller's.
+        plan: The plan.
+        time: t [s].
+        lateness: ℓ of the vehicle and of the joints.
+        now: 𝔮̄, ζ̄ and ζ̄̇ (6+n,) at t.
+    """
+    end = plan.start_time + (len(plan.config) - 1) * plan.time_step
+    later = (plan.at(min(time + late, end)) for late in lateness)
+    config, zeta, zeta_dot = (np.array(item) for item in zip(now, *later, strict=True))
+    tau = model.inverse_dynamics(model.kinematics(config), zeta, zeta_dot)
+    ahead: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
+    return ahead
+
+
+def hover_of(law: AncillaryLaw, lateness: Lateness, time_step: float) -> int:
+    """Returns for how many intervals [s] a `NominalMpc` is to hover before its first plan."""
+    return math.ceil(max(lateness) / time_step - KNOT_TOLERANCE) if law.takes_wrench else 0
+
+
+class ForcesAhead(LeafSystem):
+    """What a command has more, or less, of the plan's forces because they act later.
+
+    .. pydrake_system::
+
+        name: ForcesAhead
+        input_ports:
+        - plan
+        - nominal_state
+        - nominal_acceleration
+        output_ports:
+        - ahead
+
+    - `plan`: the current `DynamicPlan` (abstract).
+    - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.
+    - `ahead`: see `forces_ahead` (6+n) [N, N m].
+
+    It has no state.
+
+    Args:
+        model: The controller's.
+        lateness: Of the vehicle and of the joints, as the controller believes.
+    """
+
+    def __init__(self, model: UvmsModel, lateness: Lateness):
+        super().__init__()
+        self._model, self._lateness = model, lateness
+        self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
+        self._state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
+        self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
+        self.DeclareVectorOutputPort("ahead", model.size, self._calc)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        state = self._state_port.Eval(context)
+        now = (*np.split(state, 2), self._acceleration_port.Eval(context))
+        output.SetFromVector(forces_ahead(
+            self._model, self._plan_port.Eval(context), context.get_time(), self._lateness, now))
+
+
+def add_forces_ahead(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
+                     feedback: AncillaryFeedback, lateness: Lateness, *, nominal: LeafSystem,
+                     name: str = "forces_ahead") -> ForcesAhead | None:
+    """Adds what a law asks for ahead and connects it, or returns None where nothing is late.
+
+    Args:
+        builder: Where to add it.
+        model: The controller's.
+        law: The law; nothing is added if it does not know of actuators, see `takes_wrench`.
+        feedback: The law as a system.
+        lateness: Of the vehicle and of the joints, as the controller believes.
+        nominal: A `NominalMpc`.
+        name: Name of the system.
+    """
+    if not law.takes_wrench or not any(lateness):
+        return None
+    ahead = builder.AddNamedSystem(name, ForcesAhead(model, lateness))
+    for port in ("plan", "nominal_state", "nominal_acceleration"):
+        builder.Connect(nominal.GetOutputPort(port), ahead.GetInputPort(port))
+    builder.Connect(ahead.get_output_port(), feedback.GetInputPort("ahead"))
+    return ahead
