@@ -14,7 +14,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = (
     ("common",),
     ("model",),
-    ("plant", "control", "sensing", "actuation"),
+    ("plant", "control", "sensing", "actuation", "mission"),
     ("tube",),
     ("visual",),
     ("station",),

@@ -142,6 +142,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
         ["girona500_ideal", "dynamic", "resolved"],
+        ["girona500_inspection", "dynamic", "resolved"],
         ["girona500_tip_first", "dynamic", "tip-first"],
         ["paper_dynamic", "dynamic", "transpose"],
         ["paper_dynamic_resolved", "dynamic", "resolved"],

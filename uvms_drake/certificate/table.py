@@ -16,6 +16,8 @@ HELP = {
     "contact.speed": "a shorter mpc.time_step, or slower limits",
     "front, room": "a softer tool (contact.stiffness), larger gains or a larger contact.force",
     "task.force": "a smaller force, a softer tool (contact.stiffness) or larger gains",
+    "mission.steps": "less force or speed of that step, a larger contact.force or speed_across, or "
+        "larger gains",
     "tube in limits.contact_speed": "a larger contact.speed, contact.speed_across or larger gains, "
         "or less contact.dissipation, contact.force_rate and contact.force_ripple",
     "tube in limits.u": INPUTS,

@@ -14,9 +14,10 @@ MAIN_SCENARIO = "girona500_contact"
 SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
 REPORT_FILE = "report.html"
+INSPECTION_FILE = "inspection.csv"
 LONGEST_NAME = 255
 """Length of a folder's name that file systems allow [bytes]."""
-DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE)
+DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, INSPECTION_FILE)
 
 
 def folder(text: str) -> Path:
@@ -51,11 +52,18 @@ def picture_files() -> tuple[str, ...]:
 
 
 def write_data(record: Record, folder: Path) -> dict[str, Any]:
-    """Writes the data of a run into a folder and returns its summary."""
+    """Writes the data of a run into a folder and returns its summary.
+
+    A run with a mission has an `INSPECTION_FILE`.
+    """
+    from uvms_drake.report.inspection import format_inspection
+    from uvms_drake.report.mission import has_mission
     from uvms_drake.report.summary import summarise
 
     summary = summarise(record)
     save_record(record, folder)
+    if has_mission(record):
+        (folder / INSPECTION_FILE).write_text(format_inspection(record), encoding="utf-8")
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
     return summary

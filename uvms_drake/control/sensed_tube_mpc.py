@@ -28,7 +28,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
 
     ::
 
-        desired_force ─▶ desired_force ─▶ press_target ◀─ place
+        desired_force ─▶ desired_force ─▶ press_target ◀─ place, deepest
                                   ▲ what was felt  │ target
                                   │                ▼
         fresh_force ──────▶ explored_front ──▶ nominal_mpc
@@ -48,6 +48,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - fault (optional)
         - desired_force (optional)
         - place (optional)
+        - deepest (optional)
         output_ports:
         - tau
         - u
@@ -74,6 +75,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
       what nobody has felt.
     - `place`: where across n to press (3) in Σ_I [m]; else where y_des says. It may jump: a plan
       slides as fast as limits and front let it.
+    - `deepest`: largest depth along n to steer for (1) [m]; see `PressTarget`.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
     - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: what was felt, see
@@ -124,7 +126,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     builder.ExportInput(front.GetInputPort("measured_force"), "fresh_force")
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")
-    builder.ExportInput(press.GetInputPort("place"), "place")
+    for name in ("place", "deepest"):
+        builder.ExportInput(press.GetInputPort(name), name)
     for system, names in (
         (feedback, ("tau", "u", "lost", "limited", "pair")),
         (mpc, ("nominal_state", "nominal_input", "plan", "report", "solve_seconds")),

@@ -38,6 +38,7 @@ from uvms_drake.report.kinematic_figures import (
     draw_orientation_errors,
     draw_position_errors,
 )
+from uvms_drake.report.mission_figure import draw_mission
 from uvms_drake.report.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits
 from uvms_drake.report.thrusters import draw_thrusters, part_of
@@ -45,7 +46,7 @@ from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
-THRUSTERS = "thrusters.png"
+THRUSTERS, MISSION = "thrusters.png", "mission.png"
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
@@ -79,7 +80,8 @@ def figures_of(scenario: Scenario) -> list[str]:
     """Returns the names of the figures of a scenario's run."""
     special = {name for motion in MOTIONS.values() for name in motion.figures}
     own = motion_of(scenario).figures
-    missing = set() if part_of(scenario) else {THRUSTERS}
+    missing = {name for name, there in (
+        (THRUSTERS, part_of(scenario)), (MISSION, scenario.mission.steps)) if not there}
     return [name for name in FIGURES if name in own or name not in special | missing]
 
 
@@ -264,6 +266,7 @@ FIGURES: dict[str, Callable[[Record], Figure]] = {
     "robot.png": draw_robot,
     "task_error.png": draw_task_error,
     "force.png": draw_contact,
+    MISSION: draw_mission,
     "velocities.png": draw_velocities,
     "joints.png": draw_joints,
     "inputs.png": draw_inputs,

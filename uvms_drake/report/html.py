@@ -55,6 +55,8 @@ CAPTIONS = {
     "task_error.png": "Task error χ − χ_des, and the same close to zero with the tube.",
     "force.png": "Force on the surface, and penetration with its limit in a plane that is known; "
                  "after an approach, also the force from first contact to settling.",
+    "mission.png": "Force over the time and along each line, with the bands of the mission's "
+                   "steps, and how far the tip is off the line.",
     "velocities.png": "Velocities of vehicle and joints with their limits.",
     "joints.png": "Joint angles with their limits.",
     "inputs.png": "Acceleration commands with their limits.",

@@ -17,6 +17,7 @@ from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import ALARMING, events
+from uvms_drake.report.mission import format_mission, summarise_mission
 from uvms_drake.report.signals import (
     constraint_signals,
     constraint_units,
@@ -52,6 +53,7 @@ def summarise(record: Record) -> dict[str, object]:
         "task_error": summarise_task_error(record),
         "force": summarise_force(record),
         "contact": summarise_contact(record),
+        "mission": summarise_mission(record),
         "constraints": summarise_constraints(record),
         "thrusters": summarise_thrusters(record),
         "disturbance": summarise_disturbance(record),
@@ -216,7 +218,7 @@ def format_summary(summary: dict, event_lines: int | None = EVENT_LINES) -> str:
     """Returns the summary as a table, with at most so many lines of events; None is no limit."""
     return "\n".join([
         *_format_run(summary), "", *_format_force(summary["force"]),
-        *_format_contact(summary["contact"]), "",
+        *_format_contact(summary["contact"]), *format_mission(summary["mission"]), "",
         *_format_constraints(summary["constraints"]), *format_thrusters(summary["thrusters"]), "",
         *_format_robustness(summary), "",
         *_format_events(summary["events"], event_lines)])

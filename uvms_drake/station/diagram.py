@@ -21,6 +21,7 @@ from uvms_drake.sensing.force_watch import ForceWatch
 from uvms_drake.sensing.last_finite import LastFinite
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
+from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
@@ -74,6 +75,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         input_ports:
         - desired_force (optional, with dynamic motion)
         - place (optional, with a felt contact)
+        - deepest (optional, with a felt contact)
+        - stop (optional, with a mission)
         output_ports:
         - state, force, u, tau, ... (each signal)
         - tube_deviation
@@ -85,7 +88,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         - tube_alarm
 
     `desired_force` (6) [N, N m] changes the task while it runs, see `NominalMpc`, and `place` (3)
-    [m] where it presses, see `make_sensed_tube_mpc`; unconnected, they stay the scenario's. With
+    [m] where it presses, see `make_sensed_tube_mpc`; unconnected, they stay the scenario's. If
+    this has a mission, a `MissionControl` says both, and `deepest`, and may be stopped. With
     kinematic motion the controller reads `configuration`, and its
     velocity ζ = u goes to the plant.
 
@@ -116,8 +120,6 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     uvms = builder.AddNamedSystem("uvms", motion.make_plant(scenario, start))
     controller = builder.AddNamedSystem("tube_mpc", motion.make_controller(scenario, model, ocp))
     motion.connect_outside(builder, scenario, uvms, controller, meshcat)
-    if controller.HasInputPort("place"):
-        builder.ExportInput(controller.GetInputPort("place"), "place")
     signals = Signals()
     for system, names in ((uvms, motion.plant_signals), (controller, motion.controller_signals)):
         for name in names:
@@ -151,6 +153,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         felt = LastFinite.AddToBuilder(builder, measured=fresh, let_go=let_go)
         signals["felt_force"] = felt.get_output_port()
         builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
+    if scenario.contact.felt:
+        add_mission(builder, scenario, model, controller, measured, signals)
     command = controller.GetOutputPort(motion.command)
     applied = add_chain(builder, model, command, signals,
                         keyed("actuation", scenario.actuation), scenario.seed)

@@ -82,11 +82,16 @@ class Dynamic(Motion[DynamicOcp]):
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds the water's motion; the desired force comes from a slider, or from outside."""
+        """Adds the water's motion; the desired force comes from a slider, or from outside.
+
+        Or from a mission, if there is one.
+        """
         water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
         for name in ("current", "current_acceleration"):
             builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
         desired = controller.GetInputPort("desired_force")
+        if scenario.mission.steps:
+            return
         if meshcat is None:
             builder.ExportInput(desired, "desired_force")
         else:

@@ -107,6 +107,12 @@ def _at(model: ContactModel, y: np.ndarray) -> Points:
     return Points(model, model.configuration(y), y)
 
 
+def task_place(scenario: Scenario) -> np.ndarray:
+    """Returns where the task's pose is, in Σ_I (3,) [m]."""
+    with within("task"):
+        return vector("pose", scenario.task.pose, 6)[:3]
+
+
 def start_state(scenario: Scenario, ocp: Ocp) -> np.ndarray:
     """Returns (𝔮, ζ) at t = 0 (2(6+n),), at rest.
 

@@ -22,6 +22,7 @@ from uvms_drake.common.schema import dump_typed, load_typed, read_yaml
 from uvms_drake.control.laws import AnyLaw, Resolved
 from uvms_drake.control.limits import Limits, TubeRadii
 from uvms_drake.control.ocp import MpcConfig
+from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface import AnyContact, AnySurface, KnownSurface, UnilateralPlane
 from uvms_drake.plant import AnyDisturbance, SinusoidalDisturbance
 from uvms_drake.plant.model_error import ModelError, check_model_error
@@ -118,6 +119,9 @@ class Scenario:
     faults: list[AnyFault] = field(default_factory=list)
     """Faults, at most one of a kind; an entry without a tag is a `SolverFailure`."""
     task: Task = field(default_factory=Task)
+    mission: Mission = field(default_factory=Mission)
+    """Where to press, one after the other, on a wall that is felt; else `task` says it for all
+    time."""
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
     mpc: MpcConfig = field(default_factory=MpcConfig)
@@ -190,6 +194,10 @@ def check_scenario(scenario: Scenario) -> None:
             f"smaller than the desired force itself, {force:g} N")
     require(not scenario.contact.felt or scenario.motion == "dynamic", "contact",
             type(scenario.contact).__name__, "!KnownSurface, if the motion is kinematic")
+    with within("mission"):
+        scenario.mission.checked()
+    require(scenario.contact.felt or not scenario.mission.steps, "mission.steps",
+            scenario.mission.steps, "left out, unless a contact is felt")
     with within("model_error"):
         check_model_error(scenario.model_error)
     with within("surface_error"):

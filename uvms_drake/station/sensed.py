@@ -62,6 +62,9 @@ class Sensed(Dynamic):
         force, largest = pressing_force(scenario), largest_force(scenario)
         require(force < largest, "task.force", scenario.task.force, f"less than {largest:.3g} N: "
                 "contact.force less what sensor, tube, angle and stiffness take of it")
+        for i, step in enumerate(scenario.mission.steps):
+            require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
+                    f"less than {largest:.3g} N, like task.force")
         with within("ancillary"):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(contact),
@@ -124,7 +127,8 @@ class Sensed(Dynamic):
                       BETWEEN_KNOTS * min(contact.speed, contact.speed_across)),
             Condition("front, room from a reading without touch [m]", room, ">", 0.0),
             Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
-                      largest_force(with_tube))), tube.budget, tube.estimated,
+                      largest_force(with_tube)),
+            *mission_conditions(with_tube)), tube.budget, tube.estimated,
             together(tube.check, lambda: (
                 largest_of("what the contact adds to u", rest, second),
                 Estimate("jerk of the tip", tip, second_jerk(
@@ -219,6 +223,24 @@ def largest_force(scenario: Scenario) -> float:
     aside = contact.walls.tilt * 2.0 * float(np.sqrt(2.0)) * (tube.position or 0.0)
     lost = 2.0 * front_margin(scenario) + aside
     return contact.force - 2.0 * contact.force_error - contact.stiffness * lost
+
+
+def mission_conditions(scenario: Scenario) -> list[Condition]:
+    """Returns what each step of a mission needs of the front and of the plan's speed across.
+
+    Where it presses, and when it asks for another place or force, is in none of them: model and
+    limits are the same everywhere, and the target is in no limit of a plan (`TrackingOcp`).
+    """
+    speed = sensed_contact(scenario).speed_across - (resolved_radii(scenario.tube).tip_speed or 0.0)
+    conditions = []
+    for i, step in enumerate(scenario.mission.steps):
+        if step.strongest > 0.0:
+            conditions.append(Condition(f"mission.steps[{i}], what the front lets it press [N]",
+                                        step.strongest, "<", largest_force(scenario)))
+        if np.any(step.fastest > 0.0):
+            conditions.append(Condition(f"mission.steps[{i}], how fast a plan goes across [m/s]",
+                                        float(np.max(step.fastest)), "<=", speed))
+    return conditions
 
 
 def slower(declared: ConstraintSet, radii: TubeRadii) -> ConstraintSet:

@@ -236,3 +236,13 @@ def test_what_has_no_meaning_is_refused(bad):
 def test_no_sensor_is_like_that(bad):
     with pytest.raises(InvalidParameter, match=next(iter(bad))):
         ForceSensing(**{"force_max": 45.0, "noise": 1.0, **bad})
+
+
+def test_it_steers_no_deeper_than_it_is_told():
+    simulator, _, target = pressing()
+    simulator.AdvanceTo(3.05)
+    context = target.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    (_, depth_then, _), = values(simulator, target, "target")
+    for most, expected in ((-0.2, -0.2), (np.inf, depth_then), (depth_then + 0.1, depth_then)):
+        target.GetInputPort("deepest").FixValue(context, [most])
+        assert values(simulator, target, "target")[0][1] == pytest.approx(expected)

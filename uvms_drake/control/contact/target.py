@@ -27,6 +27,9 @@ should begin, or from where the tip is, if that is further: it comes back to a w
 follows one that yields. A wall that should be felt there and is not is forgotten
 (`slope.without_contact`), and the search begins again.
 
+*Off the wall.* Whoever asks for it may say how deep to steer at most: to search no further, to go
+back, to move along without a touch. The target is in no limit of the plan, so neither is that.
+
 *Without readings.* The wall stands still, so what was safe is safe for ever: the front stays where
 it is, plans behind it, and φ ≤ F_max as long as the tip is in its tube. But the law goes on with
 the last force, off by what it changes, and after n readings, the sensor's `patience`, nobody knows
@@ -95,6 +98,7 @@ class PressTarget(LeafSystem):
         input_ports:
         - desired_force
         - place (optional)
+        - deepest (optional)
         - reading
         - touched
         - slope
@@ -107,6 +111,7 @@ class PressTarget(LeafSystem):
     - `desired_force` (1): F_des along n [N].
     - `place` (3): a point of the line along n on which to press, in Σ_I [m]; where it is not
       connected, or not finite, the default.
+    - `deepest` (1): largest depth to steer for [m]; where it is not connected, any.
     - The others: those of an `ExploredFront`.
     - `target` (3): the point of that line at `target_depth`, or at `retreat_depth` while the force
       is lost, in Σ_I [m].
@@ -131,6 +136,7 @@ class PressTarget(LeafSystem):
         self._ahead, self._step, self._clearance = ahead, step, clearance
         self._desired_port = self.DeclareVectorInputPort("desired_force", 1)
         self._place_port = self.DeclareVectorInputPort("place", 3)
+        self._deepest_port = self.DeclareVectorInputPort("deepest", 1)
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
             ("reading", 2), ("touched", 1), ("slope", 1), ("contact_depth", 1), ("safe_depth", 1),
             ("force_lost", 1))}
@@ -140,9 +146,13 @@ class PressTarget(LeafSystem):
         felt = {name: port.Eval(context) for name, port in self._ports.items()}
         reading, (lost,) = felt.pop("reading"), felt.pop("force_lost")
         if lost:
-            return retreat_depth(reading, felt["contact_depth"], self._clearance)
-        return target_depth(self._desired_port.Eval(context), reading, **felt,
-                            ahead=self._ahead, step=self._step)
+            depth = retreat_depth(reading, felt["contact_depth"], self._clearance)
+        else:
+            depth = target_depth(self._desired_port.Eval(context), reading, **felt,
+                                 ahead=self._ahead, step=self._step)
+        if self._deepest_port.HasValue(context):
+            depth = np.minimum(depth, self._deepest_port.Eval(context))
+        return depth
 
     def _line(self, context: Context) -> np.ndarray:
         """Returns the place's part across n (3,)."""
@@ -161,7 +171,7 @@ class PressTarget(LeafSystem):
                      place: np.ndarray, *, desired_force: OutputPort, ahead: float = 1.0,
                      step: float = np.inf, clearance: float = 0.05, name: str = "press_target"
                      ) -> "PressTarget":
-        """Adds the target and connects it, but for `place`.
+        """Adds the target and connects it, but for `place` and `deepest`.
 
         Args:
             builder: Where to add it.

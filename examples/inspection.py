@@ -1,0 +1,67 @@
+"""An inspection job on a wall that nobody measured, put together in a script.
+
+The mission is a system beside the station: it looks at what is felt, and says how hard and where to
+press. In a scenario's file it is the key `mission`, see `girona500_inspection`. Here the wall is
+5 cm ahead of the tip, to save the way there.
+"""
+
+import argparse
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+import uvms_drake as uv
+from uvms_drake.mission.law import RUNNING
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.mission.system import MissionControl
+from uvms_drake.station.diagram import make_station, read_logs
+from uvms_drake.station.problem import load_model
+
+PLACE = np.array([0.0, -0.06, -0.06])  # m, (0, 0) of the mission: ahead of where the tip starts
+NEAR = "surface.geometry.point.0=-0.25"
+JOB = Mission(steps=[
+    Approach(at=np.zeros(2), force=10.0, on_failure="retry"),
+    Hold(force=10.0, seconds=2.0),
+    Slide(along=np.array([0.1, 0.0]), speed=0.02, force=10.0, amplitude=2.0, frequency=0.1),
+    Retreat(distance=0.1)])
+
+
+def main() -> None:
+    """Does the job, and says how it went."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, default=35.0, help="simulated time [s]")
+    arguments = parser.parse_args()
+    scenario = uv.load_scenario("girona500_inspection", [NEAR, "mission.steps=[]"])
+    n, walls = scenario.contact.direction, scenario.contact.walls
+
+    builder = DiagramBuilder()
+    station = builder.AddSystem(make_station(scenario))
+    felt = {name: station.GetOutputPort(name)
+            for name in ("state", "felt_force", "touched", "force_lost")}
+    mission = MissionControl.AddToBuilder(
+        builder, JOB, load_model(scenario), walls, PLACE, **felt)
+    for name in ("desired_force", "place", "deepest"):
+        builder.Connect(mission.GetOutputPort(name), station.GetInputPort(name))
+    builder.ExportOutput(mission.GetOutputPort("progress"), "progress")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(scenario.simulator, simulator)
+
+    print(f"{'t [s]':>6}  {'step':<10}{'desired [N]':>13}{'force [N]':>11}")
+    context = simulator.get_mutable_context()
+    for t in np.arange(0.0, arguments.duration + 1e-9, 1.0):
+        simulator.AdvanceTo(t)
+        step, outcome, *_ = diagram.GetOutputPort("progress").Eval(context)
+        name = type(JOB.steps[int(step)]).__name__ if outcome == RUNNING else "over"
+        own = station.GetMyContextFromRoot(context)
+        desired, force = (station.GetOutputPort(port).Eval(own)[:3] @ n
+                          for port in ("accepted_force", "force"))
+        print(f"{t:6.1f}  {name:<10}{desired:13.2f}{force:11.2f}")
+    logs = read_logs(station, context)
+    most = np.max(logs["force"][:, :3] @ n)
+    print(f"largest force {most:.2f} N of {scenario.contact.force:.2f} N")
+
+
+if __name__ == "__main__":
+    main()

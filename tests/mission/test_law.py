@@ -1,0 +1,243 @@
+"""Tests of `uvms_drake.mission`: its steps, and the state machine alone."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.mission.law import (
+    CONTACT_LOST,
+    DONE,
+    FORCE_LOST,
+    RETREATED,
+    RUNNING,
+    SKIPPED,
+    STOPPED,
+    TIME_OUT,
+    Measured,
+    advance,
+    begin,
+    targets,
+)
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+
+PERIOD = 0.05
+WALL = 0.3  # m, its depth
+STIFFNESS = 1000.0  # N/m
+
+
+class Tip:
+    """A tip that goes where it is sent, at 0.1 m/s along n and 0.05 m/s across, to a wall."""
+
+    def __init__(self, mission, wall=WALL):
+        self.mission, self.wall = mission.checked(), wall
+        self.tip, self.t, self.asked = np.zeros(3), 0.0, []
+        self.state = begin(self.mission, self.tip, 0.0)
+
+    def measured(self):
+        force = max(STIFFNESS * (self.tip[0] - self.wall), 0.0)
+        return Measured(self.tip.copy(), force, touched=force > 2.0)
+
+    def go(self, until, change=lambda t, measured: measured):
+        """Runs until a time [s], or the end; `change` is what goes wrong with what is measured."""
+        while self.t < until and self.state.outcome == RUNNING:
+            self.state, asked = advance(
+                self.mission, self.state, change(self.t, self.measured()), self.t)
+            self.asked.append((self.t, self.state.step, asked, self.tip.copy()))
+            depth = min(self.wall + asked.force / STIFFNESS, asked.deepest) \
+                if asked.force else asked.deepest
+            for part, goal, speed in ((slice(0, 1), depth, 0.1), (slice(1, 3), asked.place, 0.05)):
+                way = goal - self.tip[part]
+                self.tip[part] += way * min(1.0, speed * PERIOD / max(np.linalg.norm(way), 1e-12))
+            self.t += PERIOD
+        return self.state
+
+
+JOB = Mission(steps=[
+    Approach(at=np.array([0.1, 0.0])), Hold(seconds=5.0), Retreat(),
+    Approach(at=np.array([0.1, 0.1])), Slide(along=np.array([0.0, -0.2])), Retreat(distance=0.15)])
+
+
+def test_a_job_is_done_step_by_step():
+    run = Tip(JOB)
+    assert run.go(np.inf).outcome == DONE
+    assert run.state.outcomes == (DONE,) * 6
+    assert run.state.failures == 0
+    steps = np.array([step for _, step, *_ in run.asked])
+    assert np.all(np.diff(steps) >= 0)
+    spent = PERIOD * np.bincount(steps, minlength=7)
+    assert spent[1] == pytest.approx(5.0, abs=2 * PERIOD)
+    assert spent[4] == pytest.approx(0.2 / 0.02, abs=2 * PERIOD)
+    assert run.tip[0] == pytest.approx(WALL + 0.01 - 0.15, abs=JOB.reached)
+    assert run.t < JOB.longest
+    end = targets(run.mission, run.state, run.t + 100.0)
+    assert (end.force, end.deepest) == (0.0, pytest.approx(WALL + 0.01 - 0.15))
+
+
+def test_it_presses_only_at_its_place_and_moves_there_off_the_wall():
+    run = Tip(JOB)
+    run.go(np.inf)
+    for _, step, asked, tip in run.asked:
+        if asked.force > 0.0 and step in (0, 3):
+            assert np.linalg.norm(tip[1:] - JOB.steps[step].at) <= JOB.reached + 1e-9
+        if step == 3 and asked.force == 0.0:
+            assert tip[0] < WALL
+
+
+def test_a_slide_asks_for_a_place_that_moves_at_its_speed_and_for_a_force_that_swings():
+    steps = [Approach(), Slide(along=np.array([0.3, -0.4]), speed=0.05, force=10.0, amplitude=3.0,
+                               frequency=0.1), Retreat()]
+    run = Tip(Mission(steps=steps))
+    assert run.go(np.inf).outcome == DONE
+    asked = [(t, now.place, now.force) for t, step, now, _ in run.asked if step == 1]
+    times, places, forces = (np.array(each) for each in zip(*asked, strict=True))
+    spent = times - times[0]
+    moving = spent < 0.5 / 0.05
+    speeds = np.diff(places[moving], axis=0) / PERIOD
+    assert speeds == pytest.approx(np.broadcast_to([0.03, -0.04], speeds.shape))
+    assert forces == pytest.approx(10.0 + 3.0 * np.sin(0.2 * np.pi * spent))
+    assert places[-1] == pytest.approx([0.3, -0.4], abs=0.05 * PERIOD)
+
+
+def test_a_wall_that_is_not_there_is_given_up_and_the_next_spot_begun():
+    run = Tip(JOB, wall=5.0)
+    state = run.go(np.inf)
+    assert state.outcome == SKIPPED
+    assert state.outcomes == (SKIPPED, SKIPPED, DONE, SKIPPED, SKIPPED, DONE)
+    assert state.reason == TIME_OUT
+    assert max(tip[0] for *_, tip in run.asked) <= 0.5 + JOB.steps[0].within + 1e-9
+
+
+@pytest.mark.parametrize(("change", "reason"), [
+    ({"touched": False, "force": 0.0}, CONTACT_LOST),
+    ({"lost": True}, FORCE_LOST),
+    ({"force": 30.0}, TIME_OUT),
+    ({"stop": True}, STOPPED)])
+@pytest.mark.parametrize("choice", ["skip", "retry", "home"])
+def test_what_goes_wrong_in_a_hold_ends_in_the_retreat_of_its_spot(change, reason, choice):
+    """It goes wrong once, until the retreat; a second try finds all as it should be."""
+    mission = Mission(steps=[Approach(), Hold(on_failure=choice), Retreat(),
+                             Approach(at=np.array([0.1, 0.0])), Retreat()])
+    run = Tip(mission)
+
+    def wrong(t, measured):
+        return measured._replace(**change) if run.state.step == 1 and not run.state.failures \
+            else measured
+
+    state = run.go(np.inf, wrong)
+    order = [step for i, (_, step, *_) in enumerate(run.asked) if step != run.asked[i - 1][1]]
+    home = reason == STOPPED or choice == "home"
+    assert (state.failures, state.reason) == (1, reason)
+    if home:
+        assert state.outcome == RETREATED
+        assert state.outcomes == (DONE, SKIPPED, DONE, SKIPPED, SKIPPED)
+    elif choice == "retry":
+        assert state.outcome == DONE
+        assert order == [0, 1, 2, 0, 1, 2, 3, 4, 5]
+    else:
+        assert state.outcome == SKIPPED
+        assert state.outcomes == (DONE, SKIPPED, DONE, DONE, DONE)
+    assert targets(run.mission, state, run.t).force == 0.0
+
+
+def test_a_spot_is_tried_again_as_often_as_is_said():
+    mission = Mission(steps=[Approach(on_failure="retry", timeout=10.0), Retreat()], retries=3)
+    run = Tip(mission, wall=5.0)
+    assert run.go(np.inf).outcome == SKIPPED
+    assert (run.state.failures, run.state.tries) == (4, 3)
+
+
+def test_an_approach_waits_for_a_force_that_is_lost():
+    run = Tip(JOB)
+
+    def gone(t, measured):
+        return measured._replace(lost=True, touched=False) if t < 20.0 else measured
+
+    assert run.go(np.inf, gone).outcome == DONE
+    assert all(step == 0 for t, step, *_ in run.asked if t < 20.0)
+
+
+def test_a_tip_that_cannot_get_back_ends_the_mission():
+    run = Tip(JOB)
+
+    def stuck(t, measured):
+        return measured._replace(tip=np.array([WALL, 0.1, 0.0])) if run.state.step == 2 \
+            else measured
+
+    state = run.go(np.inf, stuck)
+    assert state.outcome == RETREATED
+    assert state.reason == TIME_OUT
+    asked = targets(run.mission, state, run.t)
+    assert asked.force == 0.0
+    assert asked.deepest < WALL
+
+
+def random_mission(rng):
+    steps = []
+    for _ in range(rng.integers(1, 4)):
+        def options():
+            return {"timeout": rng.uniform(2.0, 5.0), "force": rng.uniform(2.0, 20.0),
+                    "on_failure": rng.choice(["skip", "retry", "home"])}
+        steps.append(Approach(at=rng.uniform(-0.1, 0.1, 2), settle=rng.uniform(0.0, 1.0),
+                              **options()))
+        for _ in range(rng.integers(0, 3)):
+            steps.append(Hold(seconds=rng.uniform(0.0, 1.5), **options()) if rng.random() < 0.5
+                         else Slide(along=rng.uniform(0.01, 0.05, 2), speed=0.1, **options()))
+        steps.append(Retreat(distance=rng.uniform(0.01, 0.2), timeout=rng.uniform(0.5, 3.0)))
+    return Mission(steps=steps, retries=int(rng.integers(0, 3)))
+
+
+def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
+    """What is measured is made up: now a wall, now nothing, now not a number, now far away."""
+    rng, period, ends = np.random.default_rng(0), 0.5, []
+    for _ in range(1000):
+        mission = random_mission(rng).checked()
+        state, t, helpful = begin(mission, np.zeros(3), 0.0), 0.0, rng.random() ** 0.3
+        while state.outcome == RUNNING:
+            now = targets(mission, state, t)
+            tip = np.append(min(now.deepest, WALL), now.place)
+            measured = Measured(tip, now.force, touched=now.force > 0.0)
+            if rng.random() > helpful:
+                kind = rng.integers(0, 5)
+                measured = (
+                    measured._replace(tip=np.full(3, np.nan)),
+                    measured._replace(tip=rng.normal(size=3)),
+                    measured._replace(force=np.nan, touched=False),
+                    measured._replace(force=0.0, touched=bool(rng.random() < 0.5), lost=True),
+                    measured._replace(stop=bool(rng.random() < 0.05)))[kind]
+            before = state
+            state, asked = advance(mission, state, measured, t)
+            t += period
+            # Never from a contact to elsewhere without a retreat; always something to steer for.
+            step = mission.steps[before.step]
+            if step.touches and state.step != before.step:
+                assert state.step == before.step + 1 or isinstance(
+                    mission.steps[state.step], Retreat)
+            assert np.all(np.isfinite([*asked.place, asked.force, asked.deepest]))
+            assert t <= mission.longest + period * (1 + mission.retries) * len(mission.steps)
+        end = targets(mission, state, t)
+        assert end.force == 0.0
+        assert RUNNING not in state.outcomes
+        assert (state.outcome == DONE) == all(each == DONE for each in state.outcomes)
+        ends.append(state.outcome)
+    assert np.all(np.bincount(ends, minlength=4)[1:] > 50)
+
+
+@pytest.mark.parametrize(("steps", "message"), [
+    ([Hold(), Retreat()], r"steps\[0\] = 'Hold': must be an !Approach"),
+    ([Approach(), Approach(), Retreat()], r"steps\[1\] = 'Approach': must be !Hold"),
+    ([Approach(), Retreat(), Slide(), Retreat()], r"steps\[2\] = 'Slide': must be an !Approach"),
+    ([Approach(), Hold()], r"steps\[1\] = 'Hold': must be a !Retreat, as the last"),
+    ([Approach(timeout=-1.0), Retreat()], r"steps\[0\]\.timeout = -1.0: must be positive"),
+    ([Approach(on_failure="hope"), Retreat()], "on_failure = 'hope': must be one of skip, retry"),
+    ([Approach(), Hold(seconds=60.0), Retreat()], r"steps\[1\]\.seconds = 60.0"),
+    ([Approach(), Slide(speed=0.001), Retreat()], "more than the 200 s that it takes"),
+    ([Approach(), Slide(along=np.zeros(2)), Retreat()], r"steps\[1\]\.along"),
+    ([Approach(), Slide(amplitude=11.0), Retreat()], "less than the force, 10 N"),
+    ([Approach(), Retreat(distance=0.0)], r"steps\[1\]\.distance = 0.0: must be positive")])
+def test_a_mission_that_makes_no_sense_is_refused(steps, message):
+    with pytest.raises(InvalidParameter, match=message):
+        Mission(steps=steps).checked()
+
+
+def test_of_no_steps_there_is_no_mission():
+    assert Mission().checked().steps == []

@@ -1,0 +1,114 @@
+"""Tests of `uvms_drake.mission.system`: ports, and state in the Context."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from support.scripts import Script
+from support.tiny_robots import drill
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.mission.law import DONE, RETREATED, STOPPED, Measured, advance, begin
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.mission.system import PROGRESS, MissionControl
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
+ORIGIN = np.array([0.3, -5.0, 0.4])
+MISSION = Mission(steps=[
+    Approach(settle=0.2), Hold(seconds=1.0), Slide(along=np.array([0.0, -0.02])),
+    Retreat(distance=0.05)]).checked()
+PERIOD = 0.05
+BACK = 4.0  # s, when the tip goes back
+
+
+def tip(time):
+    """(x, y, z): at the place, pressed in until it goes back; after 2 s 0.02 along −t₂."""
+    place = np.array([0.0, -0.02 if time > 2.0 else 0.0])
+    return ORIGIN + place @ SURFACE.axes[1:] + (0.1 if time < BACK else 0.0) * SURFACE.direction
+
+
+def state(time):
+    """Of the drill, whose tip is at the vehicle's origin."""
+    return np.append(tip(time), np.zeros(9 + 2))[:14]
+
+
+def simulator(mission=MISSION, **signals):
+    builder = DiagramBuilder()
+    script = builder.AddSystem(Script(**{
+        "state": state, "force": lambda time: [0.0, 10.0 * (time < BACK), 0.0, 0.0, 0.0, 0.0],
+        "touched": lambda time: [float(time < BACK)], "lost": lambda time: [0.0],
+        "stop": lambda time: [0.0], **signals}))
+    system = MissionControl.AddToBuilder(
+        builder, mission, drill(), SURFACE, ORIGIN, state=script.GetOutputPort("state"),
+        felt_force=script.GetOutputPort("force"), touched=script.GetOutputPort("touched"),
+        force_lost=script.GetOutputPort("lost"), period=PERIOD)
+    builder.Connect(script.GetOutputPort("stop"), system.GetInputPort("stop"))
+    return Simulator(builder.Build()), system
+
+
+def values(system, context):
+    own = system.GetMyContextFromRoot(context)
+    return np.concatenate([system.GetOutputPort(name).Eval(own)
+                           for name in ("desired_force", "place", "deepest", "progress")])
+
+
+def progress(system, context):
+    return dict(zip(PROGRESS, values(system, context)[-len(PROGRESS):], strict=True))
+
+
+def test_it_does_what_the_law_does():
+    sim, system = simulator()
+    now = begin(MISSION, np.array([tip(0.0)[1], 0.0, 0.0]), 0.0)
+    n, axes = SURFACE.direction, SURFACE.axes
+    for t in np.arange(0.0, 6.0, PERIOD):
+        seen = np.append(n @ tip(t), axes[1:] @ (tip(t) - ORIGIN))
+        now, asked = advance(MISSION, now, Measured(seen, 10.0 * (t < BACK), t < BACK), t)
+        sim.AdvanceTo(t + 1e-6)
+        found = values(system, sim.get_context())
+        assert found[:6] == pytest.approx(np.append(asked.force * n, np.zeros(3)))
+        assert axes[1:] @ (found[6:9] - ORIGIN) == pytest.approx(asked.place, abs=1e-6)
+        assert found[9] == asked.deepest
+    assert progress(system, sim.get_context())["outcome"] == DONE == now.outcome
+
+
+def test_before_the_first_look_it_is_where_the_tip_is():
+    sim, system = simulator()
+    context = sim.get_context()
+    found = values(system, context)
+    assert found[:6] == pytest.approx(np.zeros(6))
+    assert found[9] == pytest.approx(tip(0.0)[1])
+
+
+def test_a_clone_goes_on_as_the_original_does():
+    sim, system = simulator()
+    sim.AdvanceTo(2.3)
+    other = Simulator(sim.get_system(), sim.get_context().Clone())
+    other.Initialize()
+    for t in (2.6, 3.9, 4.4, 6.0):
+        sim.AdvanceTo(t)
+        other.AdvanceTo(t)
+        assert values(system, other.get_context()) == pytest.approx(
+            values(system, sim.get_context()), abs=0.0)
+
+
+def test_a_stop_takes_it_back_and_ends_it():
+    sim, system = simulator(stop=lambda time: [float(time > 1.0)])
+    sim.AdvanceTo(3.0)
+    assert values(system, sim.get_context())[:6] == pytest.approx(np.zeros(6))
+    assert values(system, sim.get_context())[9] == pytest.approx(tip(0.0)[1] - 0.05)
+    sim.AdvanceTo(5.0)
+    found = progress(system, sim.get_context())
+    assert (found["outcome"], found["reason"], found["failures"]) == (RETREATED, STOPPED, 1.0)
+
+
+def test_a_state_that_is_not_finite_is_not_seen():
+    sim, system = simulator(state=lambda time: np.full(14, np.nan) if 0.5 < time < 0.9
+                            else state(time))
+    sim.AdvanceTo(6.0)
+    assert progress(system, sim.get_context())["outcome"] == DONE
+
+
+def test_without_a_step_there_is_no_system():
+    with pytest.raises(InvalidParameter, match=r"steps = .*not empty"):
+        MissionControl(Mission(), drill(), SURFACE, ORIGIN)

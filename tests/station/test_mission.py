@@ -1,0 +1,81 @@
+"""Tests of the mission of a scenario: its file, its place in the loop, and the certificate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.sensed import largest_force, mission_conditions
+
+NAME = "girona500_inspection"
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario(NAME)
+
+
+def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
+    kinds = [type(step) for step in scenario.mission.steps]
+    assert kinds == [Approach, Hold, Retreat, Approach, Hold, Slide, Retreat]
+    path = tmp_path / "mine.yaml"
+    path.write_text(dump_scenario(scenario))
+    assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
+    assert load_scenario(NAME, ["mission.steps.5.speed=0.01"]).mission.steps[5].speed == 0.01
+
+
+@pytest.mark.parametrize(("override", "message"), [
+    ("mission.steps.5.speed=-1.0", r"mission\.steps\[5\]\.speed = -1.0: must be positive"),
+    ("mission.steps=[!Hold {}]", r"mission\.steps\[0\] = 'Hold': must be an !Approach"),
+    ("mission.steps.1=!Wait {}", r"mission\.steps\[?\.?1"),
+    ("contact=!KnownSurface {}", r"mission\.steps = .* left out, unless a contact is felt")])
+def test_a_mission_that_makes_no_sense_is_refused_by_its_key(override, message):
+    with pytest.raises(ScenarioError, match=message):
+        load_scenario(NAME, [override])
+
+
+def test_the_station_is_driven_by_it(scenario):
+    station = make_station(scenario)
+    assert station.HasInputPort("stop")
+    assert not any(map(station.HasInputPort, ("desired_force", "place", "deepest")))
+    context = station.CreateDefaultContext()
+    found = {name: station.GetOutputPort(name).Eval(context)
+             for name in ("accepted_force", "target", "mission_place", "mission_progress")}
+    # The first spot is approached off the wall: straight across, with no force.
+    assert found["accepted_force"] == pytest.approx(np.zeros(6))
+    assert found["mission_place"] == pytest.approx(np.zeros(3))
+    assert found["mission_progress"] == pytest.approx(np.zeros(5))
+    assert found["target"][1:] == pytest.approx(np.zeros(2), abs=1e-12)
+    assert -0.3 < found["target"][0] < -0.25, "as deep as the tip is at the start"
+
+
+def test_without_a_mission_the_targets_come_from_outside(scenario):
+    station = make_station(replace(scenario, mission=Mission()))
+    assert not station.HasInputPort("stop")
+    assert all(map(station.HasInputPort, ("desired_force", "place", "deepest")))
+
+
+def test_a_step_that_asks_for_more_than_the_front_allows_is_refused(scenario):
+    most = largest_force(scenario)
+    steps = [Approach(), Hold(force=most + 0.1), Retreat()]
+    with pytest.raises(InvalidParameter, match=r"mission\.steps\[1\]\.force = .*: must be less"):
+        make_station(replace(scenario, mission=Mission(steps=steps)))
+
+
+def test_the_certificate_names_the_step_that_it_does_not_cover(scenario):
+    conditions = mission_conditions(scenario)
+    assert [condition.name.split(",")[0] for condition in conditions] == [
+        f"mission.steps[{i}]" for i in (0, 1, 3, 4, 5, 5)]
+    assert all(condition.holds for condition in conditions)
+    room = scenario.contact.speed_across - scenario.tube.tip_speed
+    slide = Slide(along=np.array([0.3, -0.4]), speed=1.3 * room, force=largest_force(scenario) - 2.5,
+                  amplitude=3.0, frequency=0.1)
+    steps = [Approach(), slide, Retreat()]
+    force, speed = mission_conditions(replace(scenario, mission=Mission(steps=steps)))[1:]
+    assert not force.holds
+    assert speed.left == pytest.approx(0.8 * 1.3 * room)
+    assert not speed.holds

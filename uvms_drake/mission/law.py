@@ -1,0 +1,265 @@
+"""A mission as a state machine: what is asked for, by the time and by what was felt.
+
+A step begins, and ends by one of these; times are those since its begin:
+
+    Approach   off the wall: at its place, less deep than `deepest`, force 0
+               → looking:     the tip is at the place; `deepest` is `within` ahead of the tip
+               looking: force F, as deep as that takes, up to `deepest`
+               → done:        a touch, and |F̂ − F| ≤ tolerance during `settle`
+    Hold       → done:        a touch, and |F̂ − F| ≤ tolerance during `seconds`
+    Slide      → done:        its time is over, and the tip is at the end of the line
+    Retreat    force 0, straight back from where the tip was, `deepest` the distance back
+               → done:        the tip is there. Then comes the next spot, the same, or the end
+
+    any but Retreat → failed: the time-out is over; somebody says stop;
+    Hold, Slide     → failed: no touch during `patience`, or the force is lost
+
+What fails goes to the Retreat of its spot, and the steps between are left out. Then comes what
+`on_failure` says; after a stop, the end. A Retreat whose time-out is over is the end, too. An
+approach waits for a force that is lost: the controller stays off the wall as long.
+
+*Every mission ends.* A step lasts no longer than its time-out, and a spot is begun 1 + `retries`
+times at most: after `Mission.longest` all is over, whatever was felt or not. It is `DONE` if every
+step is; else `RETREATED`, if it was stopped, went home or could not get back; else `SKIPPED`. At
+the end the targets are those of the last retreat: off the wall, no force.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.mission.steps import Approach, Hold, Mission, Pressing, Retreat, Slide
+
+RUNNING, DONE, SKIPPED, RETREATED = range(4)
+"""What becomes of a mission. Of a step: `DONE`, `SKIPPED` if it failed or was left out."""
+
+TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED = range(1, 5)
+"""Why a step failed."""
+REASONS = {TIME_OUT: "time-out", CONTACT_LOST: "contact lost", FORCE_LOST: "force lost",
+           STOPPED: "stopped"}
+ROUNDING = 1e-9
+"""Part of a second that two sums of periods may differ by [s]."""
+
+
+class Measured(NamedTuple):
+    """What a mission goes by. A tip that is not finite is not seen, a force likewise."""
+
+    tip: np.ndarray
+    """Depth along n and place (a, b) of the tip (3,) [m]."""
+    force: float
+    """F̂, felt along n [N]."""
+    touched: bool
+    """Whether the last reading was a touch."""
+    lost: bool = False
+    """Whether the force is lost."""
+    stop: bool = False
+    """Whether somebody says stop."""
+
+
+class Targets(NamedTuple):
+    """What a mission asks of the controller."""
+
+    force: float
+    """Desired force along n [N]."""
+    place: np.ndarray
+    """Place (a, b) (2,) [m]."""
+    deepest: float
+    """Largest depth along n to steer for [m]; inf: as deep as the force takes."""
+
+
+class State(NamedTuple):
+    """All that a mission remembers."""
+
+    step: int
+    """Index of the current step; the number of steps: it is over."""
+    since: float
+    """When that began [s]."""
+    tip: np.ndarray
+    """Tip as it was seen last (3,) [m]."""
+    place: np.ndarray
+    """Place at which the step began, or to which it goes (2,) [m]."""
+    deepest: float
+    """See `Targets` [m]."""
+    looking: bool
+    """Whether an approach has left its place off the wall."""
+    in_band: float
+    """Since when the force is as asked for [s]; NaN: it is not."""
+    touch: float
+    """When a touch was felt last [s]."""
+    after: int
+    """Index of the step after the next retreat."""
+    tries: int
+    """How often the spot was tried again."""
+    home: bool
+    """Whether nothing comes after the next retreat, because of a failure or a stop."""
+    outcome: int
+    """`RUNNING`, or how the mission ended."""
+    outcomes: tuple[int, ...]
+    """That of each step; `RUNNING` if it is not over."""
+    reason: int
+    """Why a step failed last; 0: none did."""
+    failures: int
+    """Number of steps that failed so far."""
+
+
+def begin(mission: Mission, tip: np.ndarray, t: float) -> State:
+    """Returns the state at the start: off the wall, as deep as the tip is.
+
+    Args:
+        mission: Checked, with one step at least.
+        tip: Depth and place (3,) [m].
+        t: Now [s].
+    """
+    nothing = State(0, t, tip, tip[1:], float(tip[0]), looking=False, in_band=np.nan, touch=t,
+                    after=0, tries=0, home=False, outcome=RUNNING,
+                    outcomes=(RUNNING,) * len(mission.steps), reason=0, failures=0)
+    return _entered(mission, nothing, 0, t)
+
+
+def targets(mission: Mission, state: State, t: float) -> Targets:
+    """Returns what is asked for at a time t [s] of the current step."""
+    if state.outcome != RUNNING:
+        return Targets(0.0, state.place, state.deepest)
+    step, spent = mission.steps[state.step], t - state.since
+    force, place = 0.0, state.place
+    if isinstance(step, Slide):
+        force = step.force + step.amplitude * math.sin(math.tau * step.frequency * spent)
+        place = place + step.along * min(spent / step.time, 1.0)
+    elif isinstance(step, Hold) or (isinstance(step, Approach) and state.looking):
+        force = step.force
+    return Targets(force, place, state.deepest)
+
+
+def advance(mission: Mission, state: State, measured: Measured, t: float
+            ) -> tuple[State, Targets]:
+    """Returns the state after a look at what is measured, and what is asked for then.
+
+    It makes one transition at most.
+
+    Args:
+        mission: Checked.
+        state: The state so far.
+        measured: What is measured now.
+        t: Now [s]; not less than before.
+    """
+    after = _advanced(mission, state, measured, t)
+    return after, targets(mission, after, t)
+
+
+def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> State:
+    if state.outcome != RUNNING:
+        return state
+    step = mission.steps[state.step]
+    state = _seen(mission, state, measured, t)
+    if isinstance(step, Retreat):
+        if measured.stop:
+            state = state._replace(after=len(mission.steps), home=True, reason=STOPPED)
+        if _there(mission, state):
+            return _entered(mission, _marked(state, DONE), state.after, t)
+        if t - state.since >= step.timeout - ROUNDING:
+            state = state._replace(home=True, reason=TIME_OUT, failures=state.failures + 1)
+            return _over(_marked(state, SKIPPED))
+        return state
+    if reason := _failure(mission, state, measured, t):
+        return _failed(mission, state, reason, t)
+    if _done(mission, state, t):
+        return _entered(mission, _marked(state, DONE), state.step + 1, t)
+    if isinstance(step, Approach) and not state.looking and _there(mission, state):
+        return state._replace(looking=True, deepest=float(state.tip[0]) + step.within)
+    return state
+
+
+def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State:
+    """Returns the state with what is seen and felt now."""
+    step = mission.steps[state.step]
+    if np.all(np.isfinite(measured.tip)):
+        state = state._replace(tip=measured.tip)
+    felt = measured.touched and not measured.lost
+    asked = targets(mission, state, t).force
+    good = (felt and isinstance(step, Pressing) and asked > 0.0
+            and abs(measured.force - asked) <= step.tolerance)
+    since = (t if math.isnan(state.in_band) else state.in_band) if good else np.nan
+    return state._replace(in_band=since, touch=t if felt else state.touch)
+
+
+def _there(mission: Mission, state: State) -> bool:
+    """Returns whether the tip is where the step goes: back, to a place, or to the end of a line."""
+    step = mission.steps[state.step]
+    if isinstance(step, Retreat):
+        return bool(state.tip[0] <= state.deepest + mission.reached)
+    end = state.place + (step.along if isinstance(step, Slide) else 0.0)
+    return bool(np.linalg.norm(state.tip[1:] - end) <= mission.reached)
+
+
+def _done(mission: Mission, state: State, t: float) -> bool:
+    """Returns whether a step that is not a retreat is done."""
+    step, steady = mission.steps[state.step], t - state.in_band + ROUNDING
+    if isinstance(step, Slide):
+        return t - state.since >= step.time - ROUNDING and _there(mission, state)
+    if isinstance(step, Hold):
+        return bool(steady >= step.seconds)
+    assert isinstance(step, Approach)
+    return state.looking and bool(steady >= step.settle)
+
+
+def _failure(mission: Mission, state: State, measured: Measured, t: float) -> int:
+    """Returns why a step that is not a retreat has failed; 0 if it has not."""
+    step = mission.steps[state.step]
+    for reason, holds in (
+            (STOPPED, measured.stop),
+            (FORCE_LOST, step.touches and measured.lost),
+            (CONTACT_LOST, step.touches and t - state.touch > mission.patience),
+            (TIME_OUT, t - state.since >= step.timeout - ROUNDING)):
+        if holds:
+            return reason
+    return 0
+
+
+def _failed(mission: Mission, state: State, reason: int, t: float) -> State:
+    """Returns the state in the retreat of the spot at which the current step has failed."""
+    step = mission.steps[state.step]
+    assert isinstance(step, Pressing)
+    first, last = mission.spot(state.step)
+    again = step.on_failure == "retry" and state.tries < mission.retries and reason != STOPPED
+    home = step.on_failure == "home" or reason == STOPPED
+    after = len(mission.steps) if home else first if again else last + 1
+    outcomes = tuple(SKIPPED if state.step <= i < last else outcome
+                     for i, outcome in enumerate(state.outcomes))
+    state = state._replace(outcomes=outcomes, reason=reason, failures=state.failures + 1,
+                           tries=state.tries + again, home=home)
+    return _entered(mission, state, last, t)._replace(after=after)
+
+
+def _marked(state: State, outcome: int) -> State:
+    """Returns the state with the current step's outcome."""
+    i = state.step
+    return state._replace(outcomes=(*state.outcomes[:i], outcome, *state.outcomes[i + 1:]))
+
+
+def _entered(mission: Mission, state: State, i: int, t: float) -> State:
+    """Returns the state at the begin of a step, from the one at the end of another."""
+    if i == len(mission.steps):
+        return _over(state._replace(step=i))
+    if i < state.step:  # The spot once more.
+        outcomes = tuple(RUNNING if j >= i else outcome
+                         for j, outcome in enumerate(state.outcomes))
+        state = state._replace(outcomes=outcomes)
+    step, before = mission.steps[i], mission.steps[min(state.step, i)]
+    place, deepest, tries = state.place, state.deepest, state.tries
+    if isinstance(step, Approach):
+        place, tries = step.at, tries if i <= state.step else 0
+    elif isinstance(step, Retreat):
+        place, deepest = state.tip[1:], min(deepest, float(state.tip[0]) - step.distance)
+    elif isinstance(before, Slide):
+        place = place + before.along
+    return state._replace(step=i, since=t, place=place, deepest=deepest, looking=False,
+                          in_band=np.nan, touch=t, after=i + 1, tries=tries)
+
+
+def _over(state: State) -> State:
+    """Returns the state at the end, with the outcome of the mission; what was not begun is left."""
+    outcomes = tuple(SKIPPED if outcome == RUNNING else outcome for outcome in state.outcomes)
+    outcome = (DONE if all(each == DONE for each in outcomes)
+               else RETREATED if state.home else SKIPPED)
+    return state._replace(outcome=outcome, outcomes=outcomes)

@@ -1,0 +1,135 @@
+"""A mission as a system: it drives the targets of a controller that feels a wall."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
+from pydrake.systems.framework import State as ContextState
+
+from uvms_drake.common.errors import require, vector
+from uvms_drake.mission.law import Measured, State, Targets, advance, begin, targets
+from uvms_drake.mission.steps import Mission
+from uvms_drake.model.surface.surface_class import SurfaceClass
+from uvms_drake.model.uvms_model import UvmsModel
+
+PROGRESS = ("step", "outcome", "reason", "failures", "tries")
+"""Entries of the port `progress`: those of `law.State`."""
+
+
+class MissionControl(LeafSystem):
+    """Looks at what is felt every `period`, and says how hard and where to press.
+
+    .. pydrake_system::
+
+        name: MissionControl
+        input_ports:
+        - state
+        - felt_force
+        - touched
+        - force_lost
+        - stop (optional)
+        output_ports:
+        - desired_force
+        - place
+        - deepest
+        - progress
+
+    - `state`: (𝔮, ζ) (2(6+n)) measured, for the tip; one that is not finite is not seen.
+    - `felt_force`: 𝔉_s (6) [N, N m], as a law takes it.
+    - `touched`, `force_lost` (1): those of an `ExploredFront`.
+    - `stop` (1): above zero, the mission goes home.
+    - `desired_force` (6): 𝔉_des along n [N].
+    - `place` (3): where across n to press, in Σ_I [m]; it moves along a line while it slides.
+    - `deepest` (1): largest depth along n to steer for [m]; inf: any.
+    - `progress` (5): `PROGRESS`.
+
+    The abstract state is `law.State`. Before the first look it is that of the state that is
+    measured, so that a plan can be made at initialization.
+
+    Args:
+        mission: The steps, one at least.
+        model: The controller's model, for the tip.
+        surface: The class of walls, for its axes.
+        origin: Place of (0, 0), in Σ_I (3,) [m].
+        period: Between two looks [s].
+    """
+
+    def __init__(self, mission: Mission, model: UvmsModel, surface: SurfaceClass,
+                 origin: np.ndarray, *, period: float = 0.05):
+        super().__init__()
+        require(0.0 < period < np.inf, "period", period, "positive")
+        require(len(mission.steps) > 0, "steps", mission.steps, "not empty")
+        self._mission, self._model, self._axes = mission.checked(), model, surface.axes
+        self._origin = vector("origin", origin, 3)
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self._force_port = self.DeclareVectorInputPort("felt_force", 6)
+        self._touched_port = self.DeclareVectorInputPort("touched", 1)
+        self._lost_port = self.DeclareVectorInputPort("force_lost", 1)
+        self._stop_port = self.DeclareVectorInputPort("stop", 1)
+        self._memory = self.DeclareAbstractState(Value(object()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
+        # What is felt acts at the next look: no loop through the controller without a state.
+        known = {self.all_state_ticket(), self.time_ticket(), self._state_port.ticket()}
+        n, across = self._axes[0], self._axes[1:]
+        for name, size, calc in (
+            ("desired_force", 6, lambda now: np.append(now.force * n, np.zeros(3))),
+            ("place", 3, lambda now: self._origin + now.place @ across),
+            ("deepest", 1, lambda now: [now.deepest]),
+        ):
+            self.DeclareVectorOutputPort(name, size, self._of_targets(calc), known)
+        self.DeclareVectorOutputPort("progress", len(PROGRESS), self._calc_progress, known)
+
+    def _tip(self, context: Context) -> np.ndarray:
+        """Returns depth and place of the tip (3,) [m]; NaN if the state is not finite."""
+        state = self._state_port.Eval(context)
+        if not np.all(np.isfinite(state)):
+            return np.full(3, np.nan)
+        tip = self._model.task_pose(state[: self._model.size])[:3]
+        return np.append(self._axes[0] @ tip, self._axes[1:] @ (tip - self._origin))
+
+    def _now(self, context: Context) -> State:
+        remembered = context.get_abstract_state(int(self._memory)).get_value()
+        if isinstance(remembered, State):
+            return remembered
+        return begin(self._mission, self._tip(context), context.get_time())
+
+    def _look(self, context: Context, state: ContextState) -> EventStatus:
+        felt, stop = self._force_port.Eval(context), self._stop_port
+        measured = Measured(
+            self._tip(context), float(self._axes[0] @ felt[:3]),
+            touched=bool(self._touched_port.Eval(context)[0] > 0.0),
+            lost=bool(self._lost_port.Eval(context)[0] > 0.0),
+            stop=bool(stop.HasValue(context) and stop.Eval(context)[0] > 0.0))
+        after, _ = advance(self._mission, self._now(context), measured, context.get_time())
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        return EventStatus.Succeeded()
+
+    def _of_targets(self, of: Callable[[Targets], np.ndarray | list[float]]
+                    ) -> Callable[[Context, BasicVector], None]:
+        return lambda context, output: output.SetFromVector(
+            of(targets(self._mission, self._now(context), context.get_time())))
+
+    def _calc_progress(self, context: Context, output: BasicVector) -> None:
+        now = self._now(context)
+        output.SetFromVector([float(getattr(now, name)) for name in PROGRESS])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, mission: Mission, model: UvmsModel,
+                     surface: SurfaceClass, origin: np.ndarray, *, state: OutputPort,
+                     felt_force: OutputPort, touched: OutputPort, force_lost: OutputPort,
+                     period: float = 0.05, name: str = "mission") -> "MissionControl":
+        """Adds the mission and connects its inputs, but for `stop`; see the constructor."""
+        system = MissionControl(mission, model, surface, origin, period=period)
+        builder.AddNamedSystem(name, system)
+        for port, source in (("state", state), ("felt_force", felt_force), ("touched", touched),
+                             ("force_lost", force_lost)):
+            builder.Connect(source, system.GetInputPort(port))
+        return system

@@ -1,0 +1,41 @@
+"""The mission of a scenario, between what is felt and what the controller is asked for."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.mission.system import MissionControl
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.part import Signals
+from uvms_drake.station.problem import task_place
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import sensed_contact
+
+LOGGED = ("place", "progress")
+"""Outputs of the mission that are signals, by the names `mission_place` and `mission_progress`."""
+
+
+def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
+                controller: Diagram, state: OutputPort, signals: Signals) -> None:
+    """Adds the mission, or lets the targets come from outside if there is none.
+
+    Args:
+        builder: Where to add it.
+        scenario: The scenario, with a contact that is felt.
+        model: The controller's.
+        controller: That of `make_sensed_tube_mpc`.
+        state: Gives the measured (𝔮, ζ).
+        signals: Those of the loop so far, to which the mission's are added.
+    """
+    asked = ("place", "deepest")
+    if not scenario.mission.steps:
+        for name in asked:
+            builder.ExportInput(controller.GetInputPort(name), name)
+        return
+    mission = MissionControl.AddToBuilder(
+        builder, scenario.mission, model, sensed_contact(scenario).walls, task_place(scenario),
+        state=state, felt_force=signals["felt_force"], touched=signals["touched"],
+        force_lost=signals["force_lost"])
+    for name in (*asked, "desired_force"):
+        builder.Connect(mission.GetOutputPort(name), controller.GetInputPort(name))
+    builder.ExportInput(mission.GetInputPort("stop"), "stop")
+    for name in LOGGED:
+        signals[f"mission_{name}"] = mission.GetOutputPort(name)
