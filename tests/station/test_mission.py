@@ -72,8 +72,8 @@ def test_the_certificate_names_the_step_that_it_does_not_cover(scenario):
         f"mission.steps[{i}]" for i in (0, 1, 3, 4, 5, 5)]
     assert all(condition.holds for condition in conditions)
     room = scenario.contact.speed_across - scenario.tube.tip_speed
-    slide = Slide(along=np.array([0.3, -0.4]), speed=1.3 * room, force=largest_force(scenario) - 2.5,
-                  amplitude=3.0, frequency=0.1)
+    slide = Slide(along=np.array([0.3, -0.4]), speed=1.3 * room, amplitude=3.0, frequency=0.1,
+                  force=largest_force(scenario) - 2.5)
     steps = [Approach(), slide, Retreat()]
     force, speed = mission_conditions(replace(scenario, mission=Mission(steps=steps)))[1:]
     assert not force.holds
