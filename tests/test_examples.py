@@ -150,3 +150,12 @@ def test_an_example_is_short_and_listed(path):
     text = path.read_text(encoding="utf-8")
     assert text.count("\n") <= 100
     assert f"({path.name})" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_mission_beside_the_station_presses_and_slides(run):
+    *lines, last = run("inspection.py", 9.0).splitlines()
+    rows = [line.split() for line in lines[1:]]
+    assert [row[1] for row in rows] == [*["Approach"] * 5, *["Hold"] * 2, *["Slide"] * 3]
+    assert all(abs(float(row[3]) - float(row[2])) < 2.0 for row in rows[5:])
+    largest, allowed = (float(number) for number in re.findall(r"\d+\.\d+", last))
+    assert largest < 0.5 * allowed
