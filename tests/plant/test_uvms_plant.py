@@ -65,7 +65,7 @@ def test_the_ports_have_the_names_and_sizes_of_the_docstring():
         "tau": 10, "current": 3, "current_acceleration": 3, "applied_spatial_force": 0,
         "applied_generalized_force": 10}
     assert {port.get_name(): port.size() for port in outputs} == {
-        "state": 20, "force": 6, "penetration": 1, "disturbance": 10, "acceleration": 10,
+        "state": 20, "force": 6, "penetration": 1, "chi": 6, "disturbance": 10, "acceleration": 10,
         "plant_state": 21, "body_poses": 0, "body_spatial_velocities": 0,
         "query_object": 0}
     for name in ("plant", "scene_graph", "hydrodynamics", "surface", "disturbance"):

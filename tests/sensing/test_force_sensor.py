@@ -24,6 +24,7 @@ from uvms_drake.sensing.force_sensor import (
     cut_noise,
     transfer,
 )
+from uvms_drake.sensing.tip_pose import TipPose
 from uvms_drake.sensing.tool import Tool
 
 ZERO = np.zeros(6)
@@ -60,12 +61,17 @@ class Bench:
         builder = DiagramBuilder()
         shown = builder.AddSystem(Script(
             force=self.force, state=state, measured=measured or state))
-        force, true, measured_state = (shown.GetOutputPort(name)
-                                       for name in ("force", "state", "measured"))
         self.sensor = WristSensor.AddToBuilder(
-            builder, model, settings, off or settings.imperfection(0), force=force, state=true,
-            measured_state=measured_state)
+            builder, model, settings, off or settings.imperfection(0),
+            force=shown.GetOutputPort("force"), **{
+                name: self._pose(builder, shown.GetOutputPort(state))
+                for name, state in (("chi", "state"), ("measured_chi", "measured"))})
         self.simulator = self.simulator_of(builder.Build())
+
+    def _pose(self, builder, state):
+        pose = builder.AddSystem(TipPose(self.model))
+        builder.Connect(state, pose.get_input_port())
+        return pose.get_output_port()
 
     @staticmethod
     def simulator_of(diagram, context=None):

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 
 from uvms_drake.control.ocp import Ocp
-from uvms_drake.model.uvms_model import COMPLEX_STEP
+from uvms_drake.model.euler import COMPLEX_STEP
 from uvms_drake.tube.terminal_set import (
     AT_REST,
     DECREASE,

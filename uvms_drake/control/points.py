@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.model.uvms_model import COMPLEX_STEP, Kinematics, UvmsModel
+from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 About = Literal["pose", "speed", "input"]
 """Arguments of a function of `Points`: (𝔮, y); these and ζ; or these and u and τ too."""

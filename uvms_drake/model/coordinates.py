@@ -7,9 +7,10 @@ Drake's floating body has a quaternion and position, and velocities (ω_WB_W, v_
 v = T(𝔮) ζ with an orthogonal T, and a generalised force keeps its power: τ_Drake = T(𝔮) τ.
 """
 
+import math
+
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.math import RollPitchYaw
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.spatial import cross
@@ -41,11 +42,13 @@ class Coordinates:
     def from_drake(self, state: np.ndarray) -> np.ndarray:
         """Returns (𝔮, ζ) of a plant state (q, v); |θ| ≤ π/2, φ and ψ in (−π, π]."""
         q, v = state[: self.num_positions], state[self.num_positions:]
-        rotation = self._rotation(q)
-        R_WB = rotation.matrix()
+        R_WB = self._rotation(q)
+        (R_xx, *_), (R_yx, *_), (R_zx, R_zy, R_zz) = R_WB.tolist()
         out = np.empty(2 * self.size)
         out[:3] = q[self._position]
-        out[3:6] = RollPitchYaw(rotation).vector()
+        out[3] = math.atan2(R_zy, R_zz)
+        out[4] = math.atan2(-R_zx, math.hypot(R_zy, R_zz))
+        out[5] = math.atan2(R_yx, R_xx)
         out[6: self.size] = q[self._joint_positions]
         zeta = out[self.size:]
         zeta[:3] = v[self._linear] @ R_WB
@@ -71,7 +74,7 @@ class Coordinates:
             state: Plant state (q, v).
             vector: w in the paper's order; for an acceleration, the part beyond Ṫζ.
         """
-        return self._to_drake_order(self._rotation(state[: self.num_positions]).matrix(), vector)
+        return self._to_drake_order(self._rotation(state[: self.num_positions]), vector)
 
     def acceleration_from_drake(self, state: np.ndarray, v_dot: np.ndarray) -> np.ndarray:
         """Returns ζ̇ (6+n,) = Tᵀ(v̇ − Ṫζ) of an acceleration v̇ (nv,) in Drake's order.
@@ -83,7 +86,7 @@ class Coordinates:
             v_dot: v̇ [rad/s², m/s²].
         """
         q, v = state[: self.num_positions], state[self.num_positions:]
-        R_WB = self._rotation(q).matrix()
+        R_WB = self._rotation(q)
         out = np.empty(self.size)
         out[:3] = (v_dot[self._linear] - cross(v[self._angular], v[self._linear])) @ R_WB
         out[3:6] = v_dot[self._angular] @ R_WB
@@ -97,6 +100,11 @@ class Coordinates:
         out[self._joint_velocities] = vector[6:]
         return out
 
-    def _rotation(self, q: np.ndarray) -> RotationMatrix:
-        quaternion = q[self._attitude]
-        return RotationMatrix(Quaternion(wxyz=quaternion / np.sqrt(quaternion @ quaternion)))
+    def _rotation(self, q: np.ndarray) -> np.ndarray:
+        """Returns R_WB (3, 3) of a quaternion of any length but zero, by plain numbers."""
+        w, x, y, z = q[self._attitude].tolist()
+        s = 2.0 / (w * w + x * x + y * y + z * z)
+        return np.array([
+            [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+            [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
+            [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)]])

@@ -6,7 +6,7 @@ axes of Σ_E.
 
 import numpy as np
 
-from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix
+from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix, rotation_matrix
 from uvms_drake.model.spatial import block_diagonal, skew, times
 from uvms_drake.model.surface.law import Surface
 
@@ -14,6 +14,29 @@ from uvms_drake.model.surface.law import Surface
 def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:
     """Returns A (..., 6, 6) at an attitude, given as a matrix and as Euler angles."""
     return block_diagonal(R_WE, rate_matrix(attitude))
+
+
+def tip_matrix(chi: np.ndarray) -> np.ndarray:
+    """Returns A (..., 6, 6) at the pose χ (..., 6)."""
+    return pose_rate_matrix(rotation_matrix(chi[..., 3:]), chi[..., 3:])
+
+
+def pose_rate_matrix_rate(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Returns Ȧ (..., 6, 6) as Σ_E turns by ω (..., 3) in its own axes, real.
+
+    Ṙ = R S(ω), and T(φ, θ) has in it what its derivatives are made of. With columns t₂, t₃ of T,
+    ∂T/∂φ = (0, t₃, −t₂). With its rows T₁ and T₃ without their first entries, which are constant,
+    ∂T/∂θ has the rows T₃/cos θ, 0, T₁/cos θ there, and ‖T₃‖ = 1/cos θ.
+    """
+    R, T = A[..., :3, :3], A[..., 3:, 3:]
+    rates = times(T, omega)[..., None, None]
+    roll, pitch = rates[..., 0, :, :], rates[..., 1, :, :]
+    out = np.zeros(A.shape)
+    out[..., :3, :3] = R @ skew(omega)
+    out[..., 3:, 4:5] = roll * T[..., :, 2:]
+    out[..., 3:, 5:] = -roll * T[..., :, 1:2]
+    out[..., 3::2, 4:] += pitch * np.hypot(T[..., 2:, 1:2], T[..., 2:, 2:]) * T[..., ::-2, 1:]
+    return out
 
 
 def complex_step(chi: np.ndarray, A: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

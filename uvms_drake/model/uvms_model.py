@@ -20,7 +20,6 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.model.euler import (
-    COMPLEX_STEP,
     euler_angles,
     inverse_rate_matrix,
     rate_matrix,
@@ -35,7 +34,7 @@ from uvms_drake.model.spatial import (
     motion_matrix,
     times,
 )
-from uvms_drake.model.tip import complex_step, pose_rate_matrix
+from uvms_drake.model.tip import pose_rate_matrix, pose_rate_matrix_rate
 from uvms_drake.model.uvms import Uvms, add_uvms
 
 
@@ -177,10 +176,9 @@ class UvmsModel:
         J_E_rate = J_E[..., :6] @ np.concatenate([
             motion_matrix(from_tip[..., 0, :]),
             _columns(cross_motion(from_tip[..., 1:, :], kinematics.screw))], axis=-1)
-        _, A_moved = complex_step(kinematics.chi, kinematics.A_E, times(J_E, zeta))
+        A_E_rate = pose_rate_matrix_rate(kinematics.A_E, times(J_E[..., 3:, :], zeta))
         J_x_rate = np.zeros((*zeta.shape, self.size))
-        J_x_rate[..., :6, :] = (
-            (A_moved.imag / COMPLEX_STEP) @ J_E + kinematics.A_E @ J_E_rate)
+        J_x_rate[..., :6, :] = A_E_rate @ J_E + kinematics.A_E @ J_E_rate
         return J_x_rate
 
     def configuration(self, y: np.ndarray) -> np.ndarray:

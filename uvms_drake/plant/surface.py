@@ -56,6 +56,7 @@ class CompliantSurface(LeafSystem):
         - generalized_force
         - force
         - penetration
+        - chi
 
     - `plant_state` (nq + nv): from `plant.get_state_output_port()`.
     - `generalized_force` (nv) [N, N m]: on the robot, in the plant's order: to
@@ -63,6 +64,7 @@ class CompliantSurface(LeafSystem):
       `plant.get_applied_generalized_force_input_port()`.
     - `force` (6) [N, N m]: 𝔉, on the surface; force in World, torque conjugate to Euler rates.
     - `penetration` (1) [m]: depth of the tip in a plane, stretch of a spring.
+    - `chi` (6) [m, rad]: χ.
 
     This system does not have any state. It keeps a Context of the plant as a workspace, overwritten
     from `plant_state` in every evaluation; parameters are those of the plant's default Context.
@@ -92,6 +94,7 @@ class CompliantSurface(LeafSystem):
             "generalized_force", plant.num_velocities(), self._calc_generalized_force, now)
         self.DeclareVectorOutputPort("force", 6, self._calc_force, now)
         self.DeclareVectorOutputPort("penetration", 1, self._calc_penetration, now)
+        self.DeclareVectorOutputPort("chi", 6, self._calc_chi, now)
 
     @staticmethod
     def AddToBuilder(
@@ -126,3 +129,6 @@ class CompliantSurface(LeafSystem):
 
     def _calc_penetration(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._law.penetration(self._touch.Eval(context)[0])])
+
+    def _calc_chi(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._touch.Eval(context)[0])

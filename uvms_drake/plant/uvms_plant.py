@@ -36,7 +36,7 @@ def make_uvms_plant(
         tau ──▶ tau_to_drake_order ──┐               ▼
         applied_… ─▶ applied_forces ─┼─▶ (+) ─▶ hydrodynamics ─▶ plant ─┬─▶ plant_state, body_…
                    ┌─▶ surface ──────┘               ▲                  ├─▶ to_paper_order ─▶ state
-                   │      └──▶ force, penetration    │                  │
+                   │      └▶ force, penetration, chi │                  │
                    │         disturbance ─▶ disturbance_to_drake_order  │
                    │              └──▶ disturbance                      │
                    └────────────────── plant state (to all) ◀───────────┘
@@ -59,6 +59,7 @@ def make_uvms_plant(
         - state
         - force (with a surface)
         - penetration (with a surface)
+        - chi (with a surface)
         - disturbance
         - acceleration
         - plant_state
@@ -78,6 +79,7 @@ def make_uvms_plant(
     - `state` (2 (6 + n)): 𝔮 [m, rad], ζ [m/s, rad/s].
     - `force` (6) [N, N m]: 𝔉, see `CompliantSurface`.
     - `penetration` (1) [m]: see `CompliantSurface`.
+    - `chi` (6) [m, rad]: χ, pose of the tip; see `CompliantSurface`.
     - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
     - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, with d in it.
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
@@ -92,8 +94,8 @@ def make_uvms_plant(
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
-        surface: The surface in front of the tip; None means open water, and `force` and
-            `penetration` are not there.
+        surface: The surface in front of the tip; None means open water, and `force`,
+            `penetration` and `chi` are not there.
         disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Seed of the disturbance.
         error: What of the robot is not as its files say, if anything.
@@ -157,8 +159,8 @@ def make_uvms_plant(
         builder.ExportInput(applied.GetInputPort(name), name)
     builder.ExportOutput(state.GetOutputPort("state"), "state")
     if contact is not None:
-        builder.ExportOutput(contact.GetOutputPort("force"), "force")
-        builder.ExportOutput(contact.GetOutputPort("penetration"), "penetration")
+        for name in ("force", "penetration", "chi"):
+            builder.ExportOutput(contact.GetOutputPort(name), name)
     builder.ExportOutput(d_source.get_output_port(), "disturbance")
     builder.ExportOutput(state.GetOutputPort("acceleration"), "acceleration")
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")

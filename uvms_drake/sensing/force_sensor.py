@@ -41,8 +41,10 @@ from pydrake.systems.framework import (
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
+from uvms_drake.model.tip import tip_matrix
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, transfer
+from uvms_drake.sensing.tip_pose import tip_pose
 from uvms_drake.sensing.tool import Tool
 
 STREAM = 1
@@ -166,10 +168,10 @@ class ForceSensor(Part):
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
-        """Adds a `WristSensor`, which takes its attitude from `port`; see `Part`."""
+        """Adds a `WristSensor`, which takes its measured attitude from `port`; see `Part`."""
         sensor = WristSensor.AddToBuilder(
             builder, model, self, self.imperfection(seed), force=signals["force"],
-            state=signals["state"], measured_state=port)
+            chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals))
         signals[MEASURED_FORCE] = sensor.GetOutputPort("measured_force")
         signals["force_reading"] = sensor.GetOutputPort("reading")
         return port
@@ -183,24 +185,24 @@ class WristSensor(LeafSystem):
         name: WristSensor
         input_ports:
         - force
-        - state
-        - measured_state
+        - chi
+        - measured_chi
         output_ports:
         - measured_force
         - reading
 
     - `force`: 𝔉 (6), the true one, from the plant's port `force`.
-    - `state`: (𝔮, ζ) (2(6+n)), the true one, in the paper's order.
-    - `measured_state`: (𝔮, ζ) (2(6+n)) measured.
+    - `chi`: χ (6), the true pose of the end-effector; its attitude is read [m, rad].
+    - `measured_chi`: χ (6) as it is measured.
     - `measured_force`: 𝔉_s (6), force in Σ_I and torque conjugate to Euler rates [N, N m].
     - `reading`: F̂ (6) in the sensor's axes, about its origin [N, N m]; zero during the tare.
 
     The continuous state is x (6), if there is a lag; the discrete state is that of `Samples` (13).
-    A sample at which the measured state is not finite is not taken, and the last one goes on. It
+    A sample at which the measured pose is not finite is not taken, and the last one goes on. It
     warns on the logger `uvms_drake` if the surface is touched at the end of the tare.
 
     Args:
-        model: Supplies the attitude of the end-effector, and gravity.
+        model: Supplies gravity.
         settings: The sensor.
         off: What this copy is off by.
     """
@@ -208,13 +210,13 @@ class WristSensor(LeafSystem):
     def __init__(self, model: UvmsModel, settings: ForceSensor, off: Imperfection):
         super().__init__()
         settings.check()
-        self._model, self._settings, self._off = model, settings, off
+        self._gravity, self._settings, self._off = model.gravity, settings, off
         self._range = np.asarray(settings.range, dtype=float)
         self._X = transfer(np.asarray(settings.mounting, dtype=float))
         self._X_inverse = np.linalg.inv(self._X)
         self._force_port = self.DeclareVectorInputPort("force", 6)
-        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        self._measured_port = self.DeclareVectorInputPort("measured_state", 2 * model.size)
+        self._chi_port = self.DeclareVectorInputPort("chi", 6)
+        self._measured_port = self.DeclareVectorInputPort("measured_chi", 6)
         if settings.lag > 0.0:
             self.DeclareContinuousState(6)
             self.DeclareInitializationUnrestrictedUpdateEvent(self._settle)
@@ -224,19 +226,14 @@ class WristSensor(LeafSystem):
         self.DeclareVectorOutputPort("measured_force", 6, self._calc_force, {samples, measured})
         self.DeclareVectorOutputPort("reading", 6, self._calc_reading, {samples})
 
-    def _tip_matrix(self, state: np.ndarray) -> np.ndarray:
-        """Returns A(𝔬) (6, 6) at (𝔮, ζ)."""
-        A_E: np.ndarray = self._model.kinematics(state[: self._model.size]).A_E
-        return A_E
-
     def _hold(self, A_E: np.ndarray) -> np.ndarray:
         """Returns L (6,) of the tool."""
-        g_S = self._model.gravity @ A_E[:3, :3] @ self._X[:3, :3]
+        g_S = self._gravity @ A_E[:3, :3] @ self._X[:3, :3]
         return self._settings.tool.hold(g_S)
 
     def _wrench(self, context: Context) -> np.ndarray:
         """Returns F_S + L (6,)."""
-        A_E = self._tip_matrix(self._state_port.Eval(context))
+        A_E = tip_matrix(self._chi_port.Eval(context))
         wrench: np.ndarray = self._X_inverse @ (self._force_port.Eval(context) @ A_E)
         return wrench + self._hold(A_E)
 
@@ -263,8 +260,7 @@ class WristSensor(LeafSystem):
         off, believed = self._off, 1.0 + self._settings.tool.error
         raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
                       -self._range, self._range)
-        samples = samples.with_next(raw - believed * self._hold(self._tip_matrix(measured)),
-                                    tare)
+        samples = samples.with_next(raw - believed * self._hold(tip_matrix(measured)), tare)
         state.set_value(np.hstack(samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
@@ -272,17 +268,17 @@ class WristSensor(LeafSystem):
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).held
-        A_E = self._tip_matrix(self._measured_port.Eval(context))
+        A_E = tip_matrix(self._measured_port.Eval(context))
         output.SetFromVector(np.linalg.solve(A_E.T, wrench))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: ForceSensor,
-                     off: Imperfection, *, force: OutputPort, state: OutputPort,
-                     measured_state: OutputPort, name: str = "wrist_sensor") -> "WristSensor":
+                     off: Imperfection, *, force: OutputPort, chi: OutputPort,
+                     measured_chi: OutputPort, name: str = "wrist_sensor") -> "WristSensor":
         """Adds the sensor and connects it; the arguments are its constructor's and its inputs."""
         system = WristSensor(model, settings, off)
         builder.AddNamedSystem(name, system)
         builder.Connect(force, system.GetInputPort("force"))
-        builder.Connect(state, system.GetInputPort("state"))
-        builder.Connect(measured_state, system.GetInputPort("measured_state"))
+        builder.Connect(chi, system.GetInputPort("chi"))
+        builder.Connect(measured_chi, system.GetInputPort("measured_chi"))
         return system

@@ -36,6 +36,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.uvms_model import UvmsModel
 
 SAME = 1e-9
@@ -108,8 +109,8 @@ class ForceWatch(LeafSystem):
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
         if not (np.all(np.isfinite(config)) and np.all(np.isfinite(force))):
             return EventStatus.DidNothing()
-        R_WE = self._model.kinematics(config).A_E[:3, :3]
-        both = np.concatenate([force[:3], force[:3] @ R_WE])
+        attitude = self._model.task_pose(config)[3:6]
+        both = np.concatenate([force[:3], force[:3] @ rotation_matrix(attitude)])
         state.set_value(np.concatenate(looked(self._remembered(context), both)))
         return EventStatus.Succeeded()
 

@@ -45,7 +45,7 @@ class Dynamic(Motion[DynamicOcp]):
 
     has_forces = knows_force = True
     measured, command, effect = "state", "tau", "tau"
-    plant_signals = ("state", "force", "penetration", "disturbance", "acceleration")
+    plant_signals = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
     controller_signals: ClassVar[tuple[str, ...]] = (
         "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "accepted_force")
     tubes = DYNAMIC_TUBES

@@ -129,12 +129,12 @@ def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndar
     size, motion = model.size, motion_of(scenario)
     joint_lower, joint_upper = joint_limits(scenario.limits, model.q_lower, model.q_upper)
     logs = motion.completed(scenario, model, logs)
-    arrays = logs | {
+    chi = model.task_pose(logs["state"][:, :size])[:, :6]  # Where the plant does not say.
+    arrays = {"chi": chi} | logs | {
         "desired_force": logs["accepted_force"],
         "penetration": logs["penetration"].reshape(-1),
         "state_lost": logs["lost"].reshape(-1),
         "input_limited": logs["limited"].reshape(-1),
-        "chi": model.task_pose(logs["state"][:, :size])[:, :6],
         "chi_nominal": model.task_pose(logs["nominal_state"][:, :size])[:, :6],
         "chi_des": motion.goal(scenario, model, logs),
         "joint_lower": joint_lower,

@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 
-from uvms_drake.model.uvms_model import COMPLEX_STEP
+from uvms_drake.model.euler import COMPLEX_STEP
 from uvms_drake.tube.search_problem import SearchProblem
 
 LEADERS, ROUNDS, STEPS = 8, 3, 4

@@ -34,8 +34,9 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.euler import COMPLEX_STEP
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import COMPLEX_STEP, configuration_rate_matrix
+from uvms_drake.model.uvms_model import configuration_rate_matrix
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.local_search import DIFFERENCE, climb
 

@@ -31,8 +31,8 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.euler import COMPLEX_STEP
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import COMPLEX_STEP
 from uvms_drake.tube.conditions import Condition, kinematic_tubes
 from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.constants import START_RANKS

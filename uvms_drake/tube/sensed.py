@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.model.uvms_model import COMPLEX_STEP, UvmsModel
+from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.estimate import largest_of
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints

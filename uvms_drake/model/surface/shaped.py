@@ -68,6 +68,8 @@ class ShapedSurface(Surface):
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns 𝔉 (..., 6)."""
         depth, gradient = self.geometry.depth_and_gradient(chi[..., :3])
+        if (depth.real <= 0.0).all():  # Nothing touches.
+            return np.zeros(np.broadcast_shapes(chi.shape, chi_dot.shape))
         velocity = chi_dot[..., :3]
         rate = np.sum(gradient * velocity, axis=-1)
         square = np.sum(gradient * gradient, axis=-1, keepdims=True)

@@ -21,6 +21,11 @@ class Plane(Geometry):
         along = cross(self.normal, np.eye(3)[np.argmin(np.abs(self.normal))])
         return along / np.linalg.norm(along)
 
+    def depth_and_gradient(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns δ (...) [m] and ∇δ (..., 3), which is −`normal`, at points of Σ_I (..., 3)."""
+        into = -self.normal
+        return (position - self.point) @ into, np.broadcast_to(into, position.shape)
+
     def local_depth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) and e₃ (..., 3)."""
         return x[..., 2], np.broadcast_to([0.0, 0.0, 1.0], x.shape)
