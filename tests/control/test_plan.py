@@ -10,6 +10,7 @@ from uvms_drake.control.plan import (
     Plan,
     advance,
     advance_derivatives,
+    advance_one,
 )
 from uvms_drake.model.uvms_model import configuration_rate
 
@@ -135,6 +136,14 @@ def test_the_rollout_is_one_step_after_the_other():
         np.testing.assert_allclose(
             plan.config[k + 1],
             advance(plan.config[k], plan.zeta[k], plan.zeta_dot[k], H), rtol=0.0, atol=1e-14)
+
+
+def test_one_configuration_in_plain_numbers_advances_as_a_stack_does():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        config, zeta, zeta_dot = rng.uniform(-1.0, 1.0, (3, 10))
+        np.testing.assert_allclose(advance_one(config, zeta, zeta_dot, H),
+                                   advance(config, zeta, zeta_dot, H), atol=1e-15)
 
 
 def test_the_derivatives_of_a_step_are_those_of_differences(derivative):

@@ -9,6 +9,8 @@ from uvms_drake.model.euler import (
     inverse_rate_matrix,
     pose_difference,
     rate_matrix,
+    rotated,
+    rotated_back,
     rotation_matrix,
     wrap_angle,
 )
@@ -34,6 +36,13 @@ def test_rotation_matrix_agrees_with_drake(attitudes):
     for one, rpy in zip(R, attitudes, strict=True):
         np.testing.assert_allclose(
             one, RollPitchYaw(rpy).ToRotationMatrix().matrix(), atol=1e-15)
+
+
+def test_plain_numbers_turn_as_the_matrix_does(attitudes):
+    v = np.array([1.0, -2.0, 3.0])
+    for rpy, R in zip(attitudes, rotation_matrix(attitudes), strict=True):
+        np.testing.assert_allclose(rotated(rpy, v), R @ v, atol=1e-14)
+        np.testing.assert_allclose(rotated_back(rpy, v), v @ R, atol=1e-14)
 
 
 def test_euler_angles_agree_with_drake(attitudes):

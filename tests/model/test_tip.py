@@ -8,7 +8,15 @@ from uvms_drake.model.spatial import times
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.model.tip import complex_step, pose_rate_matrix, tip_force, tip_force_gradients
+from uvms_drake.model.tip import (
+    complex_step,
+    force_in_tip,
+    force_in_world,
+    pose_rate_matrix,
+    pose_rate_matrix_rate,
+    tip_force,
+    tip_force_gradients,
+)
 
 SPRING = BilateralSpring(stiffness=np.diag([9.0, 8.0, 7.0, 3.0, 2.0, 1.0]) + np.ones((6, 6)))
 PLANE = UnilateralPlane(stiffness=500.0, dissipation=2.0)
@@ -47,6 +55,20 @@ def test_a_complex_step_moves_pose_and_matrix_alike(chi, derivative):
     np.testing.assert_allclose(
         A_moved.imag / 1e-30, derivative(lambda s: matrix(displaced(chi, s * direction)), 1e-4),
         atol=1e-6)
+
+
+def test_the_rate_of_the_matrix_is_its_derivative_along_the_motion(chi):
+    stack = np.stack([chi, 0.5 * chi])
+    A, V_E = np.stack([matrix(one) for one in stack]), np.linspace(-0.4, 0.6, 12).reshape(2, 6)
+    _, moved = complex_step(stack, A, V_E)
+    np.testing.assert_allclose(
+        pose_rate_matrix_rate(A, V_E[:, 3:]), moved.imag / 1e-30, atol=1e-13)
+
+
+def test_a_force_goes_into_the_axes_of_the_tip_and_back(chi):
+    force = np.array([3.0, -2.0, 5.0, 0.7, -0.4, 0.6])
+    np.testing.assert_allclose(force_in_tip(chi, force), force @ matrix(chi), atol=1e-13)
+    np.testing.assert_allclose(force_in_world(chi, force_in_tip(chi, force)), force, atol=1e-13)
 
 
 @pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])

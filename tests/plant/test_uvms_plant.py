@@ -228,6 +228,7 @@ def test_the_surface_is_where_the_scenario_puts_it():
         uvms.GetOutputPort("force").Eval(context)[:3], -800.0 * (depth - 0.0005) * wall.normal,
         atol=1e-9)
     np.testing.assert_allclose(uvms.GetOutputPort("penetration").Eval(context), [depth], atol=1e-12)
+    np.testing.assert_allclose(uvms.GetOutputPort("chi").Eval(context), chi, atol=1e-12)
 
 
 def test_a_cloned_context_continues_identically():

@@ -20,8 +20,8 @@ from uvms_drake.station.simulation import simulate
 SHORT = ["mpc.horizon=8"]
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
-LOGGED = ("state", "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "force",
-          "penetration", "accepted_force", "disturbance", "acceleration", "tube_deviation",
+LOGGED = ("state", "chi", "nominal_state", "nominal_input", "u", "tau", "lost", "limited",
+          "force", "penetration", "accepted_force", "disturbance", "acceleration", "tube_deviation",
           "tube_bound")
 """Signals of dynamic motion."""
 WIDE = ["limits.q_lower=null", "limits.q_upper=null", "limits.tip_pitch=0.8", "limits.roll=0.3",

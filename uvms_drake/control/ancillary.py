@@ -79,7 +79,7 @@ def _of_joints(u_limit: np.ndarray, tau_limit: np.ndarray | None
 
 def is_lost(measured: np.ndarray) -> bool:
     """Returns whether a measurement is none, because it is not finite."""
-    return not math.isfinite(sum(measured))
+    return not math.isfinite(measured.sum())
 
 
 class AncillaryFeedback(LeafSystem):

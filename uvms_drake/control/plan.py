@@ -12,7 +12,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from uvms_drake.model.euler import COMPLEX_STEP, rotation_matrix
+from uvms_drake.model.euler import COMPLEX_STEP, Numbers, rotated, rotation_matrix
 from uvms_drake.model.uvms_model import configuration_rate
 
 KNOT_TOLERANCE = 1e-9
@@ -41,7 +41,7 @@ def advance_one(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, dura
     speeds = [[v + ahead * a for v, a in zip(start, rate, strict=True)]
               for ahead in (0.0, 0.5 * duration, 0.5 * duration, duration)]
     rpy, stages = _turn(tuple(config[3:6].tolist()), [speed[3:] for speed in speeds], duration)
-    linear = [_turned(at, speed[:3]) for at, speed in zip(stages, speeds, strict=True)]
+    linear = [rotated(at, speed[:3]) for at, speed in zip(stages, speeds, strict=True)]
     out: np.ndarray = config + duration * (zeta + 0.5 * duration * zeta_dot)
     out[:3] = [p + duration / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
                for p, k1, k2, k3, k4 in zip(config[:3].tolist(), *linear, strict=True)]
@@ -100,10 +100,7 @@ def roll_out(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, time_st
     return out
 
 
-Angles = tuple[float, float, float]
-
-
-def _turn(rpy: Angles, turning: list[list[float]], h: float) -> tuple[Angles, list[Angles]]:
+def _turn(rpy: Numbers, turning: list[list[float]], h: float) -> tuple[Numbers, list[Numbers]]:
     """Returns the Euler angles after one RK4 step, and those at its four stages.
 
     Plain numbers, because three of them are too few for NumPy. `turning` is ν₂ (4, 3) [rad/s].
@@ -120,14 +117,6 @@ def _turn(rpy: Angles, turning: list[list[float]], h: float) -> tuple[Angles, li
     after = [angle + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
              for angle, k1, k2, k3, k4 in zip(rpy, *rates, strict=True)]
     return (after[0], after[1], after[2]), stages
-
-
-def _turned(rpy: Angles, v: list[float]) -> Angles:
-    """Returns R(φ, θ, ψ) v, axis after axis."""
-    sin, cos = tuple(map(math.sin, rpy)), tuple(map(math.cos, rpy))
-    x, y, z = v[0], cos[0] * v[1] - sin[0] * v[2], sin[0] * v[1] + cos[0] * v[2]
-    x, z = cos[1] * x + sin[1] * z, cos[1] * z - sin[1] * x
-    return cos[2] * x - sin[2] * y, sin[2] * x + cos[2] * y, z
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,11 @@
 Every function takes stacks of any leading shape, and complex numbers, so that a derivative can
 be taken by a complex step (Squire and Trapp, 1998: f'(x) = Im f(x + ih)/h, exact to rounding).
 Matrices are filled by column in their transpose, where a component of a whole stack is one item.
+`rotated` and `rotated_back` alone take one attitude, as plain numbers: three are few for NumPy.
 """
+
+import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,26 +33,43 @@ def rotation_matrix(rpy: np.ndarray) -> np.ndarray:
     return R
 
 
+Numbers = tuple[float, float, float]
+
+
+def rotated(rpy: Sequence[float], v: Sequence[float]) -> Numbers:
+    """Returns R v of one attitude, axis after axis."""
+    (sf, st, sp), (cf, ct, cp) = map(math.sin, rpy), map(math.cos, rpy)
+    x, y, z = v[0], cf * v[1] - sf * v[2], sf * v[1] + cf * v[2]
+    x, z = ct * x + st * z, ct * z - st * x
+    return cp * x - sp * y, sp * x + cp * y, z
+
+
+def rotated_back(rpy: Sequence[float], v: Sequence[float]) -> Numbers:
+    """Returns Rᵀ v of one attitude, axis after axis."""
+    (sf, st, sp), (cf, ct, cp) = map(math.sin, rpy), map(math.cos, rpy)
+    x, y, z = cp * v[0] + sp * v[1], cp * v[1] - sp * v[0], v[2]
+    x, z = ct * x - st * z, ct * z + st * x
+    return x, cf * y + sf * z, cf * z - sf * y
+
+
 def euler_angles(R: np.ndarray) -> np.ndarray:
     """Returns the ZYX Euler angles (..., 3) of R (..., 3, 3), with |θ| ≤ π/2 and φ, ψ ∈ (−π, π]."""
-    pitch = np.arctan2(
-        -R[..., 2, 0].real, np.hypot(R[..., 2, 1].real, R[..., 2, 2].real))
-    if np.iscomplexobj(R):
-        # d asin(s) = ds/cos θ carries the imaginary part.
-        pitch = pitch - 1j * R[..., 2, 0].imag / np.cos(pitch)
+    xx, yx, zx, zy, zz = (R[..., row, column] for row, column in (
+        (0, 0), (1, 0), (2, 0), (2, 1), (2, 2)))
     rpy = np.empty(R.shape[:-1], dtype=R.dtype)
-    rpy[..., 0] = _atan2(R[..., 2, 1], R[..., 2, 2])
-    rpy[..., 1] = pitch
-    rpy[..., 2] = _atan2(R[..., 1, 0], R[..., 0, 0])
+    rpy[..., 0] = np.arctan2(zy.real, zz.real)
+    rpy[..., 1] = np.arctan2(-zx.real, np.hypot(zy.real, zz.real))
+    rpy[..., 2] = np.arctan2(yx.real, xx.real)
+    if rpy.dtype.kind == "c":  # To first order; d asin(s) = ds/cos θ.
+        rpy[..., 0] += _turned(zy, zz)
+        rpy[..., 1] -= 1j * zx.imag / np.cos(rpy[..., 1])
+        rpy[..., 2] += _turned(yx, xx)
     return rpy
 
 
-def _atan2(y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Returns atan2, with the first-order imaginary part for complex arguments."""
-    angle = np.arctan2(y.real, x.real)
-    if np.iscomplexobj(y):
-        return angle + 1j * (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2)
-    return angle
+def _turned(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Returns the imaginary part of atan2(y, x), times i."""
+    return 1j * (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2)
 
 
 def rate_matrix(rpy: np.ndarray) -> np.ndarray:

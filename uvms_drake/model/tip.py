@@ -4,9 +4,11 @@
 axes of Σ_E.
 """
 
+import math
+
 import numpy as np
 
-from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix, rotation_matrix
+from uvms_drake.model.euler import COMPLEX_STEP, rate_matrix, rotated, rotated_back
 from uvms_drake.model.spatial import block_diagonal, skew, times
 from uvms_drake.model.surface.law import Surface
 
@@ -16,9 +18,20 @@ def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:
     return block_diagonal(R_WE, rate_matrix(attitude))
 
 
-def tip_matrix(chi: np.ndarray) -> np.ndarray:
-    """Returns A (..., 6, 6) at the pose χ (..., 6)."""
-    return pose_rate_matrix(rotation_matrix(chi[..., 3:]), chi[..., 3:])
+def force_in_tip(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Returns Aᵀ𝔉 (6,) at one pose χ (6,), in plain numbers: Rᵀf and Tᵀn of 𝔉 = (f, n)."""
+    rpy, (*f, a, b, c) = chi[3:].tolist(), force.tolist()
+    sin, cos, scale = math.sin(rpy[0]), math.cos(rpy[0]), 1.0 / math.cos(rpy[1])
+    c = scale * (math.sin(rpy[1]) * a + c)
+    return np.array([*rotated_back(rpy, f), a, sin * c + cos * b, cos * c - sin * b])
+
+
+def force_in_world(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Returns A⁻ᵀF (6,) at one pose χ (6,): the 𝔉 of which `force_in_tip` is F (6,)."""
+    rpy, (*f, a, b, c) = chi[3:].tolist(), force.tolist()
+    sin, cos = math.sin(rpy[0]), math.cos(rpy[0])
+    b, c = cos * b - sin * c, sin * b + cos * c
+    return np.array([*rotated(rpy, f), a, b, math.cos(rpy[1]) * c - math.sin(rpy[1]) * a])
 
 
 def pose_rate_matrix_rate(A: np.ndarray, omega: np.ndarray) -> np.ndarray:

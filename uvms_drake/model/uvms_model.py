@@ -88,6 +88,8 @@ class UvmsModel:
         self._joint_rows = np.eye(self.size)[6:]
         # 1 where joint j moves link k: (n+1, n).
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
+        # 1 where joint i is beyond the vehicle's columns of a Jacobian, or that of joint j.
+        self._beyond = np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=-1)
         self._rotor_inertia = np.concatenate([np.zeros(6), self._links.rotor_inertia])
         self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
 
@@ -167,15 +169,12 @@ class UvmsModel:
     def task_jacobian_rate(self, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
         """Returns J̇_x (..., 6+n, 6+n) along 𝔮̇ = Γ(𝔮)ζ, real.
 
-        J = A J_E, and the columns of J_E = X_E [I, s₁ … s_n] change by X_E ((Vⱼ − V_E) × sⱼ); those
-        of the vehicle likewise, with V₀ and the unit vectors.
+        J = A J_E, and a column cⱼ of J_E, the motion of joint j or of the vehicle in axes of Σ_E,
+        is carried along by the joints beyond it, as these see it: ċⱼ = −Σ cᵢq̇ᵢ × cⱼ, i > j.
         """
         J_E = kinematics.J_links[..., -1, :, :]
-        V_B = self._link_velocities(kinematics, zeta)
-        from_tip = V_B - V_B[..., -1:, :]
-        J_E_rate = J_E[..., :6] @ np.concatenate([
-            motion_matrix(from_tip[..., 0, :]),
-            _columns(cross_motion(from_tip[..., 1:, :], kinematics.screw))], axis=-1)
+        from_tip = (J_E[..., 6:] * zeta[..., None, 6:]) @ self._beyond
+        J_E_rate = _columns(cross_motion(-_columns(from_tip), _columns(J_E)))
         A_E_rate = pose_rate_matrix_rate(kinematics.A_E, times(J_E[..., 3:, :], zeta))
         J_x_rate = np.zeros((*zeta.shape, self.size))
         J_x_rate[..., :6, :] = A_E_rate @ J_E + kinematics.A_E @ J_E_rate

@@ -83,6 +83,8 @@ def drag_force(linear: np.ndarray, quadratic: np.ndarray, nu_r: np.ndarray) -> n
 def buoyancy_force(displaced_mass: np.ndarray, p_BoBb_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     """Returns −ρV g at the centre of buoyancy Bb, as a force (..., 6) [N, N m] about Bo.
 
+    It is linear in g.
+
     Args:
         displaced_mass: ρV (...) [kg].
         p_BoBb_B: Centre of buoyancy (..., 3) [m].
@@ -98,10 +100,8 @@ class Water:
 
     M_A: np.ndarray
     """Added mass about Bo (nb, 6, 6)."""
-    displaced_mass: np.ndarray
-    """Displaced masses ρV (nb,) [kg]."""
-    p_BoBb_B: np.ndarray
-    """Centres of buoyancy p_BoBb_B (nb, 3) [m]."""
+    buoyancy: np.ndarray
+    """Buoyancy by gravity (nb, 6, 3) [kg, kg m], see `buoyancy_force`."""
     drag_points: np.ndarray
     """H (6 nd, 6 nb), the map from the ν of all bodies to those of the drag points."""
     linear: np.ndarray
@@ -117,7 +117,7 @@ class Water:
         nu_P = (self.drag_points @ nu_r.ravel()).reshape(-1, 6)
         drag = self.drag_points.T @ drag_force(self.linear, self.quadratic, nu_P).ravel()
         return (kirchhoff_force(self.M_A, nu_r, nu_r_dot) + drag.reshape(-1, 6)
-                + buoyancy_force(self.displaced_mass, self.p_BoBb_B, g_B))
+                + times(self.buoyancy, g_B))
 
 
 def make_water(parameters: HydrodynamicParameters) -> Water:
@@ -132,8 +132,10 @@ def make_water(parameters: HydrodynamicParameters) -> Water:
     rho = parameters.fluid_density
     return Water(
         M_A=_stack([added_mass_about_origin(body.added_mass) for body in bodies], 6, 6),
-        displaced_mass=rho * _stack([body.displaced_volume for body in bodies]),
-        p_BoBb_B=_stack([body.center_of_buoyancy for body in bodies], 3),
+        buoyancy=buoyancy_force(
+            rho * _stack([body.displaced_volume for body in bodies]),
+            _stack([body.center_of_buoyancy for body in bodies], 3),
+            np.eye(3)[:, None, :]).transpose(1, 2, 0),
         drag_points=drag_points.reshape(6 * len(drags), 6 * len(bodies)),
         linear=_stack([drag.linear for _, drag in drags], 6),
         quadratic=_stack([drag.quadratic for _, drag in drags], 6),
@@ -208,6 +210,7 @@ class Hydrodynamics(LeafSystem):
         self._workspace = plant.CreateDefaultContext()
         self._forces = MultibodyForces(plant)
         self._no_acceleration = np.zeros(plant.num_velocities())
+        self._gravity = plant.gravity_field().gravity_vector()
         self._implicit_damping = plant.time_step() * _implicit_joint_damping(plant)
 
         nv = plant.num_velocities()
@@ -299,7 +302,7 @@ class Hydrodynamics(LeafSystem):
         nu_r = J @ plant.GetVelocities(workspace)
         nu_r[:, :3] -= v_c_W @ R_WB
         nu_r_dot = relative_acceleration(A_B, nu_r, a_c_W @ R_WB)
-        g_B = (plant.gravity_field().gravity_vector() - a_c_W) @ R_WB
+        g_B = (self._gravity - a_c_W) @ R_WB
         return J, self._water.fluid_force(nu_r, nu_r_dot, g_B)
 
 

@@ -40,8 +40,9 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.model.euler import rotated_back
 from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
-from uvms_drake.model.tip import tip_matrix
+from uvms_drake.model.tip import force_in_tip, force_in_world
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, transfer
 from uvms_drake.sensing.tip_pose import tip_pose
@@ -210,10 +211,12 @@ class WristSensor(LeafSystem):
     def __init__(self, model: UvmsModel, settings: ForceSensor, off: Imperfection):
         super().__init__()
         settings.check()
-        self._gravity, self._settings, self._off = model.gravity, settings, off
+        self._gravity, self._settings, self._off = model.gravity.tolist(), settings, off
         self._range = np.asarray(settings.range, dtype=float)
         self._X = transfer(np.asarray(settings.mounting, dtype=float))
         self._X_inverse = np.linalg.inv(self._X)
+        # The tool's wrench is linear in gravity: L = H g_E.
+        self._H = settings.tool.hold(self._X[:3, :3]).T
         self._force_port = self.DeclareVectorInputPort("force", 6)
         self._chi_port = self.DeclareVectorInputPort("chi", 6)
         self._measured_port = self.DeclareVectorInputPort("measured_chi", 6)
@@ -226,16 +229,16 @@ class WristSensor(LeafSystem):
         self.DeclareVectorOutputPort("measured_force", 6, self._calc_force, {samples, measured})
         self.DeclareVectorOutputPort("reading", 6, self._calc_reading, {samples})
 
-    def _hold(self, A_E: np.ndarray) -> np.ndarray:
+    def _hold(self, chi: np.ndarray) -> np.ndarray:
         """Returns L (6,) of the tool."""
-        g_S = self._gravity @ A_E[:3, :3] @ self._X[:3, :3]
-        return self._settings.tool.hold(g_S)
+        hold: np.ndarray = self._H @ rotated_back(chi[3:].tolist(), self._gravity)
+        return hold
 
     def _wrench(self, context: Context) -> np.ndarray:
         """Returns F_S + L (6,)."""
-        A_E = tip_matrix(self._chi_port.Eval(context))
-        wrench: np.ndarray = self._X_inverse @ (self._force_port.Eval(context) @ A_E)
-        return wrench + self._hold(A_E)
+        chi = self._chi_port.Eval(context)
+        wrench: np.ndarray = self._X_inverse @ force_in_tip(chi, self._force_port.Eval(context))
+        return wrench + self._hold(chi)
 
     def _settle(self, context: Context, state: State) -> None:
         if Samples.of(context.get_discrete_state_vector().value()).taken == 0:
@@ -260,7 +263,7 @@ class WristSensor(LeafSystem):
         off, believed = self._off, 1.0 + self._settings.tool.error
         raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
                       -self._range, self._range)
-        samples = samples.with_next(raw - believed * self._hold(tip_matrix(measured)), tare)
+        samples = samples.with_next(raw - believed * self._hold(measured), tare)
         state.set_value(np.hstack(samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
@@ -268,8 +271,9 @@ class WristSensor(LeafSystem):
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).held
-        A_E = tip_matrix(self._measured_port.Eval(context))
-        output.SetFromVector(np.linalg.solve(A_E.T, wrench))
+        chi = self._measured_port.Eval(context)
+        known = np.isfinite(chi).all()
+        output.SetFromVector(force_in_world(chi, wrench) if known else np.full(6, np.nan))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: ForceSensor,

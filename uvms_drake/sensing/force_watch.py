@@ -22,6 +22,7 @@ for friction may change as fast. A sensor slower than the watch is seen more tha
 reading: m has to be larger than that.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -101,7 +102,8 @@ class ForceWatch(LeafSystem):
 
     @staticmethod
     def _remembered(context: Context) -> Looks:
-        return Looks(*np.split(context.get_discrete_state_vector().value(), 2))
+        state = context.get_discrete_state_vector().value()
+        return Looks(state[:6], state[6:])
 
     def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
         if context.get_time() < self._tare * (1.0 - 1e-9):
@@ -116,8 +118,8 @@ class ForceWatch(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         force = self._port.Eval(context)
-        stuck = self._repeats and np.max(self._remembered(context).times) >= self._repeats
-        none = stuck or not np.linalg.norm(force[:3]) < self._largest
+        stuck = self._repeats and max(self._remembered(context).times) >= self._repeats
+        none = stuck or not math.hypot(*force[:3]) < self._largest
         output.SetFromVector(np.full(6, np.nan) if none else force)
 
     @staticmethod

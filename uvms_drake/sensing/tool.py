@@ -41,15 +41,15 @@ class Tool:
         return self.mass * np.asarray(self.centre) - self.displaced * np.asarray(self.buoyancy)
 
     def hold(self, g_S: np.ndarray) -> np.ndarray:
-        """Returns the wrench (6,) [N, N m] about the sensor's origin that holds it at rest.
+        """Returns the wrench (..., 6) [N, N m] about the sensor's origin that holds it at rest.
 
         −((m − m_w) g, (m c − m_w c_b) × g), m_w the mass of the water that it displaces.
 
         Args:
-            g_S: Gravity in the sensor's axes (3,) [m/s²].
+            g_S: Gravity in the sensor's axes (..., 3) [m/s²].
         """
         force = (self.mass - self.displaced) * g_S
-        return -np.concatenate([force, cross(self._moment, g_S)])
+        return -np.concatenate([force, cross(self._moment, g_S)], axis=-1)
 
     def largest_hold(self, gravity: float) -> np.ndarray:
         """Returns the largest components (6,) of `hold` in any attitude, ‖g‖ = `gravity`."""

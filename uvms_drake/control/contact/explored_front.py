@@ -108,7 +108,7 @@ class ExploredFront(LeafSystem):
         """Returns what is known after a reading of the input ports."""
         before, state = self._remembered(context), self._state_port.Eval(context)
         if np.all(np.isfinite(state)):
-            config, zeta = np.split(state, 2)
+            config, zeta = state[: self._model.size], state[self._model.size:]
             kinematics = self._model.kinematics(config)
             tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
         else:

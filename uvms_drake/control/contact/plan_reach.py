@@ -1,8 +1,15 @@
 """How far across the direction of a contact the rest of a plan goes from where the tip is."""
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
 
 from uvms_drake.control.contact.approach import between_knots
 from uvms_drake.control.tracking_ocp import TrackingOcp
@@ -52,13 +59,21 @@ class PlanReach(LeafSystem):
         self._ocp, self._surface = ocp, surface
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
         self._state_port = self.DeclareVectorInputPort("state", 2 * ocp.model.size)
-        self.DeclareVectorOutputPort("reach", 1, self._calc)
+        # A plan is followed for many readings of a sensor.
+        self._places = self.DeclareCacheEntry(
+            description="where the plan goes", value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(()), calc=self._calc_places),
+            prerequisites_of_calc={self._plan_port.ticket()})
+        self.DeclareVectorOutputPort(
+            "reach", 1, self._calc, {self._places.ticket(), self._state_port.ticket()})
+
+    def _calc_places(self, context: Context, value: AbstractValue) -> None:
+        value.set_value(plan_places(self._ocp, self._plan_port.Eval(context)))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         config = self._state_port.Eval(context)[: self._ocp.model.size]
         tip = self._ocp.model.task_pose(config)[:3]
-        places = plan_places(self._ocp, self._plan_port.Eval(context))
-        output[0] = float(np.max(self._surface.around(places - tip)))
+        output[0] = float(np.max(self._surface.around(self._places.Eval(context) - tip)))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,

@@ -25,5 +25,5 @@ def coulomb(velocity: np.ndarray, friction: float, creep: float) -> np.ndarray:
         friction: Coefficient μ.
         creep: v_s [m/s].
     """
-    slip = np.sqrt(np.sum(velocity**2, axis=-1, keepdims=True)) / creep
+    slip = np.sqrt((velocity * velocity).sum(axis=-1, keepdims=True)) / creep
     return friction / creep * slip_factor(slip) * velocity

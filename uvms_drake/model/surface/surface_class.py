@@ -18,6 +18,7 @@ drifting navigation makes of a wall at rest moves, too.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class SurfaceClass:
             value = getattr(self, key)
             require(0.0 <= value < np.inf, key, value, "zero or positive")
 
-    @property
+    @cached_property
     def tilt(self) -> float:
         """α = tan θ."""
         return float(np.tan(self.angle))
@@ -64,7 +65,7 @@ class SurfaceClass:
         """Returns ‖P_t m‖ (...), the part across n of a vector m (..., 3)."""
         return np.linalg.norm(motion - self.depth(motion)[..., None] * self.direction, axis=-1)
 
-    @property
+    @cached_property
     def axes(self) -> np.ndarray:
         """(3, 3) n and two directions t₁, t₂ across it, the rows of a rotation."""
         n = self.direction
@@ -72,7 +73,7 @@ class SurfaceClass:
         first = first / np.linalg.norm(first)
         return np.array([n, first, np.cross(n, first)])
 
-    @property
+    @cached_property
     def facets(self) -> np.ndarray:
         """(4, 3) rows n + α(±t₁ ± t₂), the largest of which is n·m + α‖P_t m‖₁ ≥ ⟨m⟩.
 

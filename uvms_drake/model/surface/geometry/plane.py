@@ -21,10 +21,14 @@ class Plane(Geometry):
         along = cross(self.normal, np.eye(3)[np.argmin(np.abs(self.normal))])
         return along / np.linalg.norm(along)
 
+    def depth(self, position: np.ndarray) -> np.ndarray:
+        """Returns δ (...) [m] at points of Σ_I (..., 3)."""
+        depth: np.ndarray = (self.point - position) @ self.normal
+        return depth
+
     def depth_and_gradient(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) [m] and ∇δ (..., 3), which is −`normal`, at points of Σ_I (..., 3)."""
-        into = -self.normal
-        return (position - self.point) @ into, np.broadcast_to(into, position.shape)
+        return self.depth(position), np.broadcast_to(-self.normal, position.shape)
 
     def local_depth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns δ (...) and e₃ (..., 3)."""
