@@ -11,7 +11,7 @@ from uvms_drake.control.nlp import NonlinearSolver
 from uvms_drake.control.ocp import FEASIBLE, Ocp
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
-from uvms_drake.control.staged_program import solve_staged
+from uvms_drake.control.staged_solver import solve_staged
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario

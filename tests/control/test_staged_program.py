@@ -5,18 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from support.limits import with_limits
 
+from uvms_drake.control import staged_solver
 from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.regulator import motion, riccati
+from uvms_drake.control.shortest import shortest
 from uvms_drake.control.staged_program import (
     LinearLimits,
     NormLimit,
     Room,
     StagedProgram,
     TerminalLimit,
-    riccati,
-    solve_staged,
     stacked,
 )
+from uvms_drake.control.staged_solver import solve_staged
+from uvms_drake.control.working_set import WorkingSet
 
 
 def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | None:
@@ -146,12 +150,57 @@ def test_the_end_has_to_be_where_there_is_room_for_it(size):
 
 def test_both_relaxations_and_more_than_one_conic_program_occur():
     """Otherwise the comparison would say nothing about them."""
-    found = [solve_staged(random_program(seed, room)) for room in (0.1, 0.3) for seed in range(12)]
+    found = [solve_staged(random_program(seed, room))
+             for room in (0.1, 0.3, 1.0) for seed in range(12)]
     found = [solution for solution in found if solution is not None]
     assert max(solution.slack for solution in found) > 0.1
     assert min(solution.slack for solution in found) < 1e-6
     assert max(solution.excess for solution in found) > 1e-3
     assert max(solution.cone_programs for solution in found) > 1
+
+
+def both_forms(program: StagedProgram) -> bool:
+    """Checks that both forms of the conic program have one solution; returns if there is one."""
+    regulator = riccati(program)
+    z = motion(program, regulator)
+    kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program)
+    condensed, sparse = (shortest(program, regulator, z, kept, sparse=sparse)
+                         for sparse in (False, True))
+    assert (condensed is None) == (sparse is None)
+    if condensed is None:
+        return False
+    r, *relaxed = condensed
+    np.testing.assert_allclose(sparse[0], r, atol=1e-3 * max(1.0, np.max(np.abs(r))))
+    np.testing.assert_allclose(sparse[1:], relaxed, atol=1e-4)
+    lengths = [0.5 * np.sum(each**2) + program.slack_penalty * slack
+               + program.excess_penalty * excess for each, slack, excess in (condensed, sparse)]
+    assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
+    return True
+
+
+def test_the_condensed_and_the_sparse_conic_program_have_one_solution(short_ocp, start_plans):
+    """For few limits and for many, without solution too."""
+    solved = [both_forms(random_program(seed, room)) for room in (0.03, 1.0) for seed in range(6)]
+    assert 0 < sum(solved) < len(solved)
+    assert all(both_forms(short_ocp.staged_program(guess)) for guess in start_plans["off"][:3])
+
+
+def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):
+    """Those that the sparse form is taken for."""
+    seen = []
+    solve = staged_solver.shortest
+
+    def watched(program, regulator, z, kept, *, sparse):
+        seen.append((kept.rows(program) > 0.75 * program.B.shape[0] * program.B.shape[2], sparse,
+                     kept.at_all_stages(program).rows(program) == kept.rows(program)))
+        return solve(program, regulator, z, kept, sparse=sparse)
+
+    monkeypatch.setattr(staged_solver, "shortest", watched)
+    for ocp in (short_ocp, with_limits(short_ocp, nu1=0.03, nu2=0.02, qdot=0.05)):
+        for where in ("off", "on"):
+            solve_staged(ocp.staged_program(start_plans[where][0]))
+    assert {(many, sparse) for many, sparse, _ in seen} == {(False, False), (True, True)}
+    assert all(everywhere for _, sparse, everywhere in seen if sparse)
 
 
 @pytest.mark.parametrize("where", ["off", "before", "on"])

@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_drake.control.ocp import Evaluation, Ocp
 from uvms_drake.control.plan import P
-from uvms_drake.control.staged_program import solve_staged
+from uvms_drake.control.staged_solver import solve_staged
 
 SHORTEST_STEP = 1.0 / 64.0
 

@@ -1,0 +1,61 @@
+"""How the convex program of one iteration is solved.
+
+Without limits it is a linear-quadratic problem, and one pass of Riccati's recursion solves it. It
+also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ ‖r_k‖²,
+whatever the limits. So the limits ask for the shortest r that keeps them, and the few that matter
+decide. The conic program for that holds only the limits that are broken without them or nearly
+reached by the plan; if its solution breaks another one, that one is put in and the program is
+solved again. A solution that keeps all limits while carrying some is the solution with all of them.
+
+Where so many matter that the program is made in its sparse form, a limit that matters at one stage
+is put in at all of them: there a row costs little, and to solve again costs as much as before.
+"""
+
+import numpy as np
+
+from uvms_drake.control.regulator import motion, riccati
+from uvms_drake.control.shortest import shortest
+from uvms_drake.control.staged_program import StagedProgram, StagedSolution
+from uvms_drake.control.working_set import WorkingSet
+
+MANY = 0.75
+"""Rows of limits, as a part of the number of decisions, from which on the sparse form is taken."""
+
+
+def solve_staged(program: StagedProgram) -> StagedSolution | None:
+    """Returns the solution, or None if there is none: infeasible, ill-conditioned or not finite."""
+    if not _is_finite(program):
+        return None
+    try:
+        regulator = riccati(program)
+    except np.linalg.LinAlgError:
+        return None
+    N, nx, nw = program.B.shape
+    z = motion(program, regulator)
+    kept = WorkingSet.broken(program, z, 0.0)
+    if not kept.any():
+        return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0)
+    kept |= WorkingSet.near(program)
+    cone_programs = 0
+    while True:
+        sparse = kept.rows(program) > MANY * N * nw
+        if sparse:
+            kept = kept.at_all_stages(program)
+        found = shortest(program, regulator, z, kept, sparse=sparse)
+        cone_programs += 1
+        if found is None:
+            return None
+        r, slack, excess = found
+        best = motion(program, regulator, r)
+        broken = WorkingSet.broken(program, best, excess).without(kept)
+        if not broken.any():
+            return StagedSolution(best[:-1, nx:], slack, excess, cone_programs)
+        kept |= broken
+
+
+def _is_finite(program: StagedProgram) -> bool:
+    """Returns whether no number is NaN, and none infinite that is no bound."""
+    numbers = [program.A, program.B, program.H, program.g, program.H_end, program.g_end,
+               program.linear.C, program.linear.value, program.terminal.T, program.terminal.value,
+               *(limit.value for limit in program.norms)]
+    return all(bool(np.all(np.isfinite(each))) for each in numbers)
