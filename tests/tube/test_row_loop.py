@@ -14,8 +14,12 @@ STEPS = 8
 
 @pytest.mark.parametrize(("k", "sigma"), [(1.5, 0.4), (20.0, 10.0), (5.0, 5.0)])
 def test_without_lag_and_clock_it_is_the_row_of_the_closed_form(k, sigma):
-    gains, expected = RowLoop(k, sigma).gains, instant_gains(k, sigma)
-    np.testing.assert_allclose(gains["disturbance"], expected[:3], rtol=3e-3)
+    row, expected = RowLoop(k, sigma), instant_gains(k, sigma)
+    gains, system = row.gains, row._system
+    np.testing.assert_allclose(system.loop.flow_gain(system.delta), expected[:3], rtol=3e-3)
+    np.testing.assert_allclose(gains["disturbance"], expected[:3])
+    found = system.loop.flow_moment(system.delta)  # up to two periods more
+    assert np.all((found > row.moment) & (found < 1.2 * np.array(row.moment)))
     assert gains["disturbance"].position >= 1.0 / (k * sigma)
     assert gains["disturbance_rate"].position == np.inf
     assert gains["disturbance_rate"].velocity == pytest.approx(1.0 / (k * sigma), rel=2e-3)
@@ -94,14 +98,15 @@ class Pulses:
                 level = float(i // STEPS == index // STEPS)
             delta = level if source.startswith("disturbance") else 0.0
             f = level - 0.5 * dt * pulse * (source == "feed_forward_rate")
-            f *= source.startswith("feed")
+            f *= source.startswith(("feed", "between"))
             if tick:
                 now = (e + (source == "position") * pulse, rate + (source == "velocity") * pulse)
                 states = [now, *states[:-1]]
                 measured = states[-1]
                 v = -(row.k + row.sigma) * measured[1] - row.k * row.sigma * measured[0] - estimate
-                commands.append(v + asked * (
-                    f if source != "feed_forward_rate" else level - dt * pulse))
+                commands.append(v + asked * {
+                    "feed_forward_rate": level - dt * pulse,
+                    "at_ticks": pulse}.get(source, f * (source != "between")))
                 if row.observer:
                     mean = (measured[1] - seen - predicted) / row.period
                     estimate += (1.0 - np.exp(-row.observer * row.period)) * (mean - estimate)
@@ -123,7 +128,7 @@ class Pulses:
 def simulated(row: RowLoop, source: str, periods: int) -> np.ndarray:
     """Returns the largest sums, over an instant of a period, of the sizes of all e and ė."""
     total = np.zeros((STEPS, 2))
-    per_tick = source in ("position", "velocity", "feed_forward")
+    per_tick = source in ("position", "velocity", "feed_forward", "at_ticks")
     for index in range(1 if per_tick else STEPS):
         states = np.array(Pulses(row, source, index, periods).states)
         total += np.sum(np.abs(states.reshape(-1, STEPS, 2)), axis=0)
@@ -141,12 +146,17 @@ def test_a_sampled_row_does_what_all_pulses_together_do(row):
                    *["disturbance_rate"] * (row.observer > 0.0)):
         np.testing.assert_allclose(gains[source][:2], simulated(
             row, source, round(20.0 / row.period)), rtol=0.05, err_msg=source)
+    free = sum(simulated(row, source, round(20.0 / row.period)) for source in (
+        "between", "at_ticks"))
+    assert np.all(gains["free_feed_forward"][:2] >= 0.98 * free)
+    assert np.all(gains["free_feed_forward"][:2] <= 1.15 * free)
 
 
 def test_a_fast_clock_is_none():
     fast = RowLoop(4.0, 2.0, observer=2.0, lag=0.15, period=0.002).gains
     for source, peak in RowLoop(4.0, 2.0, observer=2.0, lag=0.15).gains.items():
-        if source not in ("position", "velocity"):  # which stay what they are for a period
+        # These stay what they are for a period.
+        if source not in ("position", "velocity", "free_feed_forward"):
             np.testing.assert_allclose(fast[source], peak, rtol=0.015)
 
 

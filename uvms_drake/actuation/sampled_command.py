@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.part import Lateness, Part, Signals
+from uvms_drake.model.part import CommandPath, Lateness, Part, Signals
 from uvms_drake.model.sampled import Clock, SampledVector
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -44,6 +44,10 @@ class SampledCommand(Part):
         """Returns δ + h/2 for all forces."""
         late = self.delay + 0.5 * self.period
         return Lateness(late, late)
+
+    def command_path(self, model: UvmsModel) -> CommandPath:
+        """Returns its clock and its delay."""
+        return CommandPath(self.period, self.delay)
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:

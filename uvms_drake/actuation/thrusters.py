@@ -25,7 +25,7 @@ from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
 from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.allocation import Allocation
-from uvms_drake.model.part import VEHICLE_WRENCH, Lateness, Part, Signals
+from uvms_drake.model.part import VEHICLE_WRENCH, CommandPath, Lateness, Part, Signals
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -67,6 +67,17 @@ class Thrusters(Part):
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""
         return "the proofs take the vehicle's wrench for given at once and on all six axes"
+
+    def command_path(self, model: UvmsModel) -> CommandPath | None:
+        """Returns their clock, dead time and lag, and what they are off by at any command."""
+        known, true = self.known(model), self.true(model)
+        if np.ptp(known.lag) > 0.0:
+            return None
+        off = [max(abs(real.force_of(at) - curve.force_of(at))
+                   for at in np.union1d(curve.command, real.command))
+               for curve, real in zip(known.curves, true.curves, strict=True)]
+        return CommandPath(self.period, known.dead_time, float(known.lag[0]), False,
+                           known.B * np.array(off), tuple(map(int, known.undriven)))
 
     def _steps(self, dead_time: float) -> int:
         steps = dead_time / self.period

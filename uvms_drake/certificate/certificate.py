@@ -82,6 +82,8 @@ class Certificate:
     tube: TubeRadii | None = None
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of some radii by their source; not in the file, if there are none."""
+    room: dict[str, float] = field(default_factory=dict)
+    """What limits leave of those radii, at most, if there are any."""
     estimates: tuple[Estimate, ...] = ()
     """What is estimated of the tube, with what a second search found."""
     tightening: int = 0
@@ -121,7 +123,7 @@ class Certificate:
         if self.weights is None:
             del data["weights"]
         if not self.budget:
-            del data["budget"]
+            del data["budget"], data["room"]
         return data | {"sha256": _digest(data)}
 
     @staticmethod

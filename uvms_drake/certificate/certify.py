@@ -22,15 +22,18 @@ from uvms_drake.control.plan import P, Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.part import Part
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.tube.actuators import actuators_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.dynamic import LATE_TUBES
 from uvms_drake.tube.estimate import unrefuted
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import check_settings
@@ -65,11 +68,14 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         progress("constants", 0.0)
         basis = basis_of(scenario, model)
         progress("tube", motion.stages[0])
-        found = motion.in_contact(motion.tubes[type(law)](law, basis), scenario, basis)
+        found = motion.tubes[type(law)](law, basis)
+        if all(condition.holds for condition in found.conditions):
+            found = motion.in_contact(found, scenario, basis)
         draft = replace(
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
             tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
+            room=rooms_of_budget(scenario, found, model),
             conditions=(*found.conditions, *assumptions(scenario)))
         if not draft.certified:
             return draft
@@ -107,7 +113,9 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None
-                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)]
+                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)
+                     and not (key == "actuation" and type(scenario.ancillary) in LATE_TUBES
+                              and type(part).command_path is not Part.command_path)]
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 
@@ -195,13 +203,15 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
     declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
     limits = scenario.limits
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
+    paths = [part.command_path(model) for part in scenario.actuation]
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
         d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
         u_limit=np.asarray(limits.u, dtype=float), settings=scenario.certificate,
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
-        largest_rate=2.0 * speeds / scenario.mpc.time_step)
+        largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
+        actuators=actuators_of(paths))
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
@@ -219,6 +229,17 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
             conditions += [Condition(f"tube in limits.{label}", radius, "<", room)
                            for label, radius, room in limit.rooms(tube)]
     return conditions
+
+
+def rooms_of_budget(scenario: Scenario, found: LawTube, model: ContactModel) -> dict[str, float]:
+    """Returns what limits there are of the radii of a budget: the least of each kind."""
+    limits = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed[0]",),
+              "joints": tuple(f"q{j + 1}" for j in range(model.num_joints))}
+    none = resolved_radii(TubeRadii(u=np.zeros(model.size), tau=np.zeros(model.size)))
+    room = {label: size for limit in limits_of(scenario, model).values()
+            for label, _, size in limit.rooms(none)}
+    return {name: min(known) for name in found.budget
+            if (known := [room[label] for label in limits.get(name, ()) if label in room])}
 
 
 def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel

@@ -45,6 +45,10 @@ HELP = {
     "faults": "no faults but those of the solver",
     "sensing[": "leaving it out",
     "actuation[": "leaving it out",
+    "actuation, ": "a clock and then thrusters, or leaving it out",
+    "late actuators": "faster clocks, a shorter lag or dead time, or slower limits",
+    "vehicle, loop": "smaller ancillary.vehicle gains or less lag",
+    "tip, loop": "smaller ancillary.tip gains or a faster clock",
     "terminal set": "wider limits, a task further inside them or other mpc weights",
     "left by the tube": "a wider limit, a smaller disturbance.bound or larger gains",
     "first plan, violation between": "a shorter mpc.time_step with a longer mpc.horizon, or wider "
@@ -163,16 +167,22 @@ def _radius(value: float | np.ndarray) -> str:
 
 
 def _budget_rows(certificate: Certificate) -> list[str]:
-    """Returns what each source takes of a radius, in a row, and their sum."""
+    """Returns what each source takes of the radii, a row each, their sums and what limits leave."""
     if not certificate.budget:
         return []
-    sources = list(next(iter(certificate.budget.values())))
-    return ["", "budget: what takes how much of the tube", *(
-        f"  {source:<24}" + "".join(f"{1e3 * parts[source]:>12.4g}"
-                                    for parts in certificate.budget.values())
-        for source in sources),
-        f"  {'':<24}" + "".join(f"{name:>12}" for name in certificate.budget)
-        + "   [mm, mrad, mm/s]"]
+    budget, room = certificate.budget, certificate.room
+    sources = list(next(iter(budget.values())))
+
+    def row(name: str, values: list[str]) -> str:
+        return f"  {name:<30}" + "".join(f"{value:>12}" for value in values)
+
+    return ["", "budget: what takes how much of the tube [mm, mrad, mm/s]",
+            row("", list(budget)),
+            *(row(source, [f"{1e3 * parts[source]:.4g}" for parts in budget.values()])
+              for source in sources),
+            row("sum", [f"{1e3 * sum(parts.values()):.4g}" for parts in budget.values()]),
+            *([row("limits leave", [f"{1e3 * room[name]:.4g}" if name in room else "-"
+                                    for name in budget])] if room else [])]
 
 
 def _estimate_rows(certificate: Certificate) -> list[str]:

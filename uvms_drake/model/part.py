@@ -103,6 +103,23 @@ ON_TIME = Lateness()
 """Forces that act at once."""
 
 
+class CommandPath(NamedTuple):
+    """What is known of how a command goes on: sampled, held, late by a dead time, behind a lag."""
+
+    period: float
+    """h [s]."""
+    delay: float
+    """From a sample to where it comes to the lag [s]."""
+    lag: float = 0.0
+    """T [s]."""
+    whole: bool = True
+    """Whether it is all of the command, and not the vehicle's wrench alone."""
+    off: np.ndarray = np.zeros((6, 0))
+    """The wrench that each thruster may be off by (6, m) [N, N m]."""
+    undriven: tuple[int, ...] = ()
+    """Axes of the vehicle that get nothing."""
+
+
 class Part(Component, ABC):
     """A part of a chain from plant to controller (sensing) or from controller to plant (actuation).
 
@@ -149,6 +166,10 @@ class Part(Component, ABC):
             model: The controller's.
         """
         return ON_TIME
+
+    def command_path(self, model: UvmsModel) -> CommandPath | None:
+        """Returns what is known of what it makes of a command; None, as by default: nothing."""
+        return None
 
 
 class Fault(Component):

@@ -1,7 +1,7 @@
 """The tube of an ancillary law, and the data that it is computed from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.tube.actuators import Actuators
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -45,6 +46,10 @@ class Basis:
     largest_rate: np.ndarray | float = np.inf
     """Bounds of |ζ̄̇ᵢ| of a plan (6+n,), of which |ūᵢ| leaves too much: a contact pushes light joints
     far harder than their speeds from knot to knot allow."""
+    actuators: Actuators = field(default_factory=Actuators)
+    """Clocks, dead times and lags between the law and what acts."""
+    time_step: float = np.inf
+    """Of a plan, over which ζ̄̇ stands still [s]."""
     forces: bool = False
     """Whether forces are limited, so that the tube in τ is needed."""
 

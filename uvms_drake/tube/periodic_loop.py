@@ -84,6 +84,14 @@ class PeriodicLoop:
         """
         return self._by_flow(B, self.periods) + np.abs(D)
 
+    def flow_moment(self, B: np.ndarray) -> np.ndarray:
+        """Returns a bound of ∫(t − u)|K(t, u)|du (o,): of |K| by its age, up to two periods more.
+
+        Args:
+            B: How w enters the flow (m,).
+        """
+        return self._by_flow(B, self.periods, by_age=True)
+
     def sample_gain(self, N: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
         """Returns the largest |z| (o,) by samples |v| ≤ 1 that may be anything; inf: unstable.
 
@@ -198,7 +206,7 @@ class PeriodicLoop:
         rows = np.concatenate([self.C @ until for until in self._until()])
         return self._sum(rows, lambda rows: np.abs(rows @ N), self.periods)
 
-    def _by_flow(self, B: np.ndarray, periods: float) -> np.ndarray:
+    def _by_flow(self, B: np.ndarray, periods: float, *, by_age: bool = False) -> np.ndarray:
         steps = [stretch.duration / self.points for stretch in self.stretches]
         pushed = self._flows @ B  # (stretches, points + 1, m), since an impulse
         # An impulse in each stretch as it is after the next tick.
@@ -214,11 +222,16 @@ class PeriodicLoop:
                            for states, step in zip(late, steps, strict=True)], axis=0)
 
         rows = np.concatenate([self.C @ until for until in self._until()])
-        total = self._sum(rows, integral, periods)
+        total = self._sum(rows, integral, periods, by_age=by_age)
         # Impulses in the period that the output is read in.
         within = [self._within(i, j, pushed, steps) for i in range(len(steps))
                   for j in range(0, self.points + 1, self.points // PHASES)]
-        return _largest(total + np.concatenate(within), len(self.C))
+        newest = np.concatenate(within) * (self._period if by_age else 1.0)
+        return _largest(total + newest, len(self.C))
+
+    @property
+    def _period(self) -> float:
+        return sum(stretch.duration for stretch in self.stretches)
 
     def _within(self, i: int, j: int, pushed: np.ndarray, steps: list[float]) -> np.ndarray:
         """Returns ∫|K| (o,) of impulses since the last tick, read at point j of stretch i."""
@@ -230,9 +243,12 @@ class PeriodicLoop:
             rows = rows @ self._flows[before, -1]
         return total
 
-    def _sum(self, rows: np.ndarray, size: Callable[[np.ndarray], np.ndarray], periods: float
-             ) -> np.ndarray:
-        """Returns the sum (r,) of `size` of rows Φʲ over `periods`, of rows (r, m)."""
+    def _sum(self, rows: np.ndarray, size: Callable[[np.ndarray], np.ndarray], periods: float,
+             *, by_age: bool = False) -> np.ndarray:
+        """Returns the sum (r,) of `size` of rows Φʲ over `periods`, of rows (r, m).
+
+        By their age, each counts j + 2 periods.
+        """
         if math.isinf(periods):
             return np.full(len(rows), np.inf)
         powers = [np.eye(len(self.A))]
@@ -240,8 +256,9 @@ class PeriodicLoop:
             powers.append(powers[-1] @ self.cycle)
         at_once = rows @ np.array(powers[:-1])  # (AT_ONCE, r, m)
         total = np.zeros(len(rows))
-        for _ in range(math.ceil(periods / AT_ONCE)):
-            total += np.sum(size(at_once), axis=0)
+        for i in range(math.ceil(periods / AT_ONCE)):
+            ages = self._period * (2.0 + AT_ONCE * i + np.arange(AT_ONCE)) if by_age else np.ones(1)
+            total += np.sum(ages[:, None] * size(at_once), axis=0)
             at_once = at_once @ powers[-1]
         return total
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.laws.outputs import output_motion
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.spatial import times
-from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.tube.tip_first_rests import output_bias, output_jacobian
 
 
 class RowLoads(NamedTuple):
@@ -24,12 +24,20 @@ class RowLoads(NamedTuple):
     """B = J_s M⁻¹[0; 1] (..., n, n)."""
     tip: np.ndarray
     """h_s = −J_s M⁻¹((τ_v, 0) − b − Jᵀ𝔉) − J̇_sζ (..., n)."""
+    by_tip: np.ndarray
+    """A M_vq J_sq⁻¹ (..., 6, n), how h_v follows v_s."""
+    by_wrench: np.ndarray
+    """J_s M⁻¹[1; 0] (..., n, 6), how −h_s follows τ_v."""
+    M: np.ndarray
+    """(..., 6+n, 6+n)."""
+    b: np.ndarray
+    """With Jᵀ𝔉 (..., 6+n)."""
 
 
-def row_loads(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, rows: np.ndarray, *,
+def row_loads(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: np.ndarray, *,
               tip_acceleration: np.ndarray, wrench: np.ndarray, contact: np.ndarray | None = None
               ) -> RowLoads:
-    """Returns maps and loads.
+    """Returns maps and loads, of real or complex states.
 
     Args:
         model: The robot.
@@ -41,8 +49,8 @@ def row_loads(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, rows: np.n
         contact: 𝔉 (..., 6); None: that of the model's surface.
     """
     kinematics = model.kinematics(config)
-    _, J_x, J_x_dot = model.task_motion(config, zeta, kinematics)
-    _, J, bias = output_motion(config, zeta, J_x, J_x_dot, rows)
+    J = output_jacobian(model, config, kinematics, rows)
+    bias = output_bias(config, kinematics, zeta, rows)
     M = model.mass_matrix(kinematics)
     b = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta), contact)
     # By the arm, which holds the tip, to the vehicle.
@@ -55,4 +63,4 @@ def row_loads(model: UvmsModel, config: np.ndarray, zeta: np.ndarray, rows: np.n
     given = -b
     given[..., :6] += wrench
     return RowLoads(A, times(A, carried) - bias[..., :6], by_forces[..., 6:],
-                    -times(by_forces, given) - bias[..., 6:])
+                    -times(by_forces, given) - bias[..., 6:], A @ by_arm, by_forces[..., :6], M, b)

@@ -45,6 +45,7 @@ grows linearly leaves nothing. If the lag is not ℓ but ℓ − ΔT, ΔT s/Δ f
 - `disturbance_rate`: δ̇, of a δ of any level, which an observer makes finite.
 - `feed_forward`: f, if it changes at ticks only, where there are any. A constant leaves nothing: f
   may be taken less any constant, so half of its range counts.
+- `free_feed_forward`: f that may be anything, at a tick and beside it.
 - `feed_forward_rate`: ḟ. A plan that jumps, and h, which is smooth, are one part each of f.
 - `planned`, `planned_rate`: likewise of f̄, the part of f that is asked for `ahead`. What
   `feed_forward` and its rate then move a row by is f − f̄; without it there is no difference. In a
@@ -69,6 +70,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.tube.periodic_loop import PeriodicLoop, Stretch, absolute_integral, exponential
+from uvms_drake.tube.row_gains import Gains, instant_gains, moments
 
 EXACT = 1e-6
 """Part of a period by which times differ that are meant to be the same."""
@@ -133,11 +135,12 @@ class RowLoop:
         system = self._system
         loop, delta, f, f_sampled = system.loop, system.delta, system.f, system.f_sampled
         gains = {
-            "disturbance": loop.flow_gain(delta),
+            "disturbance": self._exact or loop.flow_gain(delta),
             "disturbance_rate": loop.rate_gain(delta),
             "feed_forward": (loop.held_gain(f, f_sampled) if self.period > 0.0
                              else loop.flow_gain(f)),
-            "feed_forward_rate": loop.rate_gain(f, f_sampled)}
+            "feed_forward_rate": loop.rate_gain(f, f_sampled),
+            "free_feed_forward": loop.flow_gain(f) + loop.sample_gain(f_sampled)}
         gains |= self._planned(gains)
         for i, name in enumerate(("position", "velocity")):
             D = np.array([0.0, 0.0, -(self.k * self.sigma, self.k + self.sigma)[i]])
@@ -146,7 +149,24 @@ class RowLoop:
             else:
                 D[2] -= self.observer * i
                 gains[name] = loop.flow_gain(system.noise[i], D)
-        return {name: Peak(*map(float, values)) for name, values in gains.items()}
+        return {name: Peak(*map(float, values[:3])) for name, values in gains.items()}
+
+    @property
+    def at_once(self) -> bool:
+        """Whether there is nothing but the row and its gains."""
+        return not (self.observer or self.lag or self.period)
+
+    @property
+    def _exact(self) -> Gains | None:
+        """The gains of δ in closed form, if there is one."""
+        return instant_gains(self.k, self.sigma) if self.at_once else None
+
+    @cached_property
+    def moment(self) -> Peak:
+        """A bound of ∫t|g|dt of the answers to an impulse of δ, for what changes meanwhile."""
+        found = moments(self.k, self.sigma) if self.at_once else (
+            self._system.loop.flow_moment(self._system.delta))
+        return Peak(*map(float, found[:3]))
 
     def _planned(self, late: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Returns the gains from f̄, given those from an f that is not asked for ahead."""

@@ -62,20 +62,23 @@ class TipFirstProblem(SearchProblem):
         """Returns the rests (..., 4(6+n) − 3)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
         config = self.config(pose)
-        u = self.input(config, zeta, share)
+        u = input_within(
+            self.model, config, zeta, share, self.u_limits, self.largest_rate)
         return tip_first_rests(self.model, self.rows, config, zeta, u, error[..., : self.size],
                                error[..., self.size:])
 
-    def input(self, config: np.ndarray, zeta: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Returns ū by a share of the tighter one of its two bounds, within both."""
-        rates = self.largest_rate * np.ones(self.size)
-        slow = rates < self.u_limits
-        u = self.u_limits * share
-        if np.any(slow):
-            f = self.model.drift(config, zeta)
-            u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - f, u), self.u_limits)
-            u = _within(u + f, rates) - f
-        return u
+
+def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, share: np.ndarray,
+                 u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
+    """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both."""
+    rates = largest_rate * np.ones(model.size)
+    slow = rates < u_limits
+    u = u_limits * share
+    if np.any(slow):
+        f = model.drift(config, zeta)
+        u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - f, u), u_limits)
+        u = _within(u + f, rates) - f
+    return u
 
 
 def _within(x: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -136,7 +139,7 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
     """
     size, factor = model.size, settings.safety_factor
     linear, check = _linear(model, declared, rows, blocks, settings)
-    least = _least_speeds(model, declared, rows, blocks, settings.seed)
+    least = least_speeds(model, declared, rows, blocks, settings.seed)
     limits = np.array([declared.nu1, declared.nu2, declared.qdot])
     if np.any(least >= limits):  # Nothing is left to a plan.
         none = np.full(size, np.inf)
@@ -229,7 +232,7 @@ def _task(model: ContactModel, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
     return model.task_jacobian(_config(x))[:, rows]
 
 
-def _least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+def least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
                   blocks: list[BlockBounds], seed: int) -> np.ndarray:
     """Returns deviations of ν₁, ν₂ and q̇ (3,) that there are: those of ė to first order."""
     parts = slice(0, 3), slice(3, 6), slice(6, model.size)
