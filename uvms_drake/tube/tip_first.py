@@ -218,10 +218,11 @@ class _Late:
         model, declared, contact = basis.model, basis.declared, basis.contact
         assert contact is not None  # or `_unknown`
         before = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
-        # Plans are slower than the robot may be by the least that the tube takes.
+        # Plans are slower than the robot may be by the least that the tube takes, if that leaves any.
         limits = np.array([declared.nu1, declared.nu2, declared.qdot])
-        slower = np.maximum(limits - least_speeds(
-            model, declared, rows, _blocks(before, model.size), basis.settings.seed), 0.0)
+        least = least_speeds(
+            model, declared, rows, _blocks(before, model.size), basis.settings.seed)
+        slower = np.where(least < limits, limits - least, limits)
         rate = np.minimum(basis.largest_rate, 2.0 / basis.time_step * np.repeat(
             slower, [3, 3, model.num_joints]))
         driven = np.setdiff1d(np.arange(6), law.undriven_rows)
