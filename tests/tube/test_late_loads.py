@@ -72,14 +72,15 @@ def test_errors_of_the_outputs_make_loads_as_their_derivatives_say(model, point)
     rows, nominal = tip_rows(model), model.kinematics(config)
     J = output_jacobian(model, config, nominal, rows)
     held = (J @ rate + output_bias(config, nominal, zeta, rows))[6:]
-    wrench = model.inverse_dynamics(nominal, zeta, rate)[:6]
+    tau = model.inverse_dynamics(nominal, zeta, rate)
 
-    def h(x, x_dot):
+    def off(x, x_dot):
         real = configuration_of(model, rows, config, nominal, x)
         J_real = output_jacobian(model, real, model.kinematics(real), rows)
         moved = np.linalg.solve(J_real, J @ zeta + x_dot)
-        loads = row_loads(model, real, moved, rows, tip_acceleration=held, wrench=wrench)
-        return np.append(loads.vehicle, loads.tip)
+        loads = row_loads(model, real, moved, rows, tip_acceleration=held, wrench=tau[:6])
+        return np.append(loads.vehicle - loads.vehicle_map @ tau[:6],
+                         loads.tip - loads.tip_map @ tau[6:])
 
     loads, rng = found(model, point), np.random.default_rng(0)
     for column, block in ((0, slice(0, 3)), (1, slice(3, 6)), (2, slice(6, 10))):
@@ -92,7 +93,7 @@ def test_errors_of_the_outputs_make_loads_as_their_derivatives_say(model, point)
                 step = x.copy()
                 if k == 1 and column == 2:  # ẋ_s = J_sq ẋ_q
                     step[1, 6:] = J[6:, 6:] @ x[1, 6:]
-                slope = (h(*step) - h(*-step)) / (2.0 * STEP)
+                slope = (off(*step) - off(*-step)) / (2.0 * STEP)
                 largest = np.maximum(largest, norms(slope))
             claim = loads.by_error[:, column + 5 * k]
             assert np.all(largest <= claim * (1.0 + 1e-4) + 1e-7)
@@ -128,3 +129,17 @@ def test_thrusters_that_are_off_push_the_rows(model, point):
     expected = sum(np.array(norms(J @ np.linalg.solve(M, np.append(column, np.zeros(4)))))
                    for column in off.T)
     np.testing.assert_allclose(found(model, point, off=off).by_thrusters, expected, rtol=1e-9)
+
+
+def test_the_input_of_a_force_follows_the_posture(model, point):
+    config, zeta, _, rate = planned(model, point)
+    tau = model.inverse_dynamics(model.kinematics(config), zeta, rate)
+
+    def u(q):
+        return np.linalg.solve(
+            model.mass_matrix(model.kinematics(np.append(config[:6], q))), tau)
+
+    slopes = np.array([(u(config[6:] + unit) - u(config[6:] - unit)) / (2.0 * STEP)
+                       for unit in STEP * np.eye(4)])
+    np.testing.assert_allclose(
+        found(model, point).by_posture, np.linalg.norm(slopes, axis=0), rtol=1e-4, atol=1e-8)

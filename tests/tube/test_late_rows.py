@@ -1,11 +1,14 @@
 """Tests of `uvms_drake.tube.late_rows`: bounds by source, and what comes back of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from uvms_drake.tube.actuators import Actuators, Path
 from uvms_drake.tube.late_loads import LateLoads
 from uvms_drake.tube.late_rows import (
+    ANEW,
     ARM,
     CONTACT,
     LOADS,
@@ -19,7 +22,7 @@ from uvms_drake.tube.late_rows import (
 from uvms_drake.tube.row_loop import RowLoop
 
 SHAPES = dict(zip(LateLoads._fields, (*[(4,)] * 5, (4, 4), (4, 10), (4, 10), (4, 4), (4, 4),
-                                      *[(4,)] * 4, (2, 20)), strict=True))
+                                      *[(4,)] * 4, (2, 20), (10,)), strict=True))
 ZERO = LateLoads(**{name: np.zeros(shape) for name, shape in SHAPES.items()})
 NONE = Errors(np.zeros(10), np.zeros(10), np.zeros(4), np.zeros(4))
 VEHICLE, JOINTS = Path(0.02, 0.03, 0.1), Path(0.02, 0.01)
@@ -31,7 +34,7 @@ LOOPS = [RowLoop(K, SIGMA, 0.0, path.lag, path.period, path.dead_time)
 
 
 def parts(loads: LateLoads, errors: Errors = NONE, force=(0.0, 0.0, 0.0)):
-    return LateRows(Actuators(VEHICLE, JOINTS, True), *LOOPS, loads, force).parts(errors)
+    return LateRows(Actuators(VEHICLE, JOINTS, True), *LOOPS, loads, force, 0.2).parts(errors)
 
 
 class Row:
@@ -85,6 +88,25 @@ def test_no_plan_and_no_map_moves_a_row_further_than_its_lines():
     assert np.max(ratios) <= 1.0
     assert ratios[0] > 0.8, ratios
     assert np.min(ratios) > 0.3, ratios
+
+
+def test_a_plan_known_ahead_costs_less_and_one_made_anew_costs_what_its_windows_do():
+    """The worst of a δ that is there in the last ℓ of each 0.2 s, on a row without lag."""
+    loads, ahead, k, sigma = ZERO._replace(plan=np.ones(4), jump=np.ones(4)), 0.05, 4.0, 2.0
+    paths = [replace(path, ahead=path.age - 0.5 * path.period) for path in (VEHICLE, JOINTS)]
+    loops = [replace(loop, ahead=path.ahead) for loop, path in zip(LOOPS, paths, strict=True)]
+    known = LateRows(Actuators(*paths, True), *loops, loads, (0.0, 0.0, 0.0), 0.2).parts(NONE)
+    late = parts(loads)
+    assert known[PLAN][0, 0] < 0.5 * late[PLAN][0, 0]
+    assert not late[ANEW].any()
+    assert known[ANEW][0, 0] > 2.0 * late[PLAN][0, 0]  # with as much ahead as between two plans
+    # A row at once, as much ahead as it is not late, for the kernel alone.
+    row, path = RowLoop(k, sigma), Path(ahead=ahead)
+    found = LateRows(Actuators(path, path), row, row, loads, (0.0, 0.0, 0.0), 0.2).parts(NONE)
+    t = np.arange(0.0, 8.0, 1e-4)
+    g = (np.exp(-sigma * t) - np.exp(-k * t)) / (k - sigma)
+    worst = max(2e-4 * np.sum(g[(t - shift) % 0.2 < ahead]) for shift in np.arange(0.0, 0.2, 0.01))
+    assert 0.6 * found[ANEW][0, 0] < worst <= found[ANEW][0, 0]
 
 
 def test_every_source_counts_where_it_pushes_and_nowhere_else():

@@ -25,6 +25,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import Part
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
+from uvms_drake.station.dynamic import lateness_of
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
@@ -211,7 +212,7 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
-        actuators=actuators_of(paths))
+        actuators=actuators_of(paths, lateness_of(scenario, model)))
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:

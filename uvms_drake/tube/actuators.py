@@ -1,11 +1,11 @@
 """From the law's command to what acts: the clocks, dead times and lags in between."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uvms_drake.model.part import CommandPath
+from uvms_drake.model.part import ON_TIME, CommandPath, Lateness
 
 SAME = 1e-6
 """Part of a period by which times differ that are meant to be the same."""
@@ -21,6 +21,9 @@ class Path:
     """From a tick to where its command comes to the actuator [s]."""
     lag: float = 0.0
     """T [s]."""
+
+    ahead: float = 0.0
+    """ℓ, by how much the plan's forces are asked for ahead [s], see `control.ahead`."""
 
     @property
     def age(self) -> float:
@@ -49,7 +52,7 @@ class Actuators:
         return self.vehicle.age > 0.0 or self.joints.age > 0.0
 
 
-def actuators_of(paths: Sequence[CommandPath | None]) -> Actuators:
+def actuators_of(paths: Sequence[CommandPath | None], ahead: Lateness = ON_TIME) -> Actuators:
     """Returns the actuators of a chain: thrusters behind a clock, either of them or none.
 
     Thrusters are sampled by a clock of their own. A command that goes out at δ after a tick meets
@@ -74,4 +77,5 @@ def actuators_of(paths: Sequence[CommandPath | None]) -> Actuators:
                             path.off, path.undriven, unknown)
         else:
             return Actuators(unknown=("another order of parts than a clock and then thrusters",))
-    return out
+    return replace(out, vehicle=replace(out.vehicle, ahead=ahead.vehicle),
+                   joints=replace(out.joints, ahead=ahead.joints))

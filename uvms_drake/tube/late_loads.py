@@ -4,10 +4,10 @@ The rows of `tip first` obey ÿ = Gv + (G − 1)h + c + δ, see `tube.row_loop`;
 c = (AG − GA)τ_c. Along the plan f is f̄ = (Ā τ̄_v, B̄ τ̄_q) of the plan's own forces τ̄, which follow
 from 𝔮̄, ζ̄ and ζ̄̇ alone. What the real robot has to carry besides is
 
-    φ = h − h̄,    ‖φ_b‖ ≤ Σ_b' ‖∂h_b/∂x_b'‖ ‖x_b'‖ + ‖∂h_b/∂ẋ_b'‖ ‖ẋ_b'‖,                        (1)
+    φ = h − h̄ − (A − Ā)τ̄,    ‖φ_b‖ ≤ Σ_b' ‖∂φ_b/∂x_b'‖ ‖x_b'‖ + ‖∂φ_b/∂ẋ_b'‖ ‖ẋ_b'‖,             (1)
 
 x the errors of the outputs, those of the tip in joint angles (`tip_first_rests`), with the tip's
-acceleration and the vehicle's wrench as planned, which have derivatives of their own. All suprema
+acceleration and all forces τ̄ as planned, which have derivatives of their own. All suprema
 are over the declared set and over plans within. They are searched for, multiplied by a declared
 factor, and called estimates.
 """
@@ -76,7 +76,7 @@ class LateLoads(NamedTuple):
     turning: np.ndarray
     """Norms of the blocks of ȦA⁻¹ and of ḂB⁻¹ (4, 4) [1/s]."""
     by_error: np.ndarray
-    """‖∂h_b/∂x_b'‖, and then those by ẋ_b' (4, 10)."""
+    """‖∂φ_b/∂x_b'‖, and then those by ẋ_b' (4, 10)."""
     by_error_rate: np.ndarray
     """Norms of how these matrices vary along a plan (4, 10)."""
     by_tip: np.ndarray
@@ -93,6 +93,8 @@ class LateLoads(NamedTuple):
     """Norms of J_sq⁻¹'s columns of them (4,)."""
     joints: np.ndarray
     """How u and τ of the joints follow what thrusters give, by the vehicle's blocks (2, 2(6+n))."""
+    by_posture: np.ndarray
+    """‖(∂M⁻¹/∂q τ̄)ᵢ‖, how the input of a plan's force follows the joints (6+n,)."""
 
 
 def late_loads(model: ContactModel, declared: ConstraintSet, rows: np.ndarray, plans: Plans,
@@ -128,7 +130,8 @@ def late_loads(model: ContactModel, declared: ConstraintSet, rows: np.ndarray, p
 
 def _named(values: np.ndarray, size: int) -> LateLoads:
     """Returns the numbers of `values_at` by their names."""
-    shapes = (*[(4,)] * 5, (4, 4), (4, 10), (4, 10), (4, 4), (4, 4), *[(4,)] * 4, (2, 2 * size))
+    shapes = (*[(4,)] * 5, (4, 4), *[(4, 10)] * 2, *[(4, 4)] * 2, *[(4,)] * 4, (2, 2 * size),
+              (size,))
     ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
     return LateLoads(*(part.reshape(shape) for part, shape in zip(
         np.split(values, ends), shapes, strict=True)))
@@ -181,6 +184,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
     kinematics = model.kinematics(config)
     J, J_E = output_jacobian(model, config, kinematics, rows), kinematics.J_links[:, -1]
     forces = times(M, rate) + here.b.real
+    forces[:, idle] = 0.0
     by_x = _by_errors(model, config, zeta, rows, of_y, rate, forces)
     later = _by_errors(model, config + DIFFERENCE * configuration_rate(config, zeta_bar),
                        zeta + DIFFERENCE * rate, rows, of_y, rate, forces)
@@ -207,8 +211,12 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
     torques = np.zeros((count, size, 6))
     torques[:, 6:] = np.linalg.solve(here.tip_map.real, across[1, :, 6:, :6])
     both = np.concatenate([np.linalg.solve(M, torques), torques], axis=1)
+    bent = config[:, None] + 1j * COMPLEX_STEP * np.eye(size)[6:]
+    inputs = np.linalg.solve(model.mass_matrix(model.kinematics(bent)), np.broadcast_to(
+        forces[:, None, :, None], (count, n, size, 1)))[..., 0]
+    by_posture = np.linalg.norm(inputs.imag / COMPLEX_STEP, axis=1)
     return np.column_stack([*out, *(
-        np.linalg.norm(both[:, :, block], axis=2) for block in of_y[:2])])
+        np.linalg.norm(both[:, :, block], axis=2) for block in of_y[:2]), by_posture])
 
 
 def _whole(loads: RowLoads, driven: np.ndarray) -> np.ndarray:
@@ -245,7 +253,7 @@ def _in_balls(unit: np.ndarray, *radii: float) -> np.ndarray:
 def _by_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: np.ndarray,
                blocks: Sequence[np.ndarray], rate: np.ndarray, forces: np.ndarray
                ) -> list[np.ndarray]:
-    """Returns the ∂h/∂x_b, and the ∂h/∂ẋ_b (m, 6+n, ...), for `rate` and `forces` as planned."""
+    """Returns the ∂φ/∂x_b, and the ∂φ/∂ẋ_b (m, 6+n, ...), for `rate` and `forces` as planned."""
     size = model.size
     kinematics = model.kinematics(config)
     J_sq = output_jacobian(model, config, kinematics, rows)[:, 6:, 6:]
@@ -260,7 +268,9 @@ def _by_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: 
     rates = times(output_jacobian(model, config, kinematics, rows), zeta)
     # By 𝔮 and ζ: a row for each of them.
     of_outputs = np.concatenate([config[..., :6], s, rates], axis=-1).imag / COMPLEX_STEP
-    of_loads = np.concatenate([loads.vehicle, loads.tip], axis=-1).imag / COMPLEX_STEP
+    off = np.concatenate([loads.vehicle - times(loads.vehicle_map, forces[:, None, :6]),
+                          loads.tip - times(loads.tip_map, forces[:, None, 6:])], axis=-1)
+    of_loads = off.imag / COMPLEX_STEP
     both = np.split(np.linalg.solve(of_outputs, of_loads).swapaxes(1, 2), 2, axis=2)
     return [each for by_y in both for each in (
         by_y[..., :3], by_y[..., 3:6], by_y[..., 6:] @ J_sq, *(by_y[..., i] for i in blocks[2:]))]

@@ -1,27 +1,31 @@
 """What late actuators make of the rows of `tip first`: the sources of `tube.row_loop`, bounded.
 
-By (1) there, for blocks b of rows with the G, h and A of `late_loads`; f = f̄ + φ of the plan and of
-what the robot carries beside it, w the feedback, ∘ marks norms of blocks:
+By (3) there, for blocks b of rows with the G, h and A of `late_loads`; f̄ = Aτ̄ of the plan, asked
+for ℓ ahead, φ what the robot carries besides, w the feedback, ∘ marks norms of blocks:
 
-    δ'_b = (G − 1)f̄ + (G − 1)φ + c,    |c| ≤ ā |ȦA⁻¹|∘ (|f̄| + |φ| + |w| + |contact|),            (1)
+    δ'_b = (G e^{sℓ} − 1)f̄ + (G − 1)φ + c,
+    |c| ≤ |ȦA⁻¹|∘ (ā(|φ| + |w| + |contact|) + (ā + ℓ)|f̄|),                                       (1)
 
-since [(AG − GA)τ_c](t) = ∫[A(t) − A(s)]A(s)⁻¹(Aτ_c)(s) over ages of ā in the mean, at most.
+since [(AG − GA)τ](t) = ∫[A(t) − A(s)]A(s)⁻¹(Aτ)(s) over ages of ā in the mean, at most.
 
 *f̄ jumps at the knots of a plan*, which are ticks, and varies in between: its level goes by the gain
-of `feed_forward`, and what it varies in a period by that of a δ; or so does the part with ζ̄̇, which
-jumps, and the rest by its rate. A contact's force is late as well:
-where the joints have the reading G_sF̂, the vehicle has G_vF̂.
+of `planned`, and what it varies in a period by that of a δ; or so does the part with ζ̄̇, which
+jumps, and the rest by its rate. A contact's force is late as well: where the joints have the
+reading G_sF̂, the vehicle has G_vF̂.
+
+*A plan that is made anew* at every knot, h_p apart, may be another one than that whose forces were
+asked for ahead, within the last ℓ before. That is a δ of 2|f̄| at most, over a part of ℓ/h_p of all
+times. With the kernel g a window of ℓ counts no more than ℓ/h_p of ∫|g| + h_p∫|ġ| over a period.
 
 *φ* is what errors x make of h, by its derivatives, and nothing is late of what stands still: what
-counts is its rate, |φ̇| ≤ |∂h/∂x|∘|ẋ| + |d/dt ∂h/∂x|∘|x|. ẍ is at most the feedback and what pushes.
-The tip's carries what the thrusters give off
-the plan, too: |A(τ_v − τ̄_v)| ≤ 2|f̄| + |φ| + |w|, which behind a lag T varies at no more than
-2(|f̄| + |φ| + |w| + |contact|)/T.
+counts is its rate, |φ̇| ≤ |∂φ/∂x|∘|ẋ| + |d/dt ∂φ/∂x|∘|x|. ẍ is at most the feedback and what pushes.
+The tip's carries what the thrusters give off the plan, too: |Aτ_v| varies behind a lag T at no more
+than 2(|f̄| + |φ| + |w| + |contact|)/T, and Aτ̄_v, which is not known to the joints' hold, like f̄.
 
-*The arm is late, too.* The vehicle's h counts with v_s, and the tip does v_s + r, where r is the
-(G − 1)v_s + (G − 1)h + c of the tip: at most ā(|φ̇| + |ẇ|) and c, with the part of f̄. What jumps is
-late by the dead time t_d, which has a bounded integral, −∫f̄ over the last t_d: it counts t_d|f̄| by
-the kernel's derivative, g∗Δ̇ = ġ∗Δ.
+*The arm is late, too.* The vehicle's h counts with v_s, and the tip does v_s + r, where r is the δ'
+of the tip without what pushes it: at most ā(|φ̇| + |ẇ|) and c, with the part of f̄. What jumps is
+late by ā at most, which has a bounded integral: it counts ā|f̄| by the kernel's derivative,
+g∗Δ̇ = ġ∗Δ.
 
 Errors make loads, and loads make errors: the smallest numbers that bound each other. They exist if
 what comes back is less than what was put in, and bound the real ones, since all of that is causal.
@@ -37,10 +41,10 @@ from uvms_drake.tube.actuators import Actuators
 from uvms_drake.tube.late_loads import LateLoads
 from uvms_drake.tube.row_loop import RowLoop
 
-PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM = (
-    "the plan, late", "loads off the plan, late", "the thrusters, off the plan",
-    "what turns meanwhile", "the contact, late", "the arm, late")
-SOURCES = (PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM)
+PLAN, ANEW, LOADS, WRENCH, TURNING, CONTACT, ARM = (
+    "the plan, late", "the plan, made anew", "loads off the plan, late",
+    "the thrusters, off the plan", "what turns meanwhile", "the contact, late", "the arm, late")
+SOURCES = (PLAN, ANEW, LOADS, WRENCH, TURNING, CONTACT, ARM)
 """Sources of the rows' errors by actuators that are late."""
 
 
@@ -66,21 +70,26 @@ class LateRows:
         tip: The loop of the tip's.
         loads: Suprema of what the rows carry.
         force: Bounds of the contact's force, of its rate but for a ripple, and of that [N, N/s].
+        time_step: Between two knots of a plan, and two plans [s].
     """
 
     def __init__(self, actuators: Actuators, vehicle: RowLoop, tip: RowLoop, loads: LateLoads,
-                 force: tuple[float, float, float]):
+                 force: tuple[float, float, float], time_step: float):
         size, rate, ripple = force
         self._actuators, self._loads = actuators, loads
         self._pressed = loads.by_force * size
         paths, loops = (actuators.vehicle, actuators.joints), (vehicle, tip)
-        self._age, self._hold = _of_blocks([[path.age, path.period] for path in paths]).T
+        self._age, self._hold, self._ahead = _of_blocks(
+            [[path.age, path.period, path.ahead] for path in paths]).T
+        self._time_step = time_step
         # Of e, ė, w and ë, which is the feedback behind G and what pushes.
         self._gains = {name: _of_blocks([[*loop.gains[name], loop.gains[name].command + most(path)]
                                          for loop, path in zip(loops, paths, strict=True)])
                        for name, most in (
                            ("disturbance", lambda path: 1.0),
                            ("feed_forward", lambda path: 2.0 * (path.age > path.period)),
+                           ("planned", lambda path: 2.0 * (path.age > path.period)),
+                           ("planned_rate", lambda path: path.age + path.ahead),
                            ("free_feed_forward", lambda path: 2.0),
                            ("feed_forward_rate", lambda path: path.age))}
         k, sigma = _of_blocks([[loop.k, loop.sigma] for loop in loops]).T
@@ -100,47 +109,80 @@ class LateRows:
         out: np.ndarray = self._gains[name] * sizes[:, None]
         return out
 
-    def _given(self, errors: Errors) -> np.ndarray:
-        """Returns |f| + |w| and what the contact makes (4,)."""
-        out: np.ndarray = (self._loads.plan + self._loads.by_error @ errors.x + errors.w
-                           + self._pressed)
+    def _off(self, errors: Errors) -> np.ndarray:
+        """Returns |φ| + |w| and what the contact makes (4,)."""
+        out: np.ndarray = self._loads.by_error @ errors.x + errors.w + self._pressed
         return out
 
     def parts(self, errors: Errors) -> dict[str, np.ndarray]:
         """Returns the bounds of e, ė, w and ë by source (4, 4)."""
-        loads, path, lag = self._loads, self._actuators.joints, self._actuators.vehicle.lag
-        given = self._given(errors)
-        plan = np.minimum(
-            self._by("feed_forward", loads.plan)
-            + self._by("disturbance", self._hold * loads.plan_rate),
-            self._by("feed_forward", loads.jump)
-            + self._by("disturbance", self._hold * loads.jump_rate)
-            + self._by("feed_forward_rate", loads.smooth_rate))
+        loads, joints, lag = self._loads, self._actuators.joints, self._actuators.vehicle.lag
+        off = self._off(errors)
         rate = loads.by_error @ errors.rate + loads.by_error_rate @ errors.x
-        wrench = 2.0 * loads.by_wrench @ given
+        wrench = 2.0 * loads.by_wrench @ (loads.plan + off)
+        c = self._age * (loads.turning @ (off + wrench)) + (self._age + self._ahead) * (
+            loads.turning @ loads.plan)
         varies = 1.0 / lag if lag > 0.0 else np.inf
-        by_wrench = np.minimum(self._by("free_feed_forward", wrench), self._by(
-            "feed_forward_rate", wrench * varies)) if path.age > 0.0 else np.zeros((4, 4))
-        c = self._age * (loads.turning @ (given + wrench))
-        arm = np.zeros((4, 4))
-        if path.age > 0.0:
-            off = (path.period * loads.jump_rate + c
-                   + path.age * (loads.smooth_rate + rate + errors.w_rate)
-                   + min(1.0, varies * path.age) * wrench)
-            late = path.dead_time * loads.by_tip @ loads.jump
-            arm = self._by("disturbance", loads.by_tip @ off)
+        by_wrench = arm = np.zeros((4, 4))
+        if joints.age > 0.0:
+            by_wrench = np.minimum(
+                self._by("free_feed_forward", wrench),
+                self._by("feed_forward_rate", wrench * varies)) + self._held(
+                    *(loads.by_wrench @ each for each in (
+                        loads.jump, loads.jump_rate, loads.smooth_rate)))
+            late = joints.age * loads.by_tip @ loads.jump
+            arm = self._by("disturbance", loads.by_tip @ (
+                2.0 * joints.period * loads.jump_rate + c
+                + (joints.age + joints.ahead) * loads.smooth_rate
+                + joints.age * (rate + errors.w_rate) + min(1.0, varies * joints.age) * wrench))
             arm[:, :3] += self._by_integral * late[:, None]
             arm[:, 3] += self._by_integral[:, 2] * late + 2.0 * loads.by_tip @ loads.jump
-        return {PLAN: plan, LOADS: self._by("feed_forward_rate", rate), WRENCH: by_wrench,
+            arm += self._anew(2.0 * loads.by_tip @ loads.plan, self._ahead[2])
+        return {PLAN: self._plan(), ANEW: self._anew(2.0 * loads.plan, self._ahead),
+                LOADS: self._by("feed_forward_rate", rate), WRENCH: by_wrench,
                 TURNING: self._by("disturbance", c), CONTACT: self._contact, ARM: arm}
 
-    def wrench_late(self, errors: Errors) -> np.ndarray:
-        """Returns what this makes of u and τ (2(6+n),): the joints take the wrench as it is."""
-        if not self._actuators.thrusters:
-            return np.zeros(self._loads.joints.shape[1])
-        given = self._given(errors)
-        off = 2.0 * given + self._age * (self._loads.turning @ given)
-        out: np.ndarray = off[:2] @ self._loads.joints
+    def _held(self, jump: np.ndarray, jump_rate: np.ndarray, smooth_rate: np.ndarray
+              ) -> np.ndarray:
+        """Returns the bounds (4, 4) by what jumps at ticks, varies in between, or is smooth."""
+        return (self._by("feed_forward", jump) + self._by("disturbance", self._hold * jump_rate)
+                + self._by("feed_forward_rate", smooth_rate))
+
+    def _plan(self) -> np.ndarray:
+        """Returns the bounds (4, 4) by a plan whose forces are asked for ahead."""
+        loads = self._loads
+        twice = self._hold * np.where(self._ahead > 0.0, 2.0, 1.0)
+        out: np.ndarray = np.minimum(
+            self._by("planned", loads.plan) + self._by("disturbance", twice * loads.plan_rate),
+            self._by("planned", loads.jump) + self._by("disturbance", twice * loads.jump_rate)
+            + self._by("planned_rate", loads.smooth_rate))
+        return out
+
+    def _anew(self, size: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
+        """Returns the bounds (4, 4) by a δ of a size (4,), in the last `ahead` before knots."""
+        share = np.minimum(ahead / self._time_step, 1.0) * np.ones(4)
+        known = self._gains["disturbance"][:, :3]
+        windows = share[:, None] * (known + self._time_step * self._by_integral)
+        out = size[:, None] * np.minimum(known, windows)
+        return np.column_stack([out, out[:, 2] + size * (share > 0.0)])
+
+    def beside(self, errors: Errors, joints: float, qdot: float) -> np.ndarray:
+        """Returns what comes to u and τ (2(6+n),).
+
+        The joints take the wrench as it is. And the input of a force of the plan is another one at
+        the real posture, and at that of now.
+
+        Args:
+            errors: The errors of the rows.
+            joints: Bound of ‖q − q̄‖ [rad].
+            qdot: Of a plan's ‖q̄̇‖ [rad/s].
+        """
+        loads, ahead = self._loads, float(np.max(self._ahead))
+        off = self._off(errors)
+        late = 2.0 * (loads.plan + off) + self._age * (loads.turning @ (off + loads.plan))
+        out: np.ndarray = self._actuators.thrusters * (late[:2] @ loads.joints)
+        if ahead > 0.0:
+            out[: len(out) // 2] += loads.by_posture * (2.0 * joints + ahead * qdot)
         return out
 
 

@@ -162,8 +162,9 @@ def _blocks(sums: Mapping[str, np.ndarray], size: int) -> list[BlockBounds]:
 def _row_loops(law: TipFirst, actuators: Actuators) -> tuple[RowLoop, RowLoop]:
     """Returns the loops of the vehicle's rows and of the tip's."""
     return tuple(RowLoop(  # type: ignore[return-value]
-        gains.k, gains.sigma, gains.observer, path.lag, path.period, path.dead_time)
-        for gains, path in ((law.vehicle, actuators.vehicle), (law.tip, actuators.joints)))
+        gains.k, gains.sigma, gains.observer, path.lag, path.period, path.dead_time,
+        ahead=path.ahead) for gains, path in (
+            (law.vehicle, actuators.vehicle), (law.tip, actuators.joints)))
 
 
 def _unknown(law: TipFirst, basis: Basis) -> list[str]:
@@ -218,7 +219,7 @@ class _Late:
         model, declared, contact = basis.model, basis.declared, basis.contact
         assert contact is not None  # or `_unknown`
         before = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
-        # Plans are slower than the robot may be by the least that the tube takes, if that leaves any.
+        # Plans are slower than the robot may be by the least that the tube takes, if they can.
         limits = np.array([declared.nu1, declared.nu2, declared.qdot])
         least = least_speeds(
             model, declared, rows, _blocks(before, model.size), basis.settings.seed)
@@ -234,7 +235,7 @@ class _Late:
         self._rows = LateRows(
             basis.actuators, vehicle, tip, self._loads,
             (contact.size, float(np.hypot(contact.rate, contact.aside_rate)),
-             float(np.hypot(contact.ripple, contact.aside_ripple))))
+             float(np.hypot(contact.ripple, contact.aside_ripple))), basis.time_step)
         wrong = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
         wrong = np.column_stack([wrong, 1.0 + wrong[:, 2]])  # ë as in `_loop`
         self._wrong = wrong * self._loads.by_thrusters[:, None]
@@ -256,7 +257,9 @@ class _Late:
             JOINTS: lambda part: np.sum((into * part)[2:], axis=0)}
         self.table = {name: known | {source: of[name](part) for source, part in parts.items()}
                       for name, known in table.items()}
-        self.beside = self._rows.wrench_late(self._errors(z))
+        self.beside = self._rows.beside(
+            self._errors(z), float(sum(part[0] for part in self.table[JOINTS].values())),
+            float(slower[2]))
 
     def _errors(self, late: np.ndarray) -> Errors:
         """Returns the errors of which those by what is late are e, ė, w and ë of rows (4, 4)."""
