@@ -9,6 +9,7 @@ from support.tiny_robots import drill, drill_attitude_norm, oblique, turret
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.tube.boxes import BLOCKS, JacobianBoxes
 from uvms_drake.tube.constants import sampled_values
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -95,6 +96,23 @@ def assert_bounded(boxes: JacobianBoxes, centre: np.ndarray, half: np.ndarray,
 @pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill"])
 def test_the_bound_of_a_box_holds_at_the_states_in_it(model, block, robot):
     check_boxes_about_states(*arm_and_bounds(robot, model), block, seed=9)
+
+
+@pytest.mark.parametrize("frame", [(0.0, -0.3, 0.0), (0.2, -0.8, 0.4), (0.0, -0.5 * np.pi, 0.0)])
+def test_every_state_is_in_the_half_spaces_of_a_task_with_a_frame_of_its_own(uvms, plane, frame):
+    arm, widest = ContactModel(uvms, check_surface(plane), np.array(frame)), BOUNDS
+    if frame[1] < -1.0:  # The forearm down.
+        widest = replace(BOUNDS, q_lower=np.array([-0.4, -0.1, -0.5, -0.8]),
+                         q_upper=np.array([0.4, 0.4, 0.2, 0.8]))
+    boxes = JacobianBoxes(arm, widest, "extended")
+    config, x = coordinates(arm, widest, boxes, 200)
+    at_states = boxes.bounds(x, np.zeros_like(x)).reached  # −∞ where it is not in a half-space
+    np.testing.assert_allclose(at_states, norms(arm, "extended", config), rtol=1e-6)
+    bound = cover(boxes, np.max(at_states), 0.2, 300).upper
+    assert np.max(at_states) <= bound < 1.5 * np.max(at_states)
+    anywhere = np.random.default_rng(3).uniform(boxes.lower, boxes.upper, (200, len(boxes.lower)))
+    excluded = np.mean(np.isinf(boxes.bounds(anywhere, np.zeros_like(anywhere)).reached))
+    assert (excluded > 0.1) == (frame[1] > -1.0)  # Of a floor they say nothing.
 
 
 @pytest.mark.parametrize("block", ["attitude", "extended"])

@@ -124,11 +124,19 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
     """
     R = RotationMatrix.MakeZRotation(yaw).matrix()
 
-    def pose(chi: np.ndarray) -> np.ndarray:
-        chi = np.asarray(chi, dtype=float)
-        return np.concatenate([R @ chi[:3] + shift, chi[3:5], wrap_angle(chi[5:] + yaw)])
+    def placed(pose: np.ndarray) -> np.ndarray:
+        return np.concatenate([R @ pose[:3] + shift, pose[3:]])
+
+    def turned(angles: np.ndarray) -> np.ndarray:
+        return np.append(angles[:2], wrap_angle(angles[2] + yaw))
 
     task, error = scenario.task, scenario.surface_error
+    eta, frame = (np.asarray(each, dtype=float) for each in (scenario.start.eta, task.frame))
+    pose = None if task.pose is None else placed(np.asarray(task.pose, dtype=float))
+    if np.any(frame):  # The pose's angles are about its axes.
+        frame = turned(frame)
+    elif pose is not None:
+        pose[3:] = turned(pose[3:])
     force = np.asarray(task.force, dtype=float).copy()
     force[:3] = R @ force[:3]
     error = replace(error, shift=R @ np.asarray(error.shift, dtype=float),
@@ -138,5 +146,5 @@ def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
         surface_error=error,
         current=R @ np.asarray(scenario.current, dtype=float),
         waves=[replace(wave, direction=wave.direction + yaw) for wave in scenario.waves],
-        start=replace(scenario.start, eta=pose(scenario.start.eta)),
-        task=replace(task, force=force, pose=None if task.pose is None else pose(task.pose)))
+        start=replace(scenario.start, eta=np.append(placed(eta)[:3], turned(eta[3:]))),
+        task=replace(task, force=force, pose=pose, frame=frame))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from uvms_drake.model.euler import WORLD
 from uvms_drake.model.spatial import times
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.tip import tip_force_gradients
@@ -15,10 +16,11 @@ class ContactModel(UvmsModel):
     Args:
         uvms: The robot and its water.
         surface: The surface, as `check_surface` returns it.
+        task_frame: As of `UvmsModel`.
     """
 
-    def __init__(self, uvms: Uvms, surface: Surface):
-        super().__init__(uvms)
+    def __init__(self, uvms: Uvms, surface: Surface, task_frame: np.ndarray = WORLD):
+        super().__init__(uvms, task_frame)
         self.surface = surface
 
     @staticmethod

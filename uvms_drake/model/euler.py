@@ -13,6 +13,8 @@ import numpy as np
 
 COMPLEX_STEP = 1e-30
 """Step h of a complex-step derivative: nothing is subtracted, so it can be arbitrarily small."""
+WORLD = np.zeros(3)
+"""Euler angles of Σ_I itself."""
 
 
 def rotation_matrix(rpy: np.ndarray) -> np.ndarray:

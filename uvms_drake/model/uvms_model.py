@@ -10,6 +10,11 @@ A rigid body with added mass is a body with a general 6×6 inertia I = M_RB + M_
 of motion in its own axes is f = I ν̇ + ν ×* I ν (Kirchhoff; Fossen 2021, §6.3 and §8.1). With the
 links' Jacobians Jₖ (Vₖ = Jₖ ζ) the whole chain follows from virtual power: τ = Σ Jₖᵀ fₖ.
 
+χ has the position of the tip in Σ_I and its ZYX Euler angles about the axes of Σ_T, the frame of
+the task: R_TE = R_TW R_WE. The paper's Σ_T is Σ_I, where a tool that points straight down is at the
+angles' singularity; where x of Σ_T is the direction into the surface, a floor is like a wall.
+χ̇ = blkdiag(R_WE, T(𝔬)) V_E either way, since T takes the angular velocity in axes of Σ_E.
+
 The water is still. All links hang on the vehicle's frame B, axes FRD. The screws of the joints are
 vectors (v, ω) in axes of B about its origin (Fossen's order); Xₖ takes such a vector to link k.
 """
@@ -20,6 +25,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.model.euler import (
+    WORLD,
     euler_angles,
     inverse_rate_matrix,
     rate_matrix,
@@ -44,7 +50,7 @@ class Kinematics(NamedTuple):
     R_WB: np.ndarray
     """(..., 3, 3) attitude of the vehicle."""
     chi: np.ndarray
-    """(..., 6) χ = (𝔭, 𝔬)."""
+    """(..., 6) χ = (𝔭, 𝔬): position in Σ_I, Euler angles about Σ_T."""
     A_E: np.ndarray
     """(..., 6, 6) A(𝔬) = blkdiag(R_WE, T(𝔬)): χ̇ = A V_E."""
     R_BL: np.ndarray
@@ -72,9 +78,13 @@ class UvmsModel:
 
     It is the robot alone: without contact, or with a force 𝔉 that is given. A `ContactModel` is
     one that knows the surface.
+
+    Args:
+        uvms: The robot and its water.
+        task_frame: ZYX Euler angles of Σ_T in Σ_I (3,) [rad]; zero is the paper's.
     """
 
-    def __init__(self, uvms: Uvms):
+    def __init__(self, uvms: Uvms, task_frame: np.ndarray = WORLD):
         self.num_joints = n = len(uvms.joints)
         self.size = 6 + n
         """Size 6 + n of 𝔮 and of ζ."""
@@ -83,6 +93,9 @@ class UvmsModel:
         self._links = read_links(uvms)
         self.gravity: np.ndarray = uvms.plant.gravity_field().gravity_vector()
         """g in Σ_I (3,) [m/s²]."""
+        self.R_WT = rotation_matrix(np.asarray(task_frame, dtype=float))
+        """Attitude of Σ_T in Σ_I (3, 3)."""
+        self._own_frame = bool(np.any(task_frame))
         self.thrusters = uvms.thrusters
         """What is known of the thrusters, if anything."""
         self._joint_rows = np.eye(self.size)[6:]
@@ -124,7 +137,8 @@ class UvmsModel:
         """Returns R_WB, R_WE (..., 3, 3) and χ (..., 6); X_BE is (..., 3, 4)."""
         R_WB = rotation_matrix(config[..., 3:6])
         X = R_WB @ X_BE
-        chi = np.concatenate([config[..., :3] + X[..., 3], euler_angles(X[..., :3])], axis=-1)
+        R_TE = self.R_WT.T @ X[..., :3] if self._own_frame else X[..., :3]
+        chi = np.concatenate([config[..., :3] + X[..., 3], euler_angles(R_TE)], axis=-1)
         return R_WB, X[..., :3], chi
 
     def _link_jacobians(
@@ -189,7 +203,8 @@ class UvmsModel:
         config[..., 6:] = y[..., 6:]
         X_BE = self._chain(config[..., 6:])[..., -1, :, :]
         R_BE, p_BE = X_BE[..., :3, :3], X_BE[..., :3, 3]
-        R_WB = rotation_matrix(y[..., 3:6]) @ R_BE.swapaxes(-1, -2)
+        R_TB = rotation_matrix(y[..., 3:6]) @ R_BE.swapaxes(-1, -2)
+        R_WB = self.R_WT @ R_TB if self._own_frame else R_TB
         config[..., :3] = y[..., :3] - times(R_WB, p_BE)
         config[..., 3:6] = euler_angles(R_WB)
         return config

@@ -10,6 +10,7 @@ end-effector along, and leaves the joints: with J_x = [J; 0 I],
 
 
 import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     BasicVector,
@@ -25,6 +26,7 @@ from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.euler import WORLD
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
@@ -82,12 +84,15 @@ class VelocityDrivenUvms(LeafSystem):
     Args:
         uvms: Handles of the robot in a finalized plant.
         start: Default 𝔮 (6+n,) [m, rad]; zero if left out.
+        task_frame: ZYX Euler angles of the task's frame in World (3,), to which χ refers [rad].
     """
 
-    def __init__(self, uvms: Uvms, start: np.ndarray | None = None):
+    def __init__(self, uvms: Uvms, start: np.ndarray | None = None,
+                 task_frame: np.ndarray = WORLD):
         super().__init__()
         self.coordinates = Coordinates(uvms)
         self._uvms = uvms
+        self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()
         self._workspace = uvms.plant.CreateDefaultContext()
         size = self.coordinates.size
         config = self.DeclareContinuousState(BasicVector(
@@ -105,12 +110,13 @@ class VelocityDrivenUvms(LeafSystem):
         uvms: Uvms,
         *,
         start: np.ndarray | None = None,
+        task_frame: np.ndarray = WORLD,
         zeta: OutputPort | None = None,
         disturbance: OutputPort | None = None,
         name: str = "kinematics",
     ) -> "VelocityDrivenUvms":
         """Adds the system to `builder`; `zeta` and `disturbance` give ζ and w, if not None."""
-        system = VelocityDrivenUvms(uvms, start)
+        system = VelocityDrivenUvms(uvms, start, task_frame)
         builder.AddNamedSystem(name, system)
         for port, source in (("zeta", zeta), ("disturbance", disturbance)):
             if source is not None:
@@ -121,7 +127,8 @@ class VelocityDrivenUvms(LeafSystem):
         """Returns χ (6,) and J (6, 6+n) at 𝔮 (6+n,), by the MultibodyPlant."""
         x = self._plant_state(config)
         self._uvms.plant.SetPositionsAndVelocities(self._workspace, x)
-        chi, J_v = pose_and_jacobian(self._uvms.plant, self._workspace, self._uvms.tip)
+        chi, J_v = pose_and_jacobian(
+            self._uvms.plant, self._workspace, self._uvms.tip, self._R_TW)
         T = np.column_stack([self.coordinates.vector_to_drake(x, unit) for unit in np.eye(
             self.coordinates.size)])  # v = T ζ
         return chi, J_v @ T
@@ -163,6 +170,7 @@ def make_kinematic_plant(
     disturbance: OpenLoopDisturbance | None,
     seed: int = 0,
     start: np.ndarray | None = None,
+    task_frame: np.ndarray = WORLD,
 ) -> Diagram:
     """Returns a UVMS that is driven by its velocity, as a Diagram named "uvms".
 
@@ -200,6 +208,7 @@ def make_kinematic_plant(
         seed: Seed of the disturbance.
         start: Default 𝔮 (6+n,) [m, rad]; if left out, zero, where the end-effector of an arm may be
             at the Euler angles' singularity.
+        task_frame: As of `VelocityDrivenUvms`.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
@@ -214,7 +223,8 @@ def make_kinematic_plant(
         with within("disturbance"):
             w = disturbance.add_source(builder, 6, seed)
     kinematics = VelocityDrivenUvms.AddToBuilder(
-        builder, uvms, start=start, disturbance=w.get_output_port())
+        builder, uvms, start=start, task_frame=task_frame,
+        disturbance=w.get_output_port())
 
     builder.ExportInput(kinematics.GetInputPort("zeta"), "zeta")
     builder.ExportOutput(kinematics.GetOutputPort("configuration"), "configuration")

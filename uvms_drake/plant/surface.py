@@ -1,15 +1,16 @@
 """The compliant surface that the end-effector presses on.
 
-Frames: W is World (the paper's Σ_I), T the tip (Σ_E) with origin To. χ = (p_WTo, φθψ of R_WT) is
-the tip's pose, 𝔉 the force that the tip exerts *on* the surface, conjugate to χ̇: a force in World
-and a torque conjugate to Euler-angle rates. The law 𝔉(χ, χ̇) is that of a `Surface`.
+Frames: W is World (the paper's Σ_I), E the tip (Σ_E) with origin Eo, T the task's, fixed in World.
+χ = (p_WEo, φθψ of R_TE) is the tip's pose, 𝔉 the force that the tip exerts *on* the surface,
+conjugate to χ̇: a force in World and a torque conjugate to Euler-angle rates. The law 𝔉(χ, χ̇) is
+that of a `Surface`.
 """
 
 from typing import cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.math import RollPitchYaw
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import (
@@ -20,26 +21,35 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from uvms_drake.model.euler import rate_matrix
+from uvms_drake.model.euler import WORLD, rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
+
+AXES_OF_WORLD = RotationMatrix()
+"""Attitude of the paper's task frame, which is World."""
 
 
 def pose_and_jacobian(
-    plant: MultibodyPlant, context: Context, tip: Frame
+    plant: MultibodyPlant, context: Context, tip: Frame, R_TW: RotationMatrix = AXES_OF_WORLD
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns χ (6,) [m, rad] of a frame and J_χ (6, nv) with χ̇ = J_χ v, v in the plant's order.
 
-    J_χ = (J_p; T R_TW J_ω) with the Jacobians of p_WTo and ω_WT in World, and T(φ, θ) that takes
-    ω_WT_T to Euler-angle rates (`rate_matrix`); singular at |θ| = π/2.
+    J_χ = (J_p; T R_EW J_ω) with the Jacobians of p_WEo and ω_WE in World, and T(φ, θ) that takes
+    ω_WE_E to Euler-angle rates (`rate_matrix`); singular at |θ| = π/2.
+
+    Args:
+        plant: A finalized plant.
+        context: Its Context.
+        tip: E.
+        R_TW: Attitude of W in T.
     """
     W = plant.world_frame()
-    X_WT = tip.CalcPoseInWorld(context)
-    R_WT = X_WT.rotation()
-    rpy = RollPitchYaw(R_WT).vector()
+    X_WE = tip.CalcPoseInWorld(context)
+    R_WE = X_WE.rotation()
+    rpy = RollPitchYaw(R_TW @ R_WE).vector()
     J = plant.CalcJacobianSpatialVelocity(
         context, JacobianWrtVariable.kV, tip, np.zeros(3), W, W)
-    J_rpy = rate_matrix(rpy) @ R_WT.matrix().T @ J[:3]
-    return np.concatenate([X_WT.translation(), rpy]), np.concatenate([J[3:], J_rpy])
+    J_rpy = rate_matrix(rpy) @ R_WE.matrix().T @ J[:3]
+    return np.concatenate([X_WE.translation(), rpy]), np.concatenate([J[3:], J_rpy])
 
 
 class CompliantSurface(LeafSystem):
@@ -71,15 +81,18 @@ class CompliantSurface(LeafSystem):
 
     Args:
         plant: A finalized plant.
-        tip: The frame T of `plant` that touches the surface.
+        tip: The frame E of `plant` that touches the surface.
         surface: A surface of `model.surface`, or one of your own.
+        task_frame: ZYX Euler angles of T in World (3,) [rad].
     """
 
-    def __init__(self, plant: MultibodyPlant, tip: Frame, surface: Surface):
+    def __init__(self, plant: MultibodyPlant, tip: Frame, surface: Surface,
+                 task_frame: np.ndarray = WORLD):
         super().__init__()
         self._law = check_surface(surface)
         self._plant = plant
         self._tip = tip
+        self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()
         self._workspace = plant.CreateDefaultContext()
 
         self._plant_state_port = self.DeclareVectorInputPort(
@@ -102,13 +115,14 @@ class CompliantSurface(LeafSystem):
         plant: MultibodyPlant,
         tip: Frame,
         surface: Surface,
+        task_frame: np.ndarray = WORLD,
         name: str = "surface",
     ) -> "CompliantSurface":
         """Adds the system to `builder` and wires it to the state of `plant`.
 
         `generalized_force` is left to the caller, since a plant has one port for the sum of all.
         """
-        system = CompliantSurface(plant, tip, surface)
+        system = CompliantSurface(plant, tip, surface, task_frame)
         builder.AddNamedSystem(name, system)
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
         return system
@@ -116,7 +130,7 @@ class CompliantSurface(LeafSystem):
     def _calc_touch(self, context: Context, touch: AbstractValue) -> None:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
         self._plant.SetPositionsAndVelocities(self._workspace, plant_state)
-        chi, J = pose_and_jacobian(self._plant, self._workspace, self._tip)
+        chi, J = pose_and_jacobian(self._plant, self._workspace, self._tip, self._R_TW)
         chi_dot = J @ self._plant.GetVelocities(self._workspace)
         touch.set_value((chi, J, self._law.force(chi, chi_dot)))
 

@@ -9,6 +9,7 @@ from pydrake.systems.primitives import Adder, PassThrough
 
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.euler import WORLD
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
@@ -27,6 +28,7 @@ def make_uvms_plant(
     seed: int = 0,
     error: ModelError | None = None,
     start: np.ndarray | None = None,
+    task_frame: np.ndarray = WORLD,
 ) -> Diagram:
     """Returns a UVMS under water in front of a compliant surface, as a Diagram named "uvms".
 
@@ -100,6 +102,8 @@ def make_uvms_plant(
         seed: Seed of the disturbance.
         error: What of the robot is not as its files say, if anything.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
+        task_frame: ZYX Euler angles of the task's frame in World (3,) [rad]; see
+            `CompliantSurface`.
     """
     require(seed >= 0, "seed", seed, "zero or positive")
     builder = DiagramBuilder()
@@ -116,7 +120,7 @@ def make_uvms_plant(
     # All forces but the water's, in the plant's order, and their sum.
     with within("surface"):
         contact = None if surface is None else CompliantSurface.AddToBuilder(
-            builder, plant, uvms.tip, surface)
+            builder, plant, uvms.tip, surface, task_frame)
     tau = ToDrakeOrder.AddToBuilder(builder, plant, coordinates, "tau_to_drake_order")
     applied = AppliedForces.AddToBuilder(builder, plant)
     forces = [tau.GetOutputPort("drake_order"), applied.GetOutputPort("generalized_force")]

@@ -160,7 +160,8 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
     return make_uvms_plant(
         model=scenario.model, surface=true_surface(scenario),
         disturbance=disturbance, seed=scenario.seed, start=start,
-        error=scenario.model_error)
+        error=scenario.model_error,
+        task_frame=np.asarray(scenario.task.frame, dtype=float))
 
 
 def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,

@@ -12,6 +12,7 @@ from uvms_drake.control.limits.attitude import ANGLES
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.points import Points
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.surface_error import displaced
 from uvms_drake.station.robot import sound_robot
@@ -29,7 +30,11 @@ def load_model(scenario: Scenario) -> ContactModel:
         surface = check_surface(scenario.surface)
     with within("contact"):
         told = scenario.contact.told(surface)
-    return ContactModel(sound_robot(scenario.model), told)
+    with within("task"):
+        frame = vector("frame", scenario.task.frame, 3)
+        require(not (np.any(frame) and isinstance(surface, BilateralSpring)), "frame", frame,
+                "zero: the Euler angles of the paper's spring are about Σ_I")
+    return ContactModel(sound_robot(scenario.model), told, frame)
 
 
 def true_surface(scenario: Scenario) -> Surface:

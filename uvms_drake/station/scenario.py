@@ -71,6 +71,10 @@ class Task:
     """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
     pose: np.ndarray | None = None
     """Pose χ on the surface for the coordinates that 𝔉_des leaves free; of a spring, none."""
+    frame: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """ZYX Euler angles in Σ_I of the task's frame Σ_T, about whose axes the end-effector's Euler
+    angles are, those of `pose` too (3,) [rad]. Zero is the paper's, in which a tool that points up
+    or down is singular; with −π/2 for the second, x of Σ_T points down, into a floor."""
     posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Joint angles q_des [rad], which resolve the redundancy of vehicle and arm."""
     force_tolerance: float = 2.0

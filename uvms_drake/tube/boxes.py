@@ -18,6 +18,10 @@ g_k = N_k·d − b_k ≤ 0. Every φ occurs. If the last joint turns the tool ab
 what φ does and is kept still. The attitude rows alone have ν₂ in E', J ~ A[I  C aⱼ], if Ŵ is the
 same for its three components, so that their columns may be turned.
 
+*Frame of the task.* θ and φ are about Σ_T, so d is its z-axis instead of down. Where these two are
+γ apart, d may be nearer by γ to each N_k than roll and pitch let down be: with b_k = sin β_k the
+half-spaces are N_k·d ≤ sin min(β_k + γ, π/2). The boxes then cover the set and more.
+
 *In θ.* |A v|² = (v₁ + t v₃)² + v₂² + v₃² + (t v₃)², so ‖A v‖ and the norm, a supremum of such, are
 convex in t. g_k is α/√(1+t²) + βt/√(1+t²) − b with α² + β² ≤ 1, and |∂²g/∂t²| ≤
 √(1+4t²)/(1+t²)² ≤ 1 (Cauchy-Schwarz, Bernoulli), so g is above its chord less (Δt)²/8.
@@ -106,10 +110,12 @@ class JacobianBoxes:
         self._normals = np.array([
             [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0],
             [0.0, np.cos(roll), -np.sin(roll)], [0.0, -np.cos(roll), -np.sin(roll)]])
-        self._offsets = np.array([np.sin(pitch), np.sin(pitch), 0.0, 0.0, 0.0]) + ROUNDING
-        turn, tilt = (0.0, 0.0) if block == "position" else (np.pi, constraint_set.tip_pitch)
-        self.lower = np.concatenate([constraint_set.q_lower, [-turn, -tilt]])
-        self.upper = np.concatenate([constraint_set.q_upper, [turn, tilt]])
+        tilt = float(np.arccos(np.clip(model.R_WT[2, 2], -1.0, 1.0)))
+        self._offsets = np.sin(np.minimum(
+            np.array([pitch, pitch, 0.0, 0.0, 0.0]) + tilt, 0.5 * np.pi)) + ROUNDING
+        turn, lean = (0.0, 0.0) if block == "position" else (np.pi, constraint_set.tip_pitch)
+        self.lower = np.concatenate([constraint_set.q_lower, [-turn, -lean]])
+        self.upper = np.concatenate([constraint_set.q_upper, [turn, lean]])
         if self._last_joint_turns_the_tool():
             last = model.num_joints - 1
             self.lower[last] = self.upper[last] = 0.5 * (self.lower[last] + self.upper[last])

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -84,7 +83,7 @@ def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarr
     rate = (after - before) / step
     zeta = before + share * (after - before)
     n_E = np.concatenate([np.cos(off)[:, None], np.sin(off)[:, None] * aside], axis=-1)
-    n = times(rotation_matrix(model.task_pose(config)[:, 3:6]), n_E)
+    n = times(model.kinematics(config).A_E[:, :3, :3], n_E)
 
     def speed(time: float) -> np.ndarray:
         """Returns n·𝔭̇ (m,) a little later, 𝔮 by the midpoint rule."""

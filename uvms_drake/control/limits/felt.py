@@ -64,11 +64,11 @@ class ToolAngle(Limit):
     """Largest angle [rad]."""
 
     def values(self, at: Points) -> np.ndarray:
-        """Returns n·x_E, by the Euler angles (φ, θ, ψ)."""
+        """Returns n·x_E, by the Euler angles (φ, θ, ψ) about Σ_T."""
         theta, psi = at.y[..., 4], at.y[..., 5]
         x_E = np.stack([np.cos(theta) * np.cos(psi), np.cos(theta) * np.sin(psi),
                         -np.sin(theta)], axis=-1)
-        return (x_E @ self.direction)[..., None]
+        return (x_E @ (self.direction @ at.model.R_WT))[..., None]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the cosine of the bound, and one that is never reached."""

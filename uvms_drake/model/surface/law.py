@@ -1,8 +1,9 @@
 """The interface of a surface: its force law, and the questions of controller and certificate.
 
-χ = (𝔭, 𝔬) is the pose of the end-effector in Σ_I: position [m] and ZYX Euler angles [rad]. The
-end-effector exerts 𝔉 *on* the environment: force in Σ_I [N] and the torque conjugate to the
-Euler-angle rates [N m]; the robot feels the generalised force −J(𝔮)ᵀ𝔉.
+χ = (𝔭, 𝔬) is the pose of the end-effector: position in Σ_I [m] and ZYX Euler angles [rad], about
+the axes of Σ_I unless `task.frame` of a scenario has others. The end-effector exerts 𝔉 *on* the
+environment: force in Σ_I [N] and the torque conjugate to the Euler-angle rates [N m]; the robot
+feels the generalised force −J(𝔮)ᵀ𝔉.
 
 A law 𝔉(χ, χ̇) is a function of arrays of any leading shape, and of complex numbers (see `euler`):
 its derivatives are taken by a complex step. `check_surface` tries that out.
