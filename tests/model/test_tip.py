@@ -11,7 +11,7 @@ from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.tip import (
     complex_step,
     force_in_tip,
-    force_in_world,
+    force_of_tip,
     pose_rate_matrix,
     pose_rate_matrix_rate,
     tip_force,
@@ -68,7 +68,7 @@ def test_the_rate_of_the_matrix_is_its_derivative_along_the_motion(chi):
 def test_a_force_goes_into_the_axes_of_the_tip_and_back(chi):
     force = np.array([3.0, -2.0, 5.0, 0.7, -0.4, 0.6])
     np.testing.assert_allclose(force_in_tip(chi, force), force @ matrix(chi), atol=1e-13)
-    np.testing.assert_allclose(force_in_world(chi, force_in_tip(chi, force)), force, atol=1e-13)
+    np.testing.assert_allclose(force_of_tip(chi, force_in_tip(chi, force)), force, atol=1e-13)
 
 
 @pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])

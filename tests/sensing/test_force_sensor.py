@@ -13,8 +13,10 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script, use_fixed_steps
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.sensing.force_bound import error_bound, in_tip_axes
 from uvms_drake.sensing.force_sensor import (
@@ -36,6 +38,12 @@ TOOL = Tool(mass=3.0, centre=np.array([0.01, 0.02, 0.2]), displaced=1.2,
             buoyancy=np.array([-0.02, 0.01, 0.15]))
 TURNING = 0.15
 """Angular velocity of `rolling` at most [rad/s]."""
+
+
+@pytest.fixture(params=[(0.0, 0.0, 0.0), (0.3, -0.9, 0.5)], ids=["world", "task"])
+def any_model(request, uvms, plane):
+    """Models whose Euler angles are about the world's axes, and about those of a task."""
+    return ContactModel(uvms, check_surface(plane), np.array(request.param))
 
 
 def at_rest(time):
@@ -103,9 +111,9 @@ class Bench:
 # Frames ------------------------------------------------------------------------------------------
 
 
-def test_the_reading_does_the_power_of_the_force_on_the_surface(model):
+def test_the_reading_does_the_power_of_the_force_on_the_surface(any_model):
     """F_Sᵀ V_S = 𝔉ᵀ χ̇, with V_S of a frame that Drake moves; and 𝔉_s is 𝔉 again."""
-    plant = MultibodyPlant(time_step=0.1)
+    model, plant = any_model, MultibodyPlant(time_step=0.1)
     uvms = add_uvms(plant, "girona500_arm5e")
     frame = plant.AddFrame(FixedOffsetFrame("wrist", uvms.tip, RigidTransform(
         RollPitchYaw(MOUNTING[3:]), MOUNTING[:3])))
@@ -161,7 +169,8 @@ def test_holding_the_tool_does_the_work_of_its_weight_and_buoyancy(model):
         assert np.all(np.abs(hold) <= TOOL.largest_hold(9.81) + 1e-12)
 
 
-def test_the_tool_is_taken_off_in_every_attitude(model):
+def test_the_tool_is_taken_off_in_every_attitude(any_model):
+    model = any_model
     bench = Bench(model, replace(PERFECT, tool=TOOL, mounting=MOUNTING), state=rolling)
     for time in (0.5, 3.0):
         bench.simulator.AdvanceTo(time)

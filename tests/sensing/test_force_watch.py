@@ -10,6 +10,8 @@ from support.scripts import Script
 from support.tiny_robots import drill
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import check_surface
 from uvms_drake.sensing.force_watch import ForceWatch, Looks, looked
 
 T = 0.1  # s
@@ -25,12 +27,12 @@ def turning(time):
     return np.array([0.0, 0.0, 0.0, 0.3 * time, 0.2 * time, -0.1 * time, *np.zeros(8)])
 
 
-def passed(force, state=turning, until=3.0, **options):
+def passed(force, state=turning, until=3.0, model=None, **options):
     """Returns instants and what a reader gets that looks when the watch does."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
     watch = ForceWatch.AddToBuilder(
-        builder, drill(), T, state=script.GetOutputPort("state"),
+        builder, model or drill(), T, state=script.GetOutputPort("state"),
         measured_force=script.GetOutputPort("force"), **options)
     log = LogVectorOutput(watch.get_output_port(), builder, T)
     simulator = Simulator(builder.Build())
@@ -75,6 +77,21 @@ def test_of_a_sensor_that_froze_as_many_readings_pass_as_is_said(axes, repeats):
     assert not np.any(np.isnan(found[~none]))
     np.testing.assert_array_equal(
         none, (times > 1.0 + (repeats - 0.5) * T) & (times < 2.0 + 0.5 * T))
+
+
+def test_a_sensor_that_froze_is_seen_where_the_angles_are_about_a_task(uvms, plane):
+    model = ContactModel(uvms, check_surface(plane), np.array([0.3, -0.9, 0.5]))
+    attitude = model.kinematics(np.zeros(model.size)).A_E[:3, :3]  # The tip's in the vehicle.
+
+    def state(time):
+        return np.concatenate([turning(time)[:6], np.zeros(14)])
+
+    def frozen(time):
+        R_WE = RollPitchYaw(turning(time)[3:6]).ToRotationMatrix().matrix() @ attitude
+        return np.concatenate([R_WE @ noisy(1.0)[:3], noisy(time)[3:]])
+
+    _, found = passed(frozen, state, 1.0, model, repeats=3)
+    assert np.all(np.isnan(found[3:]))
 
 
 def test_a_component_at_the_end_of_a_range_that_nobody_knows_is_noticed():

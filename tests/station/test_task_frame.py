@@ -11,10 +11,13 @@ from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certify import certify
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.limits.felt import ToolAngle
+from uvms_drake.control.points import Points
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.uvms_plant import set_state
@@ -81,6 +84,13 @@ def test_a_tool_straight_down_is_like_a_tool_straight_ahead(uvms):
     assert abs(ahead.task_pose(config)[4]) == pytest.approx(0.5 * np.pi, abs=1e-6)
     np.testing.assert_allclose(down.task_pose(config)[3:6], 0.0, atol=1e-12)
     assert np.linalg.norm(down.task_jacobian(config), 2) < 3.0
+
+
+def test_the_limit_on_the_tools_angle_is_about_the_same_axis(uvms):
+    model, n = ContactModel(uvms, check_surface(UnilateralPlane()), FRAME), np.array([0, 0.6, 0.8])
+    x_E = model.kinematics(CONFIG).A_E[:3, 0]
+    at = Points(model, CONFIG, model.task_pose(CONFIG))
+    assert ToolAngle(n, 0.3).values(at) == pytest.approx([n @ x_E], abs=1e-12)
 
 
 def closed_loop(scenario, duration: float) -> tuple[np.ndarray, ...]:

@@ -19,14 +19,17 @@ def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:
 
 
 def force_in_tip(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Returns Aᵀ𝔉 (6,) at one pose χ (6,), in plain numbers: Rᵀf and Tᵀn of 𝔉 = (f, n)."""
+    """Returns Aᵀ𝔉 (6,) at one pose χ (6,), in plain numbers: Rᵀf and Tᵀn of 𝔉 = (f, n).
+
+    f is in the axes that the Euler angles of χ are about.
+    """
     rpy, (*f, a, b, c) = chi[3:].tolist(), force.tolist()
     sin, cos, scale = math.sin(rpy[0]), math.cos(rpy[0]), 1.0 / math.cos(rpy[1])
     c = scale * (math.sin(rpy[1]) * a + c)
     return np.array([*rotated_back(rpy, f), a, sin * c + cos * b, cos * c - sin * b])
 
 
-def force_in_world(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
+def force_of_tip(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Returns A⁻ᵀF (6,) at one pose χ (6,): the 𝔉 of which `force_in_tip` is F (6,)."""
     rpy, (*f, a, b, c) = chi[3:].tolist(), force.tolist()
     sin, cos = math.sin(rpy[0]), math.cos(rpy[0])

@@ -42,7 +42,8 @@ from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.euler import rotated_back
 from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
-from uvms_drake.model.tip import force_in_tip, force_in_world
+from uvms_drake.model.spatial import block_diagonal
+from uvms_drake.model.tip import force_in_tip, force_of_tip
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, transfer
 from uvms_drake.sensing.tip_pose import tip_pose
@@ -203,7 +204,7 @@ class WristSensor(LeafSystem):
     warns on the logger `uvms_drake` if the surface is touched at the end of the tare.
 
     Args:
-        model: Supplies gravity.
+        model: Supplies gravity and the frame of the task.
         settings: The sensor.
         off: What this copy is off by.
     """
@@ -211,7 +212,10 @@ class WristSensor(LeafSystem):
     def __init__(self, model: UvmsModel, settings: ForceSensor, off: Imperfection):
         super().__init__()
         settings.check()
-        self._gravity, self._settings, self._off = model.gravity.tolist(), settings, off
+        self._settings, self._off = settings, off
+        # The attitude in χ is about the axes of the task's frame Σ_T: forces come in them, too.
+        self._gravity = (model.gravity @ model.R_WT).tolist()
+        self._from_task = block_diagonal(model.R_WT, np.eye(3))
         self._range = np.asarray(settings.range, dtype=float)
         self._X = transfer(np.asarray(settings.mounting, dtype=float))
         self._X_inverse = np.linalg.inv(self._X)
@@ -237,7 +241,8 @@ class WristSensor(LeafSystem):
     def _wrench(self, context: Context) -> np.ndarray:
         """Returns F_S + L (6,)."""
         chi = self._chi_port.Eval(context)
-        wrench: np.ndarray = self._X_inverse @ force_in_tip(chi, self._force_port.Eval(context))
+        force = self._force_port.Eval(context) @ self._from_task
+        wrench: np.ndarray = self._X_inverse @ force_in_tip(chi, force)
         return wrench + self._hold(chi)
 
     def _settle(self, context: Context, state: State) -> None:
@@ -273,7 +278,8 @@ class WristSensor(LeafSystem):
         wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).held
         chi = self._measured_port.Eval(context)
         known = np.isfinite(chi).all()
-        output.SetFromVector(force_in_world(chi, wrench) if known else np.full(6, np.nan))
+        output.SetFromVector(
+            self._from_task @ force_of_tip(chi, wrench) if known else np.full(6, np.nan))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: ForceSensor,

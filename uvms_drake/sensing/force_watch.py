@@ -112,7 +112,8 @@ class ForceWatch(LeafSystem):
         if not (np.all(np.isfinite(config)) and np.all(np.isfinite(force))):
             return EventStatus.DidNothing()
         attitude = self._model.task_pose(config)[3:6]
-        both = np.concatenate([force[:3], force[:3] @ rotation_matrix(attitude)])
+        R_WE = self._model.R_WT @ rotation_matrix(attitude)
+        both = np.concatenate([force[:3], force[:3] @ R_WE])
         state.set_value(np.concatenate(looked(self._remembered(context), both)))
         return EventStatus.Succeeded()
 
