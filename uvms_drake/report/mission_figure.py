@@ -38,6 +38,7 @@ def draw_mission(record: Record) -> Figure:
             _band(axes[0], record.time[each.when], goal[each.when], step.tolerance)
         _name(axes[0], record, each, type(step).__name__.lower())
     axes[0].set_xlim(record.time[0], record.time[-1])
+    axes[0].set_ylim(top=1.3 * max(axes[0].get_ylim()[1], 0.0))  # Room for the names.
     axes[0].set_xlabel("time [s]")
     axes[0].set_ylabel("force along $n$ [N]")
     if slides:
@@ -64,8 +65,9 @@ def _draw_lines(forces: Axes, places: Axes, record: Record, slides: list[Attempt
         places.plot(way, 1e3 * off, color=BLUE)
     forces.set_ylabel("force along $n$ [N]")
     places.set_ylabel("off the line [mm]")
-    for axis in (forces, places):
-        axis.set_xlabel("way along the line [mm]")
+    forces.sharex(places)
+    forces.tick_params(labelbottom=False)
+    places.set_xlabel("way along the line [mm]")
 
 
 def _band(axis: Axes, over: np.ndarray, goal: np.ndarray, tolerance: float) -> None:

@@ -121,14 +121,15 @@ def summarise_contact(record: Record) -> dict[str, Any]:
     """Returns when the surface was first touched, how often it was left, and the static force [N].
 
     The static force is that of the real surface at the pose, at rest: without impact and damping.
-    A loss is the end of a contact, once the force had settled if it has.
+    A loss is the end of a contact while a force is desired, once that had settled if it has.
     """
     scenario, touching = record.scenario, record.penetration > 0.0
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     settled = settling_index(error, scenario.task.force_tolerance) or 0
     surface = check_surface(true_surface(scenario))
+    wanted = np.any(record.desired_force[settled + 1:], axis=1)
     return {"first_touch_s": record.time[np.argmax(touching)] if np.any(touching) else None,
-            "losses": np.count_nonzero(np.diff(touching[settled:].astype(int)) < 0),
+            "losses": np.count_nonzero(wanted & (np.diff(touching[settled:].astype(int)) < 0)),
             "largest_static_force": np.max(surface.static_force(record.chi)),
             **_summarise_class(record)}
 
