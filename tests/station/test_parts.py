@@ -119,7 +119,8 @@ def test_a_part_without_a_meaning_is_one_line(override, expected):
 
 @pytest.mark.parametrize(("parts", "expected"), [
     ([Scaled(signal="force")], r"^sensing\[0\]\.signal = 'force': must be a name that"),
-    ([Scaled(signal="chi")], r"^sensing\[0\]\.signals = \['chi'\]: must be called otherwise than"),
+    ([Scaled(signal="tube_report")],
+     r"^sensing\[0\]\.signals = \['tube_report'\]: must be called otherwise than"),
     ([Scaled(), Scaled()], r"^sensing\[1\]\.signal = 'scaled': must be a name that"),
     ([Short()], r"^sensing\[0\]\.size = 19: must be 20, as before it")])
 def test_a_part_takes_no_name_away_and_no_component(parts, expected):

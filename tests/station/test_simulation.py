@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.station.simulation`."""
 
+import gc
+import weakref
 from dataclasses import fields, replace
 
 import numpy as np
@@ -41,6 +43,21 @@ def logs_of(record):
 @pytest.fixture(scope="module")
 def record():
     return simulate(load_scenario("girona500_ideal", SHORT))
+
+
+def test_a_run_leaves_neither_its_context_nor_its_solver_behind(monkeypatch):
+    left = []
+
+    def watched(station):
+        simulator = Simulator(station)
+        mpc = station.GetSubsystemByName("tube_mpc").GetSubsystemByName("nominal_mpc")
+        left.extend(map(weakref.ref, (simulator, simulator.get_mutable_context(), mpc._ocp)))
+        return simulator
+
+    monkeypatch.setattr("uvms_drake.station.simulation.Simulator", watched)
+    simulate(load_scenario("girona500_ideal", ["duration=0.02", "mpc.horizon=8"]))
+    gc.collect()
+    assert [ref() for ref in left] == [None] * 3
 
 
 def test_the_record_has_all_signals_at_all_samples(record):

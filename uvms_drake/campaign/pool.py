@@ -23,7 +23,7 @@ RESTARTS = 3
 CONNECT_SECONDS = 10
 RUNS_PER_WORKER = 32
 """Runs after which a worker is replaced. Drake's Python bindings never free a LeafSystem that is
-written in Python, so that a process keeps about 8 MB of each run."""
+written in Python, so that a process keeps about 1 MB of each run."""
 
 
 class Pool(NamedTuple):

@@ -248,7 +248,9 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     logged = [name.removeprefix("log.") for name in sinks if name.startswith("log.")]
     logs = {name: log(name).data().T.copy() for name in logged if name not in SAMPLED}
     logs["time"] = log("state").sample_times().copy()
-    own = station.GetMyContextFromRoot(context)
+    # A root Context that is asked for as somebody's own would hold itself for ever.
+    alone = station.GetSystemPathname() == f"::{station.get_name()}"
+    own = context if alone else station.GetMyContextFromRoot(context)
     logs["tube_report"] = station.GetOutputPort("tube_report").Eval(own).copy()
     # A sink publishes before the update of the same instant: the last sample is in the Context.
     ports = [station.GetOutputPort(name) for name in SAMPLED]

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.framework import Context, Diagram, EventStatus, System
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.progress import Progress, silent
@@ -65,8 +65,22 @@ def simulate(
     if context.get_time() - sampled[-1] > 1e-6 * scenario.log_period:
         station.ForcedPublish(context)  # The period does not go into the duration.
     logs = read_logs(station, context)
+    let_go(station)
     require_finite(logs)
     return make_record(scenario, model, logs, wall_time, certified)
+
+
+def let_go(system: System) -> None:
+    """Empties a system that nobody is going to use any more, with all that is in it.
+
+    Drake's Python bindings never free a LeafSystem that is written in Python, because its callbacks
+    hold it; so at least its attributes go: models, workspaces and solvers, and what the bindings
+    keep there, the systems and the Simulator about it.
+    """
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            let_go(part)
+    vars(system).clear()
 
 
 def require_finite(logs: dict[str, np.ndarray]) -> None:
