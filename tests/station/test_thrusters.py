@@ -33,6 +33,14 @@ def test_thrusters_void_a_certificate_and_say_why():
                         "at once and on all six axes"]
 
 
+def test_a_law_that_counts_with_late_actuators_is_not_void_by_them():
+    late = "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, !Thrusters {}]"
+    for name, count in (("girona500_tip_first", 0), ("girona500_contact", 2)):
+        given_up = [item.name for item in assumptions(load_scenario(name, [late]))
+                    if not item.holds]
+        assert sum(each.startswith("actuation[") for each in given_up) == count, given_up
+
+
 def test_a_scenarios_thrusters_are_checked_and_written_in_full():
     assert "dead_time: 0.02" in dump_scenario(load_scenario("girona500_ideal", [PART]))
     with pytest.raises(ScenarioError, match=r"actuation\[0\]\.dead_time = 0\.003: must be a mult"):

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.certificate.certificate import CERTIFICATE_FILE, write_certificate
+from uvms_drake.certificate.certificate import (
+    CERTIFICATE_FILE,
+    Certificate,
+    write_certificate,
+)
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
@@ -17,6 +21,8 @@ from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
 
+BUDGET_FILE = "budget.png"
+
 
 def add_certify(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
@@ -25,7 +31,8 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.set_defaults(command=certify_scenario)
     take_scenario(certify)
     certify.add_argument("--output", type=folder, metavar="DIR",
-                         help="where to write certificate.json (default: out/<scenario>)")
+                         help="where to write certificate.json and, of a felt contact, budget.png "
+                              "(default: out/<scenario>)")
     certify.add_argument("--front", action="store_true",
                          help="also print what other gains and disturbance bounds would give")
     certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
@@ -52,15 +59,17 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with reported_in(source):
         _check_studies(args, scenario)
     path = args.output if args.output is not None else Path("out") / scenario.name
-    with output_folder(path, [CERTIFICATE_FILE]) as output:
+    with output_folder(path, [CERTIFICATE_FILE, BUDGET_FILE]) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
             note(scenario)
             with closing(Bar(CERTIFYING, stream_of(args))) as progress:
                 certificate = certified_once(scenario, progress)
         write_certificate(certificate, output.folder)
+        _draw_budget(certificate, output.folder)
+        files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
     print(format_certificate(certificate))
-    print(f"written to {path}: {CERTIFICATE_FILE}", file=sys.stderr)
+    print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     # Studies that were asked for.
     if args.front:
         with closing(Bar("computing what other gains give", stream_of(args))) as progress:
@@ -80,6 +89,19 @@ def certify_scenario(args: argparse.Namespace) -> int:
             rows = compare_laws(scenario, model, progress=progress)
         print(f"\n{format_laws(rows)}")
     return 0 if certificate.certified else 1
+
+
+def _draw_budget(certificate: Certificate, folder: Path) -> None:
+    """Draws the budget into a folder, if there is one and it is finite."""
+    parts = [part for parts in certificate.budget.values() for part in parts.values()]
+    if parts and np.isfinite(parts).all():
+        import matplotlib
+
+        from uvms_drake.report.budget_figure import draw_budget
+        from uvms_drake.report.figure_style import STYLE
+
+        with matplotlib.rc_context(STYLE):
+            draw_budget(certificate.budget, certificate.room).savefig(folder / BUDGET_FILE)
 
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
