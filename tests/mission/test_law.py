@@ -189,7 +189,7 @@ def random_mission(rng):
 def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
     """What is measured is made up: now a wall, now nothing, now not a number, now far away."""
     rng, period, ends = np.random.default_rng(0), 0.5, []
-    for _ in range(1000):
+    for _ in range(400):
         mission = random_mission(rng).checked()
         state, t, helpful = begin(mission, np.zeros(3), 0.0), 0.0, rng.random() ** 0.3
         while state.outcome == RUNNING:
@@ -219,7 +219,7 @@ def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
         assert RUNNING not in state.outcomes
         assert (state.outcome == DONE) == all(each == DONE for each in state.outcomes)
         ends.append(state.outcome)
-    assert np.all(np.bincount(ends, minlength=4)[1:] > 50)
+    assert np.all(np.bincount(ends, minlength=4)[1:] > 20)
 
 
 @pytest.mark.parametrize(("steps", "message"), [
