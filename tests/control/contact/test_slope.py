@@ -135,3 +135,19 @@ def test_walls_can_be_stacked():
         together = with_reading(together, depth, force, MOST, NOISE, MEMORY, NOISE)
     alone = [read(depths[:, i], forces[:, i])[-1] for i in range(4)]
     np.testing.assert_allclose(together, np.transpose(alone), rtol=1e-12)
+
+
+def test_a_slide_on_a_wall_that_runs_off_the_direction_looks_soft():
+    """10 N on 700 N/m, at most 1000 N/m, a reading every 0.2 mm of a way at 3 degrees."""
+    most, kappa, noise = 1000.0, 700.0, 4.2
+    line = NOTHING
+    for force in np.linspace(0.0, 10.0, 300):
+        line = with_reading(line, force / kappa, force, most, noise, MEMORY, noise)
+    assert slope(line, most, noise) == most
+    learned = []
+    for way in np.arange(0.0, 0.6, 2e-4):
+        depth = 10.0 / kappa + way * np.tan(np.radians(3.0))
+        line = with_reading(line, depth, 10.0, most, noise, MEMORY, noise)
+        learned.append(float(slope(line, most, noise)))
+    assert learned[1500] == pytest.approx(782.0, abs=5.0)
+    assert learned[2000] < kappa

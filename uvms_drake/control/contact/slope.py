@@ -19,6 +19,11 @@ learns and forgets nothing, and of a soft and a stiff wall the same range of for
 Σ g_i w_i ν_i / W ≤ ν/√W, W = Σ g_i w_i, κ_LS by ν/√S_xx, so a reading at x on a straight wall is
 off the line by at most ν_i + ν/√W + ν|x − x₀|/√S_xx. If it is off by more, all before is forgotten:
 κ̂ = κ₊.
+
+*A slide* on a wall that runs off n is none of this: x changes at one force, slowly enough to pass
+for a soft wall, and κ̂ falls *below* κ. With ν = 4.2 N, κ₊ = 1000 N/m and κ = 700 N/m it is at 780
+N/m after 0.3 m at 3°, and below κ after 0.4 m; with a better sensor sooner. Below κ/2 the press is
+no contraction (`target`), though the front holds whatever κ̂ is.
 """
 
 from typing import NamedTuple
