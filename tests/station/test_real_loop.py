@@ -1,0 +1,27 @@
+"""The shipped scenario of a vehicle as it is: thrusters, a clock, a navigation, a wrong model."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.certificate.certify import assumptions
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.simulation import simulate
+
+
+def test_it_says_what_no_proof_covers():
+    given_up = [item.name for item in assumptions(load_scenario("girona500_real_loop"))
+                if not item.holds]
+    assert [name.split(",")[0] for name in given_up if "]" in name] == [
+        "sensing[1]", "actuation[0]", "actuation[1]"]
+
+
+@pytest.mark.slow
+def test_it_hovers_until_its_forces_can_be_there_and_keeps_to_the_plan_then():
+    record = simulate(load_scenario("girona500_real_loop", ["duration=1.0"]))
+    moving = np.any(record.nominal_state[:, 10:] != record.nominal_state[0, 10:], axis=1)
+    assert record.time[np.argmax(moving)] == pytest.approx(0.42)
+    vehicle = np.linalg.norm(record.state[:, :3] - record.nominal_state[:, :3], axis=1)
+    tip = np.linalg.norm(record.chi[:, :3] - record.chi_nominal[:, :3], axis=1)
+    assert np.max(vehicle) < 5e-3
+    assert np.max(tip) < 3e-3
+    assert not record.input_limited.any()
