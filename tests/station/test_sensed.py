@@ -7,16 +7,20 @@ from support.unmeasured import close_to_the_wall
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certify
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.sensed import (
+    Sensed,
     front_margin,
     largest_force,
     pressing_force,
     sensed_contact,
 )
 from uvms_drake.station.simulation import simulate
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.law_tube import LawTube
 
 
 @pytest.mark.parametrize("overrides", [
@@ -124,3 +128,8 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
     aside = np.sum(np.abs(y[gap] - y[gap][0]), axis=1)
     assert np.ptp(safe[gap]) <= 1.2 * slope * np.max(aside)
     assert safe[record.time < 0.8][-1] > safe[0]
+
+
+def test_a_law_without_a_tube_has_none_in_contact():
+    none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0),))
+    assert Sensed().in_contact(none, load_scenario("girona500_tip_first"), None) is none

@@ -88,8 +88,11 @@ class Sensed(Dynamic):
 
         These are that readings are off by no more than what the front is told (for one, the tip
         turns while the sensor averages), that no wall is near during the tare, that the tip is not
-        much faster between the knots of a plan, and that the front lets it press as is asked.
+        much faster between the knots of a plan, and that the front lets it press as is asked. Where
+        there is no tube, its conditions say why.
         """
+        if not np.size(tube.radii.u):
+            return tube
         contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
         radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
