@@ -2,11 +2,12 @@
 
 An iteration makes the convex program about the plan, solves it, and takes the longest of the steps
 1, ½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls; in a strict
-problem, only to a sound plan from one that is sound. The limits
-on what is linearised are softened by an exact penalty, so that the program has a solution whenever
-the linear limits can be kept. One iteration a sample is enough for what the closed loop needs: the
-plan is never worse than the last one continued by the terminal controller (Scokaert, Mayne and
-Rawlings 1999).
+problem, only to a sound plan from one that is sound. Where a sound plan would be cheaper after the
+whole step, but beyond limits by what they are curved, it is moved back first (`correction`). The
+limits on what is linearised are softened by an exact penalty, so that the program has a solution
+whenever the linear limits can be kept. One iteration a sample is enough for what the closed loop
+needs: the plan is never worse than the last one continued by the terminal controller (Scokaert,
+Mayne and Rawlings 1999).
 """
 
 from dataclasses import dataclass
@@ -14,11 +15,15 @@ from typing import Generic
 
 import numpy as np
 
+from uvms_drake.control.correction import correction
 from uvms_drake.control.ocp import Evaluation, Ocp
 from uvms_drake.control.plan import P
+from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.staged_solver import solve_staged
 
 SHORTEST_STEP = 1.0 / 64.0
+CORRECTIONS = 2
+"""Largest number of second-order corrections of a step."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +53,13 @@ class SequentialConvexSolver(Generic[P]):
         """
         plan, evaluation = guess, self.ocp.evaluate(guess)
         for iteration in range(1, iterations + 1):
-            change = solve_staged(self.ocp.staged_program(plan))
+            program = self.ocp.staged_program(plan)
+            change = solve_staged(program)
             if change is None:
                 if iteration == 1:
                     return Solution(None, None, iteration, converged=False)
                 return Solution(plan, evaluation, iteration, converged=False)
-            step = self._line_search(plan, evaluation, change.w)
+            step = self._line_search(plan, evaluation, program, change.w)
             if step is None:
                 return Solution(plan, evaluation, iteration, converged=True)
             gain = evaluation.merit - step[1].merit
@@ -62,14 +68,37 @@ class SequentialConvexSolver(Generic[P]):
                 return Solution(plan, evaluation, iteration, converged=True)
         return Solution(plan, evaluation, iterations, converged=False)
 
-    def _line_search(self, plan: P, evaluation: Evaluation, change: np.ndarray
-                     ) -> tuple[P, Evaluation] | None:
-        sound, step = self.ocp.strict and self.ocp.is_sound(evaluation), 1.0
+    def _line_search(self, plan: P, evaluation: Evaluation, program: StagedProgram,
+                     change: np.ndarray) -> tuple[P, Evaluation] | None:
+        """Returns the plan after the longest step that is better, and its value."""
+        step = 1.0
         while step >= SHORTEST_STEP:
             candidate = plan.redone(plan.start, plan.decision + step * change)
             value = self.ocp.evaluate(candidate)
-            if value.merit < evaluation.merit and (
-                    not sound or self.ocp.is_sound(value)):
+            if self._is_better(value, evaluation):
                 return candidate, value
+            if step == 1.0 and self.ocp.is_sound(evaluation) and value.cost < evaluation.cost:
+                corrected = self._corrected(candidate, program, change)
+                if self._is_better(corrected[1], evaluation):
+                    return corrected
             step *= 0.5
         return None
+
+    def _corrected(self, plan: P, program: StagedProgram, change: np.ndarray
+                   ) -> tuple[P, Evaluation]:
+        """Returns the plan after a step, moved back to within the limits, and its value."""
+        value = self.ocp.evaluate(plan)
+        for _ in range(CORRECTIONS):
+            before = max(value.violation, value.terminal_slack)
+            moved = correction(program, change, self.ocp.staged_program(plan))
+            plan = plan.redone(plan.start, plan.decision + moved)
+            value = self.ocp.evaluate(plan)
+            after = max(value.violation, value.terminal_slack)
+            if self.ocp.is_sound(value) or after > 0.1 * before:
+                break  # It is within limits, or will not soon be.
+        return plan, value
+
+    def _is_better(self, new: Evaluation, old: Evaluation) -> bool:
+        """Returns whether a plan may take another's place."""
+        sound = self.ocp.strict and self.ocp.is_sound(old)
+        return new.merit < old.merit and (not sound or self.ocp.is_sound(new))

@@ -1,0 +1,73 @@
+"""Tests of `uvms_drake.control.correction`: steps of the solver that stay within curved limits."""
+
+import numpy as np
+import pytest
+from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
+
+from uvms_drake.control.correction import correction, excesses
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.staged_solver import solve_staged
+from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.tracking_plan import TrackingPlan
+
+
+@pytest.fixture(scope="module")
+def ocp() -> TrackingOcp:
+    """Whose tip has far to go, and is soon as fast as it may be."""
+    return tracking_ocp().aimed(Aim(POSITION + 0.6 * DIRECTION, POSITION[0] + 0.5, 0.06))
+
+
+@pytest.fixture(scope="module")
+def guess(ocp) -> TrackingPlan:
+    """A plan within all limits that has far to go: at rest."""
+    plan = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    assert ocp.is_sound(ocp.evaluate(plan))
+    return plan
+
+
+def test_excesses_are_those_of_the_problem(ocp, guess):
+    """For a plan that exceeds some limits and ends outside of its terminal set."""
+    program = ocp.staged_program(guess)
+    wild = guess.redone(guess.start, guess.decision + 3.0 * solve_staged(program).w)
+    value, there = ocp.evaluate(wild), excesses(ocp.staged_program(wild)).value
+    assert np.max(there[:, :-1]) == pytest.approx(value.violation, rel=1e-9)
+    assert value.violation > 1e-3
+    assert max(there[-1, -1], 0.0) == pytest.approx(value.terminal_slack, rel=1e-9)
+
+
+def test_the_gradients_of_excesses_are_those_of_differences(ocp, guess, derivative):
+    program = ocp.staged_program(guess)
+    shape = (ocp.horizon + 2, program.H.shape[-1])
+    at, along = np.random.default_rng(0).normal(size=(2, *shape))
+    at[-1, program.B.shape[1]:] = along[-1, program.B.shape[1]:] = 0.0
+    value, C = excesses(program, at)
+    used = np.isfinite(value)
+    slope = derivative(lambda s: np.where(used, excesses(program, at + s * along).value, 0.0), 1e-6)
+    expected = (C @ along[..., None])[..., 0]
+    assert np.count_nonzero(used[:, -1]) == 1
+    np.testing.assert_allclose(slope[used], expected[used], rtol=1e-5, atol=1e-6)
+
+
+def test_a_corrected_step_is_within_the_limits_at_the_same_cost(ocp, guess):
+    """What is left is of the order of the square of what the step leaves."""
+    program = ocp.staged_program(guess)
+    step = solve_staged(program).w
+    plan = guess.redone(guess.start, guess.decision + step)
+    moved = plan.redone(plan.start, plan.decision + correction(
+        program, step, ocp.staged_program(plan)))
+    before, after = ocp.evaluate(plan), ocp.evaluate(moved)
+    assert before.violation > 5e-4
+    assert after.violation < 2.0 * before.violation**2
+    assert after.terminal_slack < 1e-6
+    assert after.cost == pytest.approx(before.cost, rel=1e-3)
+
+
+def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
+    """Almost all of what it gains; a step cut until it is sound gains a part of it."""
+    whole = ocp.evaluate(guess.redone(
+        guess.start, guess.decision + solve_staged(ocp.staged_program(guess)).w))
+    assert not ocp.is_sound(whole)
+    solution = SequentialConvexSolver(ocp).solve(guess, 1)
+    assert ocp.is_sound(solution.evaluation)
+    before = ocp.evaluate(guess).cost
+    assert before - solution.evaluation.cost > 0.9 * (before - whole.cost) > 0.0

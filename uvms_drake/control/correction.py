@@ -1,0 +1,87 @@
+"""The second-order correction of a step of sequential convex programming.
+
+A convex program keeps the limits to first order, so a long step along a curved limit leaves it by
+the second-order rest. A line search then cuts the step however good it is (Maratos 1978), the
+shorter the closer the plan already is to the limit. Instead the plan after the step is moved back
+by the shortest r, in the metric of the cost, that gives every limit which is reached or exceeded
+there the value that the program predicted. What is left is of the order of the rest's square.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.control.regulator import responses, riccati
+from uvms_drake.control.staged_program import StagedProgram
+from uvms_drake.model.spatial import times
+
+REACHED = 1e-5
+"""Distance to a bound, in the limit's own unit, that counts as none."""
+INSIDE = 1e-7
+"""How far inside of a bound a limit is put that the program had not reached, likewise."""
+ROUNDS = 5
+"""Newton steps; the limits that one of them exceeds are held in the next."""
+DEPENDENT = 1e-3
+"""Unit gradients of limits are dependent if they span a direction by less than this part of what
+they span most."""
+
+
+class Excesses(NamedTuple):
+    """How far all limits are exceeded, and how that changes with z; negative inside."""
+
+    value: np.ndarray
+    """Excesses (N+1, m); −∞ where there is no limit."""
+    C: np.ndarray
+    """Their gradients (N+1, m, nx+nw)."""
+
+
+def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
+    """Returns what the program says of the limits after a motion z (N+1, nx+nw)."""
+    (N, nx, nw), linear, end = program.B.shape, program.linear, program.terminal
+    z = np.broadcast_to(z, (N + 1, nx + nw))
+    value = linear.value + times(linear.C, z)
+    values, rows = [value - linear.upper, linear.lower - value], [linear.C, -linear.C]
+    for limit in program.norms:
+        vector = limit.value + z @ limit.C.T
+        size = np.linalg.norm(vector, axis=1, keepdims=True)
+        values.append(size - limit.bound[:, None])
+        rows.append((vector / np.maximum(size, INSIDE) @ limit.C)[:, None])
+    vector = end.value + end.T @ z[-1, :nx]
+    last, by_last = np.full((N + 1, 1), -np.inf), np.zeros((N + 1, 1, nx + nw))
+    last[-1] = end.excess(z[-1, :nx])
+    by_last[-1, 0, :nx] = vector @ end.T / max(float(np.linalg.norm(vector)), INSIDE)
+    if end.room is not None:
+        sizes = end.room.size + end.room.rows @ z[-1, :nx]
+        if np.min(sizes) < end.radius:
+            by_last[-1, 0, :nx] -= end.room.rows[np.argmin(sizes)]
+    return Excesses(np.concatenate([*values, last], axis=1), np.concatenate([*rows, by_last], 1))
+
+
+def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> np.ndarray:
+    """Returns the change of the decision (N, nw) that takes the second-order rest of the limits.
+
+    Args:
+        program: The program that the step is the solution of.
+        w: The step (N, nw).
+        ahead: The program about the plan after the step.
+    """
+    N, nx, nw = program.B.shape
+    z = np.zeros((N + 1, nx + nw))
+    z[:-1, nx:] = w
+    for k in range(N):
+        z[k + 1, :nx] = program.A[k] @ z[k, :nx] + program.B[k] @ w[k]
+    response = responses(ahead, riccati(ahead))
+    predicted = excesses(program, z).value
+    wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
+    held, r = predicted > -REACHED, np.zeros(N * nw)
+    for _ in range(ROUNDS):
+        # Norms are not linear: their gradients are taken where the last round came to.
+        value, C = excesses(ahead, response @ r)
+        held |= value > 0.0
+        if np.max(np.abs(value - wanted)[held], initial=0.0) < INSIDE:
+            break
+        F = np.concatenate([C[k, held[k]] @ response[k] for k in range(N + 1)])
+        sizes = np.linalg.norm(F, axis=1)
+        F, rest = F / sizes[:, None], (wanted - value)[held] / sizes
+        r = np.linalg.lstsq(F, rest + F @ r, rcond=DEPENDENT)[0]
+    return (response @ r)[:-1, nx:]
