@@ -264,11 +264,19 @@ def test_a_resting_plan_comes_to_rest(ocp):
     np.testing.assert_allclose(plan.zeta[-1], 0.0, atol=1e-15)
 
 
-def test_a_plan_is_continued_by_the_terminal_controller(ocp):
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_plan_is_continued_by_the_terminal_controller_from_the_edge_of_its_set_at_most(
+        ocp, inside):
     plan = plan_around(ocp, 2)
+    if inside:
+        plan = ocp.resting_plan(0.0, np.concatenate(
+            [ocp.model.configuration(ocp.y_des + 1e-4), np.zeros(10)]))
     continued = ocp.continued(plan)
     y = np.concatenate([dh.chi(plan.config[-1]), plan.config[-1, 6:]])
-    last = ocp.terminal.gain @ np.concatenate([y - ocp.y_des, plan.zeta[-1]])
+    xi = np.concatenate([y - ocp.y_des, plan.zeta[-1]])
+    size = np.sqrt(xi @ ocp.terminal.P @ xi)
+    assert (size < ocp.terminal.radius) == inside
+    last = ocp.terminal.gain @ xi * (1.0 if inside else ocp.terminal.radius / size)
     np.testing.assert_allclose(continued.zeta_dot[-1], last, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(continued.zeta_dot[:-1], plan.zeta_dot[1:])
     np.testing.assert_array_equal(continued.config[:-1], plan.config[1:])

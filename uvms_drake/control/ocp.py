@@ -322,9 +322,16 @@ class Ocp(ABC, Generic[P]):
         return self.task_cost
 
     def continued(self, plan: P) -> P:
-        """Returns the plan one interval later, its end continued by the terminal controller."""
-        y = self.unwrapped(self.model.task_pose(plan.config))
-        return plan.shifted(self.terminal.gain @ self.errors(plan, y)[-1])
+        """Returns the plan one interval later, its end continued by the terminal controller.
+
+        Outside of the terminal set the controller is given ξ_N as far as the set's edge, because
+        nothing keeps what it makes of a ξ far away within limits.
+        """
+        xi = self.errors(plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
+        size, radius = np.linalg.norm(self.terminal.root @ xi), self.terminal_radius(plan)
+        if size > radius + FEASIBLE:
+            xi = max(radius, 0.0) / size * xi
+        return plan.shifted(self.terminal.gain @ xi)
 
     def evaluate(self, plan: P) -> Evaluation:
         """Returns the objective and the violations of a plan, nothing linearised."""
