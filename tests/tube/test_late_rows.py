@@ -109,6 +109,18 @@ def test_a_plan_known_ahead_costs_less_and_one_made_anew_costs_what_its_windows_
     assert 0.6 * found[ANEW][0, 0] < worst <= found[ANEW][0, 0]
 
 
+def test_a_hold_alone_has_finite_bounds_of_what_the_vehicle_gets():
+    """Nothing says how fast a wrench without a lag varies."""
+    path, row = Path(0.02, 0.01), RowLoop(K, SIGMA, 0.0, 0.0, 0.02, 0.01)
+    across = np.zeros((4, 4))
+    across[2:, :2] = 1.0
+    loads = ZERO._replace(by_wrench=across, by_tip=across.T, plan=np.ones(4))
+    found = LateRows(Actuators(path, path), row, row, loads, (0.0, 0.0, 0.0), 0.2).parts(NONE)
+    assert all(np.isfinite(value).all() for value in found.values())
+    assert found[WRENCH][2, 0] == pytest.approx(4.0 * row.gains["free_feed_forward"].position)
+    assert found[ARM][0, 0] > 0.0
+
+
 def test_every_source_counts_where_it_pushes_and_nowhere_else():
     one = np.ones(4)
     across = np.zeros((4, 4))

@@ -125,11 +125,11 @@ class LateRows:
         varies = 1.0 / lag if lag > 0.0 else np.inf
         by_wrench = arm = np.zeros((4, 4))
         if joints.age > 0.0:
-            by_wrench = np.minimum(
-                self._by("free_feed_forward", wrench),
-                self._by("feed_forward_rate", wrench * varies)) + self._held(
-                    *(loads.by_wrench @ each for each in (
-                        loads.jump, loads.jump_rate, loads.smooth_rate)))
+            by_wrench = self._by("free_feed_forward", wrench)
+            if lag > 0.0:
+                by_wrench = np.minimum(by_wrench, self._by("feed_forward_rate", wrench / lag))
+            by_wrench = by_wrench + self._held(*(loads.by_wrench @ each for each in (
+                loads.jump, loads.jump_rate, loads.smooth_rate)))
             late = joints.age * loads.by_tip @ loads.jump
             arm = self._by("disturbance", loads.by_tip @ (
                 2.0 * joints.period * loads.jump_rate + c
