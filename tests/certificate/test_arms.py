@@ -1,0 +1,51 @@
+"""Arms of other numbers of joints: robots of made-up links, their certificates.
+
+`pytest -s -m long tests/certificate/test_arms.py` prints the table of `models/README.md`.
+"""
+
+import time
+
+import numpy as np
+import pytest
+from support.arms import write_arm, write_press
+
+from uvms_drake.certificate.certify import certify, first_plan
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.robot import complaints_about
+from uvms_drake.station.scenario import Scenario, load_scenario
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 6, 7])
+def test_the_made_up_robots_are_sound(n, tmp_path):
+    robot = write_arm(tmp_path, n)
+    uvms = read_uvms(str(robot))
+    assert len(uvms.joints) == n
+    assert complaints_about(uvms, str(robot)) == []
+
+
+def step_time(scenario: Scenario) -> float:
+    """Returns the processor time of an iteration of the MPC at the first plan [s], the median."""
+    ocp = make_ocp(scenario, load_model(scenario))
+    plan, _ = first_plan(ocp, start_state(scenario, ocp))
+    solver, seconds = SequentialConvexSolver(ocp), []
+    for _ in range(20):
+        start = time.process_time()
+        solver.solve(plan, 1)
+        seconds.append(time.process_time() - start)
+    return float(np.median(seconds))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("n", [3, 4])
+def test_an_arm_of_other_numbers_of_joints_is_certified_at_once(n, tmp_path):
+    scenario = load_scenario(str(write_press(tmp_path, n)))
+    start = time.process_time()
+    certificate = certify(scenario)
+    certifying = time.process_time() - start
+    assert certificate.certified, [each for each in certificate.conditions if not each.holds]
+    print(f"\n| {n} | {len(certificate.conditions)} | {certifying:.0f} s | "
+          f"{1e3 * step_time(scenario):.0f} ms | {certificate.bounds['force']:.2g} N |")
