@@ -147,6 +147,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_inspection", "dynamic", "resolved"],
         ["girona500_real_loop", "dynamic", "tip-first"],
         ["girona500_slope", "dynamic", "resolved"],
+        ["girona500_stiff", "dynamic", "resolved"],
         ["girona500_tip_first", "dynamic", "tip-first"],
         ["paper_dynamic", "dynamic", "transpose"],
         ["paper_dynamic_resolved", "dynamic", "resolved"],
