@@ -39,7 +39,7 @@ def test_the_mesh_is_on_the_surface_and_its_grid_has_lines_every_ten_centimetres
     np.testing.assert_array_equal(given["image"], grid())
     np.testing.assert_allclose(shape.depth(given["vertices"]), 0.0, atol=1e-14)
     _, into = shape.depth_and_gradient(given["vertices"])
-    into /= np.linalg.norm(into, axis=1)[:, None]
+    into = into / np.linalg.norm(into, axis=1)[:, None]
     assert np.min(np.sum(into * given["normals"], axis=1)) > 0.99
     corners, uv = given["vertices"][given["faces"]], given["uv"][given["faces"]]
     sides = corners[:, 1:] - corners[:, :1]

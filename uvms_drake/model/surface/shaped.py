@@ -104,8 +104,9 @@ class ShapedSurface(Surface):
                 return np.concatenate([position, pose[3:]])
             position = position + np.linalg.pinv(stiffness, FREE) @ (force[:3] - there)
         _, into = self.geometry.depth_and_gradient(start)
+        normal = np.round(into / np.linalg.norm(into), 4) + 0.0  # No −0.
         raise InvalidParameter("force", force, "along a normal of the surface near the pose, which "
-                               f"is {np.round(into / np.linalg.norm(into), 4).tolist()} there")
+                               f"is {normal.tolist()} there")
 
     def _static(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the force at rest (3,) [N], and its derivative by the position (3, 3) [N/m]."""
