@@ -50,10 +50,10 @@ def pytest_collection_modifyitems(items):
     """Marks the slow tests, which `-m slow` runs alone, and `-m ''` with the others."""
     items.sort(key=rank)
     for item in items:
-        if rank(item) < len(SLOW):
-            item.add_marker(pytest.mark.slow)
         if any(part in item.nodeid for part in LONG):
             item.add_marker(pytest.mark.long)
+        if rank(item) < len(SLOW) or item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)

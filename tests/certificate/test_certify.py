@@ -105,6 +105,7 @@ def test_the_second_time_it_comes_from_the_cache(certificate, scenario, monkeypa
     assert again.to_data() == certificate.to_data()
 
 
+@pytest.mark.long
 def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
         scenario, certificate, monkeypatch, tmp_path):
     search_less(monkeypatch)
@@ -194,6 +195,7 @@ def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate):
     assert "does not determine" in void.failed.name
 
 
+@pytest.mark.long
 def test_the_bilateral_scenario_is_certified(monkeypatch):
     """The constants that are estimated, which have no part in it, are searched for less."""
     search_constants_less(monkeypatch)
@@ -247,6 +249,7 @@ WEIGHTED = ["duration=3", "disturbance=!AdversarialDisturbance {kind: leading, r
 """Joints that may be disturbed three times as much as the hull."""
 
 
+@pytest.mark.long
 def test_an_ellipsoid_of_disturbances_has_radii_of_its_own():
     found = by_few(*WEIGHTED)
     assert found.certified, verdict(found)

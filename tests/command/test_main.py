@@ -60,6 +60,7 @@ def test_a_short_run_writes_every_file(smoke):
         "replay.html", "report.html", *figures_of(load_scenario("girona500_ideal"))}
 
 
+@pytest.mark.long
 def test_a_finished_run_is_drawn_again_from_its_data(smoke, tmp_path, capsys):
     folder = tmp_path / "run"
     shutil.copytree(smoke[0], folder)
@@ -297,7 +298,7 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
 def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_path):
     line = refusal(capsys, tmp_path, *args)
     assert expected in line
-    assert len(line) < 400
+    assert len(line) < 500
 
 
 @pytest.mark.parametrize("kernel", ["Haswell", "SkylakeX"])

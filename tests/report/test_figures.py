@@ -64,6 +64,7 @@ def test_every_figure_is_a_readable_png_at_column_width(record, tmp_path):
         assert width in (COLUMN_WIDTH * STYLE["savefig.dpi"], 2 * COLUMN_WIDTH * 300)
 
 
+@pytest.mark.long
 def test_figures_leave_the_style_of_the_caller_alone(record, tmp_path):
     before = dict(matplotlib.rcParams)
     make_figures(record, tmp_path)
@@ -201,6 +202,7 @@ def test_the_tolerance_is_about_what_is_desired_in_its_unit(record, wrench, forc
     assert bands(axes[1]) == torque
 
 
+@pytest.mark.long
 def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_path):
     scenario = replace(record.scenario, tube=TubeRadii(u=np.zeros(10)))
     quiet = replace(

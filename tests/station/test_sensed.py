@@ -25,8 +25,9 @@ from uvms_drake.tube.law_tube import LawTube
 
 @pytest.mark.parametrize("overrides", [
     ("surface.geometry.point.0=0.01",),
-    ("surface.geometry.point.0=-0.005", "surface.law.stiffness=1000.0", "surface.friction=0.4",
-     "simulator.max_step_size=0.005"),
+    pytest.param(
+        ("surface.geometry.point.0=-0.005", "surface.law.stiffness=1000.0", "surface.friction=0.4",
+         "simulator.max_step_size=0.005"), marks=pytest.mark.long),
 ])
 def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stiff(overrides):
     scenario = close_to_the_wall(*overrides)
@@ -93,9 +94,9 @@ def test_it_is_certified_for_every_wall_of_the_class(few_searches):
 
 @pytest.mark.parametrize(("override", "broken"), [
     ("contact.force_error=3.0", "contact.force_error"),
-    ("contact.clearance=0.04", "contact.clearance"),
-    ("contact.stiffness=8000.0", "front, room"),
-    ("contact.speed=0.02", "contact.speed, what comes to it"),
+    pytest.param("contact.clearance=0.04", "contact.clearance", marks=pytest.mark.long),
+    pytest.param("contact.stiffness=8000.0", "front, room", marks=pytest.mark.long),
+    pytest.param("contact.speed=0.02", "contact.speed, what comes to it", marks=pytest.mark.long),
     ("faults=[!LostForce {start: 1.0, duration: 1.0}]", "faults"),
 ])
 def test_what_voids_the_certificate_is_named(few_searches, override, broken):

@@ -13,6 +13,7 @@ from uvms_drake.studies.gain_front import format_front, front
 
 pytestmark = pytest.mark.usefixtures("few_searches")
 
+@pytest.mark.long
 def test_larger_gains_certify_a_smaller_force_error(model):
     points = front(load_scenario("girona500_ideal", FEW), model, disturbances=(1.0,),
                    gains=(0.5, 1.0))

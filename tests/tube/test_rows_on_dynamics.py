@@ -56,7 +56,7 @@ def test_an_adversary_takes_every_row_to_its_bound_and_none_beyond(model, lag, r
     vehicle, tip = RowLoop(*VEHICLE, rate, lag).gains, RowLoop(*TIP, rate).gains
     largest = np.max(np.abs(motion.error), axis=0)
     on_tip = largest[6:] / (tip["disturbance"].position * bound[6:])
-    assert np.all((on_tip > 0.95) & (on_tip <= 1.0))
+    assert np.all((on_tip > 0.95) & (on_tip <= 1.0 + 1e-4)), "exact, but for the integrator's step"
     line = vehicle["disturbance"].position * bound[:6]
     reached = largest[:6] / line
     assert np.all(reached[[0, 1, 2, 5]] > (0.95 if lag < 0.3 else 0.88))

@@ -79,6 +79,7 @@ def test_the_ghost_is_off_by_the_magnified_deviation(meshcat):
     np.testing.assert_allclose(ghost - real, expected, atol=1e-9)
 
 
+@pytest.mark.long
 def test_the_sliders_change_desired_force_and_disturbance_while_it_runs(meshcat):
     """From 2.5 s on 25 N are wanted and no disturbance; both are as in the scenario before."""
     scenario = load_scenario("girona500_ideal", ["duration=4"])
