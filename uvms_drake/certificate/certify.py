@@ -22,9 +22,9 @@ from uvms_drake.control.plan import P, Plan
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import Part
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
+from uvms_drake.station.chain import keyed
 from uvms_drake.station.dynamic import lateness_of
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
@@ -34,7 +34,6 @@ from uvms_drake.tube.actuators import actuators_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.dynamic import LATE_TUBES
 from uvms_drake.tube.estimate import unrefuted
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import check_settings
@@ -114,9 +113,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None
-                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)
-                     and not (key == "actuation" and type(scenario.ancillary) in LATE_TUBES
-                              and type(part).command_path is not Part.command_path)]
+                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)]
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
 
 
@@ -204,7 +201,10 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
     declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
     limits = scenario.limits
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
-    paths = [part.command_path(model) for part in scenario.actuation]
+    paths = []
+    for key, part in keyed("actuation", scenario.actuation).items():
+        with within(key):
+            paths.append(part.command_path(model))
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
         d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),

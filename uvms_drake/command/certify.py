@@ -31,7 +31,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.set_defaults(command=certify_scenario)
     take_scenario(certify)
     certify.add_argument("--output", type=folder, metavar="DIR",
-                         help="where to write certificate.json and, of a felt contact, budget.png "
+                         help="where to write certificate.json and, with a budget, budget.png "
                               "(default: out/<scenario>)")
     certify.add_argument("--front", action="store_true",
                          help="also print what other gains and disturbance bounds would give")

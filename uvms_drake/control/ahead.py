@@ -56,7 +56,7 @@ def forces_ahead(model: UvmsModel, plan: DynamicPlan, time: float, lateness: Lat
         now: 𝔮̄, ζ̄ and ζ̄̇ (6+n,) at t.
     """
     end = plan.start_time + (len(plan.config) - 1) * plan.time_step
-    later = (plan.at(min(time + late, end)) for late in lateness)
+    later = (plan.at(min(time + late, end)) if late > 0.0 else now for late in lateness)
     config, zeta, zeta_dot = (np.array(item) for item in zip(now, *later, strict=True))
     tau = model.inverse_dynamics(model.kinematics(config), zeta, zeta_dot)
     ahead: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
@@ -64,7 +64,7 @@ def forces_ahead(model: UvmsModel, plan: DynamicPlan, time: float, lateness: Lat
 
 
 def hover_of(law: AncillaryLaw, lateness: Lateness, time_step: float) -> int:
-    """Returns for how many intervals [s] a `NominalMpc` is to hover before its first plan."""
+    """Returns for how many intervals a `NominalMpc` is to hover before its first plan."""
     return math.ceil(max(lateness) / time_step - KNOT_TOLERANCE) if law.takes_wrench else 0
 
 

@@ -64,6 +64,9 @@ def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> n
         program: The program that the step is the solution of.
         w: The step (N, nw).
         ahead: The program about the plan after the step.
+
+    Raises:
+        LinAlgError: A cost is not convex, or an entry not finite.
     """
     N, nx, nw = program.B.shape
     z = np.zeros((N + 1, nx + nw))
@@ -81,7 +84,8 @@ def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> n
         if np.max(np.abs(value - wanted)[held], initial=0.0) < INSIDE:
             break
         F = np.concatenate([C[k, held[k]] @ response[k] for k in range(N + 1)])
-        sizes = np.linalg.norm(F, axis=1)
-        F, rest = F / sizes[:, None], (wanted - value)[held] / sizes
+        sizes, rest = np.linalg.norm(F, axis=1), (wanted - value)[held]
+        moves = sizes > 0.0
+        F, rest = F[moves] / sizes[moves, None], rest[moves] / sizes[moves]
         r = np.linalg.lstsq(F, rest + F @ r, rcond=DEPENDENT)[0]
     return (response @ r)[:-1, nx:]

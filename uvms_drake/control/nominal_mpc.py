@@ -31,16 +31,16 @@ FIRST_SOLVE_ITERATIONS = 50
 REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
-SOLVED, FAILED, LATE, DROPPED, KEPT = range(5)
+SOLVED, FAILED, LATE, DROPPED, KEPT, WAITING = range(6)
 """Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
 away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
-terminal set where the new one is not, or because it is yet to begin."""
+terminal set where the new one is not; the first plan is yet to begin."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
 """Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
-3, `KEPT` 4), the plan's objective, s of the terminal set, largest violation of a limit (in its own
-unit), convex programs solved, 1 if a new desired force was asked for and is refused. A dropped
-sample changes the first two only."""
+3, `KEPT` 4, `WAITING` 5), the plan's objective, s of the terminal set, largest violation of a limit
+(in its own unit), convex programs solved, 1 if a new desired force was asked for and is refused. A
+sample that is dropped or waits changes the first two only."""
 
 TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
            DROPPED: "the sample was dropped"}
@@ -253,7 +253,7 @@ class NominalMpc(LeafSystem):
         if now < plan.start_time - self._hover + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
         if now < plan.start_time + 0.5 * plan.time_step:
-            return self._pass_over(context, state, KEPT, started)  # It begins now or later.
+            return self._pass_over(context, state, WAITING, started)  # It begins now or later.
         fault = self._fault(context)
         if fault == DROPPED:
             return self._pass_over(context, state, DROPPED, started)

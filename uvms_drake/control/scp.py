@@ -90,7 +90,10 @@ class SequentialConvexSolver(Generic[P]):
         value = self.ocp.evaluate(plan)
         for _ in range(CORRECTIONS):
             before = max(value.violation, value.terminal_slack)
-            moved = correction(program, change, self.ocp.staged_program(plan))
+            try:
+                moved = correction(program, change, self.ocp.staged_program(plan))
+            except np.linalg.LinAlgError:
+                break  # There is none.
             plan = plan.redone(plan.start, plan.decision + moved)
             value = self.ocp.evaluate(plan)
             after = max(value.violation, value.terminal_slack)

@@ -65,7 +65,7 @@ class WorkingSet:
             upper=value > linear.upper + room,
             lower=value < linear.lower - room,
             norms=np.array([np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
-                            > limit.bound + KEPT for limit in program.norms]),
+                            > limit.bound + KEPT for limit in program.norms], dtype=bool),
             terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)
 
     @staticmethod
@@ -78,5 +78,5 @@ class WorkingSet:
             upper=linear.upper - linear.value < margin,
             lower=linear.value - linear.lower < margin,
             norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - NEAR) * limit.bound
-                            for limit in program.norms]),
+                            for limit in program.norms], dtype=bool),
             terminal=terminal.nearly_left(NEAR))

@@ -174,7 +174,9 @@ def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State
     """Returns the state with what is seen and felt now."""
     step = mission.steps[state.step]
     if np.all(np.isfinite(measured.tip)):
-        state = state._replace(tip=measured.tip)
+        first = math.isnan(state.deepest)  # It was not seen at the start.
+        state = state._replace(
+            tip=measured.tip, deepest=float(measured.tip[0]) if first else state.deepest)
     felt = measured.touched and not measured.lost
     asked = targets(mission, state, t).force
     good = (felt and isinstance(step, Pressing) and asked > 0.0

@@ -90,7 +90,7 @@ class Approach(Pressing):
     within: float = 0.5
     """How far along n it looks for the wall [m]."""
     settle: float = 1.0
-    """[s]"""
+    """How long the force is as asked for before it is done [s]."""
 
     def checked(self) -> "Approach":
         """Returns the step with arrays, or raises."""
@@ -111,7 +111,7 @@ class Hold(Pressing):
     touches: ClassVar[bool] = True
 
     seconds: float = 5.0
-    """[s]"""
+    """How long on end the force is as asked for [s]."""
 
     def checked(self) -> "Hold":
         """Returns the step with arrays, or raises."""
@@ -135,9 +135,9 @@ class Slide(Pressing):
     speed: float = 0.02
     """Along the line [m/s]."""
     amplitude: float = 0.0
-    """[N]"""
+    """Of a sine that is added to the force [N]."""
     frequency: float = 0.0
-    """[Hz]"""
+    """Of that sine [Hz]."""
 
     def checked(self) -> "Slide":
         """Returns the step with arrays, or raises."""
@@ -181,7 +181,7 @@ class Retreat(Step):
     """
 
     distance: float = 0.1
-    """[m]"""
+    """How far back from where it begins [m]."""
 
     def checked(self) -> "Retreat":
         """Returns the step with arrays, or raises."""

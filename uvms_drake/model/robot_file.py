@@ -39,5 +39,6 @@ def load_robot_file(path: Path, key: str, schema: type[T], check: Callable[[T], 
         raise InvalidParameter(f"{path}: {error.key}", error.value, error.allowed) from None
     except Exception as error:  # PyYAML's and Drake's own, of many types.
         reason = " ".join(str(error).split()) or "an entry is empty"
+        reason = reason.replace('in "<unicode string>", ', "at ")
         raise InvalidParameter(key, str(path), f"readable: {reason}") from None
     return content

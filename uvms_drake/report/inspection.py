@@ -10,6 +10,8 @@ has no friction in it: it is the normal, whatever μ. The force is averaged over
 that the sensor's noise is small. At rest friction may point anywhere: n̂ ∝ 𝐅 is off by up to
 atan μ, 17° at μ = 0.3, and by no more than the declared angle if the direction itself is taken. An
 error of the force across n̂ that is b of F_N, such as a bias of the sensor, turns n̂ by atan b.
+
+Places are true ones, as of a survey from outside: what a navigation is off by is not in them.
 """
 
 import io

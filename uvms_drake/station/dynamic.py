@@ -23,6 +23,7 @@ from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant
 from uvms_drake.plant.waves import WaterMotion, check_waves
+from uvms_drake.station.chain import keyed
 from uvms_drake.station.motion import Motion
 from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp, true_surface
 from uvms_drake.station.scenario import Scenario
@@ -76,9 +77,10 @@ class Dynamic(Motion[DynamicOcp]):
         """Returns the tube-based NMPC; see `command_limits`."""
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
+        lateness = lateness_of(scenario, model)
         with within("ancillary"):
             return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
-                                 lateness_of(scenario, model))
+                                 lateness)
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
@@ -144,8 +146,11 @@ def command_limits(scenario: Scenario) -> Limits | None:
 
 def lateness_of(scenario: Scenario, model: UvmsModel) -> Lateness:
     """Returns how late the scenario's actuation makes a command, as the controller believes."""
-    late = [part.lateness(model) for part in scenario.actuation]
-    return Lateness(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
+    late = [ON_TIME]
+    for key, part in keyed("actuation", scenario.actuation).items():
+        with within(key):
+            late.append(part.lateness(model))
+    return Lateness(*(sum(times) for times in zip(*late, strict=True)))
 
 
 def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,

@@ -65,11 +65,12 @@ class Sensed(Dynamic):
         for i, step in enumerate(scenario.mission.steps):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
+        lateness = lateness_of(scenario, model)
         with within("ancillary"):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(contact),
                 force=force, largest=largest, margin=margin,
-                limits=command_limits(scenario), lateness=lateness_of(scenario, model))
+                limits=command_limits(scenario), lateness=lateness)
 
     def contact_force(self, scenario: Scenario) -> FeltForce:
         """Returns the forces of all walls of the class, and how they are felt."""

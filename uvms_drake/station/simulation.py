@@ -51,21 +51,23 @@ def simulate(
     """
     model = model or load_model(scenario)
     station = make_station(scenario, meshcat, certified=certified, model=model)
-    simulator = Simulator(station)
-    ApplySimulatorConfig(scenario.simulator, simulator)
-    if realtime_rate is not None:
-        simulator.set_target_realtime_rate(realtime_rate)
-    context = simulator.get_mutable_context()
-    simulator.set_monitor(_monitor(station, progress, stop, scenario))
-    progress("first plan", 0.0)
-    wall_time = _run(simulator, scenario.duration)
-    if context.get_time() < scenario.duration:
-        scenario = replace(scenario, duration=context.get_time())
-    sampled = station.GetSubsystemByName("log.state").FindLog(context).sample_times()
-    if context.get_time() - sampled[-1] > 1e-6 * scenario.log_period:
-        station.ForcedPublish(context)  # The period does not go into the duration.
-    logs = read_logs(station, context)
-    let_go(station)
+    try:
+        simulator = Simulator(station)
+        ApplySimulatorConfig(scenario.simulator, simulator)
+        if realtime_rate is not None:
+            simulator.set_target_realtime_rate(realtime_rate)
+        context = simulator.get_mutable_context()
+        simulator.set_monitor(_monitor(station, progress, stop, scenario))
+        progress("first plan", 0.0)
+        wall_time = _run(simulator, scenario.duration)
+        if context.get_time() < scenario.duration:
+            scenario = replace(scenario, duration=context.get_time())
+        sampled = station.GetSubsystemByName("log.state").FindLog(context).sample_times()
+        if context.get_time() - sampled[-1] > 1e-6 * scenario.log_period:
+            station.ForcedPublish(context)  # The period does not go into the duration.
+        logs = read_logs(station, context)
+    finally:
+        let_go(station)
     require_finite(logs)
     return make_record(scenario, model, logs, wall_time, certified)
 

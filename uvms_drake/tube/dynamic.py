@@ -131,9 +131,6 @@ DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
     TipFirst: tip_first_law_tube}
 """Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
 
-LATE_TUBES = (TipFirst,)
-"""Laws whose tube counts with actuators that are late, see `Basis.actuators`."""
-
 TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
     Resolved: resolved_task_radius, Transpose: transpose_task_radius}
 """Functions from a law and a `Basis` to the radius [m, rad] of the error that the law feeds back,

@@ -27,6 +27,18 @@ of the tip without what pushes it: at most ā(|φ̇| + |ẇ|) and c, with the pa
 late by ā at most, which has a bounded integral: it counts ā|f̄| by the kernel's derivative,
 g∗Δ̇ = ġ∗Δ.
 
+*A budget, and not a proof yet*: it says what eats the tube, and where there is something late the
+certificate is void by that part's assumption. Not counted are
+
+- a wrench that thrusters cut at their limits, if `limits.thrusters` are not declared;
+- (G_v − 1)A M_vq J_sq⁻¹w_s: what the tip feeds back is late on the vehicle, too;
+- (G e^{sℓ} − 1)(A − Ā)τ̄, for f̄ here has A and the posture of the plan, and what jumps of φ with it;
+- (G − 1) of a steady contact force whose map to the rows moves with the posture;
+- in ARM the thrusters' part of the plan and, with an observer, its jumps in ẇ.
+
+In (1) [A(t) − A(s)]A(s)⁻¹ is taken to first order in the age; and g∗Δ̇ = ġ∗Δ is that of a kernel
+that does not change with time, which behind a hold is so to (k + σ)h.
+
 Errors make loads, and loads make errors: the smallest numbers that bound each other. They exist if
 what comes back is less than what was put in, and bound the real ones, since all of that is causal.
 What an observer is told, that is all of δ', it does not see: these are gains without it.
