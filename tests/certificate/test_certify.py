@@ -203,6 +203,7 @@ def test_the_bilateral_scenario_is_certified(monkeypatch):
     assert certificate.certified, verdict(certificate)
 
 
+@pytest.mark.long
 def test_the_bluerov_is_certified_against_friction_at_its_light_joints(monkeypatch):
     """0.1 N m at every joint, 5 N on the hull, and forces that thrusters and joints can give."""
     search_less(monkeypatch)

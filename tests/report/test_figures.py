@@ -157,6 +157,7 @@ def test_the_deviation_is_drawn_with_both_bounds(record):
         assert levels(axis, tube_label(False)) == pytest.approx([bound])
 
 
+@pytest.mark.long
 def test_a_bound_along_the_run_that_does_not_exist_is_not_drawn(record, tmp_path):
     nowhere = replace(record, tube_bound=np.full_like(record.tube_bound, np.inf),
                       scenario=replace(record.scenario, ancillary=Transpose()))

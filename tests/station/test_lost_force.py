@@ -12,10 +12,10 @@ from uvms_drake.station.simulation import simulate
 WALL = "surface.geometry.point.0=0.01"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "start", "end"), [
-    pytest.param("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0, marks=pytest.mark.long),
-    pytest.param("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5, marks=pytest.mark.long),
+    ("!LostForce {start: 3.0, duration: 1.0}", 3.0, 4.0),
+    ("!FrozenForce {start: 1.0, duration: 1.5}", 1.0, 2.5),
     ("!SaturatedForce {start: 2.0, duration: 1.5, largest: 10.0}", 2.0, 3.5),
 ])
 def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
