@@ -11,7 +11,7 @@ from uvms_drake.station.simulation import simulate
 def test_it_says_what_no_proof_covers():
     given_up = [item.name.split(",")[0] for item in assumptions(
         load_scenario("girona500_real_loop")) if not item.holds]
-    assert given_up == ["current", "model_error", "sensing[1]"]
+    assert given_up == ["current", "model_error", "sensing[1]", "actuation[0]", "actuation[1]"]
 
 
 @pytest.mark.slow
