@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.part import CommandPath, Lateness, Part, Signals
+from uvms_drake.model.part import CommandPath, Part, Signals
 from uvms_drake.model.sampled import Clock, SampledVector
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -39,11 +39,6 @@ class SampledCommand(Part):
     def assumption(self) -> str:
         """Returns the assumption that it breaks."""
         return "the proofs take the feedback for continuous"
-
-    def lateness(self, model: UvmsModel) -> Lateness:
-        """Returns δ + h/2 for all forces."""
-        late = self.delay + 0.5 * self.period
-        return Lateness(late, late)
 
     def command_path(self, model: UvmsModel) -> CommandPath:
         """Returns its clock and its delay."""

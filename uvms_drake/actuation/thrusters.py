@@ -25,7 +25,7 @@ from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
 from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.allocation import Allocation
-from uvms_drake.model.part import VEHICLE_WRENCH, CommandPath, Lateness, Part, Signals
+from uvms_drake.model.part import VEHICLE_WRENCH, CommandPath, Part, Signals
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -68,16 +68,16 @@ class Thrusters(Part):
         """Returns the assumption that it breaks."""
         return "the proofs take the vehicle's wrench for given at once and on all six axes"
 
-    def command_path(self, model: UvmsModel) -> CommandPath | None:
+    def command_path(self, model: UvmsModel) -> CommandPath:
         """Returns their clock, dead time and lag, and what they are off by at any command."""
         known, true = self.known(model), self.true(model)
-        if np.ptp(known.lag) > 0.0:
-            return None
         off = [max(abs(real.force_of(at) - curve.force_of(at))
                    for at in np.union1d(curve.command, real.command))
                for curve, real in zip(known.curves, true.curves, strict=True)]
-        return CommandPath(self.period, known.dead_time, float(known.lag[0]), False,
-                           known.B * np.array(off), tuple(map(int, known.undriven)))
+        return CommandPath(
+            self.period, known.dead_time, float(np.mean(known.lag)), whole=False,
+            off=known.B * np.array(off), undriven=tuple(map(int, known.undriven)),
+            unknown=("thrusters of different lags",) if np.ptp(known.lag) > 0.0 else ())
 
     def _steps(self, dead_time: float) -> int:
         steps = dead_time / self.period
@@ -101,14 +101,6 @@ class Thrusters(Part):
         lag = found.lag if self.lag is None else np.full(found.size, self.lag)
         dead_time = found.dead_time if self.dead_time is None else self.dead_time
         return replace(found, lag=lag, dead_time=dead_time)
-
-    def lateness(self, model: UvmsModel) -> Lateness:
-        """Returns dead time, half a period and lag of the vehicle's wrench.
-
-        Of thrusters with different lags it is the mean.
-        """
-        known = self.known(model)
-        return Lateness(vehicle=known.dead_time + 0.5 * self.period + float(np.mean(known.lag)))
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:

@@ -24,8 +24,7 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.chain import keyed
-from uvms_drake.station.dynamic import lateness_of
+from uvms_drake.station.dynamic import command_paths, lateness_of
 from uvms_drake.station.faults import uncovered
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
@@ -201,10 +200,6 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
     declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
     limits = scenario.limits
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
-    paths = []
-    for key, part in keyed("actuation", scenario.actuation).items():
-        with within(key):
-            paths.append(part.command_path(model))
     return Basis(
         model=model, declared=declared, constants=constants_of(scenario, model, declared),
         d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
@@ -212,7 +207,7 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
-        actuators=actuators_of(paths, lateness_of(scenario, model)))
+        actuators=actuators_of(command_paths(scenario, model), lateness_of(scenario, model)))
 
 
 def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:

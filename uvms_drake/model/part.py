@@ -104,20 +104,28 @@ ON_TIME = Lateness()
 
 
 class CommandPath(NamedTuple):
-    """What is known of how a command goes on: sampled, held, late by a dead time, behind a lag."""
+    """How a command goes on, as is known: sampled, held, late by a dead time, behind a lag."""
 
     period: float
     """h [s]."""
     delay: float
     """From a sample to where it comes to the lag [s]."""
     lag: float = 0.0
-    """T [s]."""
+    """T [s], in the mean."""
     whole: bool = True
     """Whether it is all of the command, and not the vehicle's wrench alone."""
     off: np.ndarray = np.zeros((6, 0))
     """The wrench that each thruster may be off by (6, m) [N, N m]."""
     undriven: tuple[int, ...] = ()
     """Axes of the vehicle that get nothing."""
+    unknown: tuple[str, ...] = ()
+    """What these numbers do not say of it."""
+
+    @property
+    def lateness(self) -> Lateness:
+        """How late a force is behind it."""
+        late = self.delay + 0.5 * self.period + self.lag
+        return Lateness(late, late if self.whole else 0.0)
 
 
 class Part(Component, ABC):
@@ -159,16 +167,12 @@ class Part(Component, ABC):
         """
         return None
 
-    def lateness(self, model: UvmsModel) -> Lateness:
-        """Returns how late it makes a command, as the controller believes; zero, as by default.
+    def command_path(self, model: UvmsModel) -> CommandPath | None:
+        """Returns what is known of what it makes of a command; None, as by default: nothing.
 
         Args:
             model: The controller's.
         """
-        return ON_TIME
-
-    def command_path(self, model: UvmsModel) -> CommandPath | None:
-        """Returns what is known of what it makes of a command; None, as by default: nothing."""
         return None
 
 

@@ -17,7 +17,7 @@ from uvms_drake.control.ocp import MpcConfig
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import ON_TIME, Lateness, Signals
+from uvms_drake.model.part import ON_TIME, CommandPath, Lateness, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
@@ -146,11 +146,17 @@ def command_limits(scenario: Scenario) -> Limits | None:
 
 def lateness_of(scenario: Scenario, model: UvmsModel) -> Lateness:
     """Returns how late the scenario's actuation makes a command, as the controller believes."""
-    late = [ON_TIME]
+    late = [path.lateness for path in command_paths(scenario, model) if path is not None]
+    return Lateness(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
+
+
+def command_paths(scenario: Scenario, model: UvmsModel) -> list[CommandPath | None]:
+    """Returns what is known of each part of the scenario's actuation."""
+    paths = []
     for key, part in keyed("actuation", scenario.actuation).items():
         with within(key):
-            late.append(part.lateness(model))
-    return Lateness(*(sum(times) for times in zip(*late, strict=True)))
+            paths.append(part.command_path(model))
+    return paths
 
 
 def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,

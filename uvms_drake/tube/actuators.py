@@ -21,7 +21,6 @@ class Path:
     """From a tick to where its command comes to the actuator [s]."""
     lag: float = 0.0
     """T [s]."""
-
     ahead: float = 0.0
     """ℓ, by how much the plan's forces are asked for ahead [s], see `control.ahead`."""
 
@@ -63,10 +62,10 @@ def actuators_of(paths: Sequence[CommandPath | None], ahead: Lateness = ON_TIME)
         if path is None:
             return Actuators(unknown=("a part that says nothing of how late it is",))
         if path.whole and not out.late:
-            both = Path(path.period, path.delay)
-            out = Actuators(both, both)
+            both = Path(path.period, path.delay, path.lag)
+            out = Actuators(both, both, unknown=path.unknown)
         elif not path.whole and not out.thrusters:
-            before, unknown = out.vehicle, out.unknown
+            before, unknown = out.vehicle, out.unknown + path.unknown
             wait, period = 0.0, path.period
             if before.period > 0.0:
                 samples, period = before.period / path.period, before.period

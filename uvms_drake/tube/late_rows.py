@@ -40,7 +40,7 @@ In (1) [A(t) − A(s)]A(s)⁻¹ is taken to first order in the age; and g∗Δ̇
 that does not change with time, which behind a hold is so to (k + σ)h.
 
 Errors make loads, and loads make errors: the smallest numbers that bound each other. They exist if
-what comes back is less than what was put in, and bound the real ones, since all of that is causal.
+what comes back is less than what was put in, and bound all of that, since it is causal.
 What an observer is told, that is all of δ', it does not see: these are gains without it.
 """
 
