@@ -78,16 +78,15 @@ class SequentialConvexSolver(Generic[P]):
             if self._is_better(value, evaluation):
                 return candidate, value
             if step == 1.0 and self.ocp.is_sound(evaluation) and value.cost < evaluation.cost:
-                corrected = self._corrected(candidate, program, change)
+                corrected = self._corrected(candidate, value, program, change)
                 if self._is_better(corrected[1], evaluation):
                     return corrected
             step *= 0.5
         return None
 
-    def _corrected(self, plan: P, program: StagedProgram, change: np.ndarray
+    def _corrected(self, plan: P, value: Evaluation, program: StagedProgram, change: np.ndarray
                    ) -> tuple[P, Evaluation]:
         """Returns the plan after a step, moved back to within the limits, and its value."""
-        value = self.ocp.evaluate(plan)
         for _ in range(CORRECTIONS):
             before = max(value.violation, value.terminal_slack)
             try:
