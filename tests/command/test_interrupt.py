@@ -15,7 +15,7 @@ from uvms_drake.command.main import main
 from uvms_drake.common.output import MANIFEST_FILE
 
 SHORT = ["run", "girona500_ideal", "--uncertified", "--no-figures", "--duration", "0.1"]
-DATA = {"scenario.yaml", "summary.json", "log.npz", "timing.npz", MANIFEST_FILE}
+DATA = {"scenario.yaml", "summary.json", "log.csv", "log.npz", "timing.npz", MANIFEST_FILE}
 
 
 def command(*args, **options):
@@ -87,7 +87,7 @@ def test_data_are_kept_if_a_picture_does_not_fit_on_the_disk(tmp_path):
     assert (process.returncode, out) == (1, "")
     assert err.splitlines()[-1] == (
         "uvms-drake: error: the files cannot be written: File too large; "
-        f"saved in {tmp_path}: log.npz, scenario.yaml, summary.json, timing.npz")
+        f"saved in {tmp_path}: log.csv, log.npz, scenario.yaml, summary.json, timing.npz")
     assert {path.name for path in tmp_path.iterdir()} == DATA
 
 

@@ -150,6 +150,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_slope", "dynamic", "resolved"],
         ["girona500_stiff", "dynamic", "resolved"],
         ["girona500_tip_first", "dynamic", "tip-first"],
+        ["jacket_inspection", "dynamic", "resolved"],
         ["paper_dynamic", "dynamic", "transpose"],
         ["paper_dynamic_resolved", "dynamic", "resolved"],
         ["paper_kinematic", "kinematic", "transpose"],

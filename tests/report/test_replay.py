@@ -9,8 +9,10 @@ import pytest
 from support.synthetic import synthetic_felt_record, synthetic_record
 
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.report import replay
 from uvms_drake.report.replay import frame_indices, moment_of, write_replay, write_still
 from uvms_drake.station.scenario import load_scenario
+from uvms_drake.visual.scene import Scene
 
 
 def test_frames_are_thinned_to_the_rate():
@@ -18,6 +20,14 @@ def test_frames_are_thinned_to_the_rate():
     frames = frame_indices(time, 25.0)
     assert len(frames) == 50
     np.testing.assert_allclose(np.diff(time[frames]), 0.04, atol=2e-3)
+
+
+def test_a_long_run_is_shown_in_fewer_pictures(monkeypatch, tmp_path):
+    shown = []
+    monkeypatch.setattr(Scene, "show", lambda scene, moment, time: shown.append(time))
+    monkeypatch.setattr(replay, "MOST_FRAMES", 20)
+    write_replay(synthetic_record(2.0), tmp_path / "replay.html")
+    assert len(shown) == 21
 
 
 def test_a_slow_log_is_shown_in_full():

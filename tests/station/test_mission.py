@@ -19,6 +19,20 @@ def scenario():
     return load_scenario(NAME)
 
 
+def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told():
+    """Wherever the mission goes, and 10 mm beside: no normal is further off than the angle."""
+    scenario = load_scenario("jacket_inspection")
+    walls, surface = scenario.contact.walls, scenario.surface
+    a, b = np.meshgrid(np.linspace(-0.21, 0.31, 9), np.linspace(-0.07, 0.07, 9))
+    places = a[..., None] * walls.axes[1] + b[..., None] * walls.axes[2]
+    for depth in np.linspace(-0.3, 0.0, 7):
+        near, gradient = surface.geometry.depth_and_gradient(places + depth * walls.direction)
+        touched = np.abs(near) < 0.05
+        assert np.all((gradient @ walls.direction)[touched] >= np.cos(walls.angle))
+    assert surface.law.stiffness < walls.stiffness
+    assert surface.friction == 0.3 < walls.friction
+
+
 def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
     kinds = [type(step) for step in scenario.mission.steps]
     assert kinds == [Approach, Hold, Retreat, Approach, Hold, Slide, Retreat]

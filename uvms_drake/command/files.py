@@ -15,9 +15,11 @@ SUMMARY_FILE = "summary.json"
 REPLAY_FILE = "replay.html"
 REPORT_FILE = "report.html"
 INSPECTION_FILE = "inspection.csv"
+TABLE_FILE = "log.csv"
 LONGEST_NAME = 255
 """Length of a folder's name that file systems allow [bytes]."""
-DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, INSPECTION_FILE)
+DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, TABLE_FILE,
+              INSPECTION_FILE)
 
 
 def folder(text: str) -> Path:
@@ -57,11 +59,13 @@ def write_data(record: Record, folder: Path) -> dict[str, Any]:
     A run with a mission has an `INSPECTION_FILE`.
     """
     from uvms_drake.report.inspection import format_inspection
+    from uvms_drake.report.log_table import format_log
     from uvms_drake.report.mission import has_mission
     from uvms_drake.report.summary import summarise
 
     summary = summarise(record)
     save_record(record, folder)
+    (folder / TABLE_FILE).write_text(format_log(record), encoding="utf-8")
     if has_mission(record):
         (folder / INSPECTION_FILE).write_text(format_inspection(record), encoding="utf-8")
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)

@@ -13,6 +13,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.nominal_mpc import KEPT, SOLVED, WAITING
 from uvms_drake.model.euler import pose_difference
+from uvms_drake.report.coverage_figure import draw_coverage
 from uvms_drake.report.felt_figure import draw_felt
 from uvms_drake.report.figure_style import (
     BLUE,
@@ -46,7 +47,7 @@ from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
-THRUSTERS, MISSION = "thrusters.png", "mission.png"
+THRUSTERS, MISSION, COVERAGE = "thrusters.png", "mission.png", "coverage.png"
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
@@ -81,7 +82,8 @@ def figures_of(scenario: Scenario) -> list[str]:
     special = {name for motion in MOTIONS.values() for name in motion.figures}
     own = motion_of(scenario).figures
     missing = {name for name, there in (
-        (THRUSTERS, part_of(scenario)), (MISSION, scenario.mission.steps)) if not there}
+        (THRUSTERS, part_of(scenario)), (MISSION, scenario.mission.steps),
+        (COVERAGE, scenario.mission.steps)) if not there}
     return [name for name in FIGURES if name in own or name not in special | missing]
 
 
@@ -267,6 +269,7 @@ FIGURES: dict[str, Callable[[Record], Figure]] = {
     "task_error.png": draw_task_error,
     "force.png": draw_contact,
     MISSION: draw_mission,
+    COVERAGE: draw_coverage,
     "velocities.png": draw_velocities,
     "joints.png": draw_joints,
     "inputs.png": draw_inputs,

@@ -57,6 +57,8 @@ CAPTIONS = {
                  "after an approach, also the force from first contact to settling.",
     "mission.png": "Force over the time and along each line, with the bands of the mission's "
                    "steps, and how far the tip is off the line.",
+    "coverage.png": "The wall as the tool faces it: every reading at its place, coloured by the "
+                    "force that was felt; the circles and lines are what the mission asked for.",
     "velocities.png": "Velocities of vehicle and joints with their limits.",
     "joints.png": "Joint angles with their limits.",
     "inputs.png": "Acceleration commands with their limits.",

@@ -10,10 +10,13 @@ from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.knowledge import known_from
 from uvms_drake.visual.scene import Moment, Scene
 
+MOST_FRAMES = 1800
+"""Largest number of pictures in a replay, of 4 kB each; the browser moves things in between."""
+
 
 def write_replay(record: Record, path: Path) -> None:
     """Writes the run as an animation that plays at true speed."""
-    rate = record.scenario.visual.rate
+    rate = min(record.scenario.visual.rate, MOST_FRAMES / max(float(record.time[-1]), 1e-9))
     meshcat = Meshcat()
     scene = _scene(record, meshcat)
     meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)

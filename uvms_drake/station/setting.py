@@ -12,6 +12,9 @@ from uvms_drake.visual.knowledge import Told
 from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting
 
+PAINTED = 1.5
+"""End of the scale of colours of a mission, over the largest force that it asks for."""
+
 
 def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = False) -> Setting:
     """Returns the setting of a `Scene` of a run.
@@ -32,4 +35,6 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
         has_forces=motion_of(scenario).has_forces,
         told=Told(sensed_contact(scenario).direction, front_margin(scenario))
-        if scenario.contact.felt else None)
+        if scenario.contact.felt else None,
+        painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
+        if scenario.mission.steps else None)

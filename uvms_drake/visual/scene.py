@@ -9,6 +9,7 @@ from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
+from uvms_drake.visual.coverage import Coverage
 from uvms_drake.visual.drawn_robot import DrawnRobot
 from uvms_drake.visual.floor import Floor
 from uvms_drake.visual.hud import Hud
@@ -86,6 +87,8 @@ class Setting:
     """Whether anything is touched and pressed."""
     told: Told | None = None
     """What the robot is told of a wall that it feels; None: it does not go by feeling."""
+    painted: float | None = None
+    """Force at the end of the scale with which a mission's places are painted [N]; None: none."""
 
 
 class Scene:
@@ -93,7 +96,8 @@ class Scene:
 
     The robot; an outline of the nominal one, its deviation enlarged; the end-effector's trail and
     planned path; the tube at the tip, to scale and in an inset; what is pressed and how hard, and
-    what is known of it if it is felt; a level grid; the time; and a bar for each limit.
+    what is known of it if it is felt; where a mission has pressed; a level grid;
+    the time; and a bar for each limit.
 
     Args:
         meshcat: Where to draw.
@@ -140,6 +144,10 @@ class Scene:
         self._knowledge = DrawnKnowledge(
             stage, self._hud.board, setting.told, self._tip
         ) if setting.told is not None else None
+        self._coverage = Coverage(
+            stage, f"{NED}/coverage", f"{self._hud.board}/painted", setting.painted,
+            -setting.told.direction
+        ) if setting.told is not None and setting.painted is not None else None
         self._time = np.inf
 
     def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
@@ -191,6 +199,8 @@ class Scene:
         self._stage.begin(time)
         if time < self._time:
             self._trail.clear()
+            if self._coverage is not None:
+                self._coverage.clear()
         self._time = time
         self._robot.show(config)
         self._ghost.show(config + self._enlarged * pose_difference(nominal, config))
@@ -201,5 +211,7 @@ class Scene:
             self._pressing.show(chi, moment.force, moment.desired_force)
         if self._knowledge is not None:
             self._knowledge.show(moment.known, tip)
+        if self._coverage is not None:
+            self._coverage.show(chi, moment.known.felt_force, self._law)
         used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
         self._hud.show(time, used, used >= ACTIVE)

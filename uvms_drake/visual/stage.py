@@ -80,6 +80,13 @@ class Stage:
         size = 1.0 if shown else VANISHED
         self.stretch(path, size, size, size)
 
+    def appear(self, path: str) -> None:
+        """Shows an object that was made in the midst of a recording, and not before."""
+        nothing = np.full(3, VANISHED)
+        self.meshcat.SetProperty(path, "scale", nothing.tolist(), time_in_recording=0.0)
+        self._given[path] = 0.0, nothing
+        self.show(path, True)
+
     def _changes(self, path: str, value: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Returns the pairs (time, value) to give so that `value` holds now, and not before."""
         given = self._given.get(path)
