@@ -31,9 +31,9 @@ from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.nlp import NonlinearSolver
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp
 from uvms_drake.control.plan import DynamicPlan, Plan
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 
 

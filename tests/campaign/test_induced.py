@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.campaign.induced import predicted_disturbance
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import start_state

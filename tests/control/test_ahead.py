@@ -6,7 +6,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import DiagramBuilder
 from support.lagging import CONFIG, Motion, run
 
-from uvms_drake.control.ahead import ForcesAhead, forces_ahead, hover_of
+from uvms_drake.control.ahead import ForcesAhead, forces_ahead
+from uvms_drake.control.commitment import committed_intervals
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.plan import DynamicPlan
@@ -20,11 +21,14 @@ H, N = 0.2, 6
 GAINS = (1.5, 0.4)  # k, σ of the vehicle [1/s]
 
 
-def jumping(start_time: float = 0.0) -> DynamicPlan:
-    """A plan that speeds up, brakes, and speeds up again, all coordinates at once."""
+def jumping(before: int = 0) -> DynamicPlan:
+    """A plan that speeds up, brakes, and speeds up again, all coordinates at once.
+
+    It hovers for some intervals before.
+    """
     size = np.array([0.2, -0.2, 0.2, 0.1, 0.1, -0.1, 0.4, 0.4, -0.4, 0.4])
-    zeta_dot = np.outer([1.0, 1.0, 0.8, -0.5, -0.5, 0.1], size)
-    return DynamicPlan.from_accelerations(start_time, H, CONFIG, np.zeros(10), zeta_dot)
+    zeta_dot = np.outer([0.0] * before + [1.0, 1.0, 0.8, -0.5, -0.5, 0.1], size)
+    return DynamicPlan.from_accelerations(0.0, H, CONFIG, np.zeros(10), zeta_dot)
 
 
 def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
@@ -48,22 +52,12 @@ def test_it_is_what_the_plans_forces_change_until_they_act(model):
     assert not forces_ahead(model, plan, time, ON_TIME, plan.at(time)).any()
 
 
-def test_before_a_plan_begins_its_first_forces_are_known(model):
-    plan = jumping(start_time=0.4)
-    before = forces_ahead(model, plan, 0.1, Lateness(0.2, 0.2), plan.at(0.1))
-    np.testing.assert_allclose(before, 0.0, atol=1e-9)
-    np.testing.assert_allclose(
-        forces_ahead(model, plan, 0.3, Lateness(0.2, 0.2), plan.at(0.3)),
-        planned_forces(model, plan, 0.5) - planned_forces(model, jumping(0.0), 0.0)
-        + model.mass_matrix(model.kinematics(CONFIG)) @ plan.zeta_dot[0], atol=1e-9)
-
-
 def test_only_a_law_that_knows_of_actuators_asks_ahead(short_ocp):
     late = Lateness(0.25, 0.02)
-    assert hover_of(TipFirst(), late, H) == 2
-    assert hover_of(TipFirst(), Lateness(0.4, 0.02), H) == 2
+    assert committed_intervals(TipFirst(), late, H) == 2
+    assert committed_intervals(TipFirst(), Lateness(0.4, 0.02), H) == 2
     for law, lateness in ((Resolved(), late), (TipFirst(), ON_TIME)):
-        assert hover_of(law, lateness, H) == 0
+        assert committed_intervals(law, lateness, H) == 0
         assert not make_tube_mpc(short_ocp, law, lateness=lateness).HasSubsystemNamed(
             "forces_ahead")
     controller = make_tube_mpc(short_ocp, TipFirst(), lateness=late)
@@ -103,7 +97,7 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
     The vehicle's errors are within the bound of (e^{sT} − 1 − Ts)/Δ, and several times as large if
     nothing is asked for ahead.
     """
-    lag, plan = 0.1, jumping(start_time=0.2)
+    lag, plan = 0.1, jumping(before=1)
     law = TipFirst(BlockGains(*GAINS), BlockGains(20.0, 10.0))
 
     def nominal(time: float) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,9 @@ from pydrake.systems.primitives import ConstantVectorSource
 from support.limits import with_limits
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.nominal_mpc import (
+from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.ocp import FEASIBLE
+from uvms_drake.control.planner import (
     DROPPED,
     FAILED,
     KEPT,
@@ -19,12 +21,9 @@ from uvms_drake.control.nominal_mpc import (
     MPC_REPORT,
     SOLVED,
     SOLVERS_KEPT,
-    WAITING,
-    NominalMpc,
+    Planner,
     Targets,
 )
-from uvms_drake.control.ocp import FEASIBLE
-from uvms_drake.control.plan import advance
 from uvms_drake.control.scp import SequentialConvexSolver, Solution
 from uvms_drake.model.uvms_model import configuration_rate
 
@@ -78,13 +77,14 @@ class MissingSolver(FailingSolver):
 class Setup:
     """A planner alone, with a measured state that does not follow the plan."""
 
-    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, hover=0):
+    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, committed=0):
         solver.ocp = copy.copy(solver.ocp)
         solver.ocp.iterations = iterations
         builder = DiagramBuilder()
         self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
         self.mpc = NominalMpc.AddToBuilder(
-            builder, solver, state=self.source.get_output_port(), targets=targets, hover=hover)
+            builder, solver, state=self.source.get_output_port(), targets=targets,
+            committed=committed)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.ocp = solver.ocp
@@ -429,33 +429,42 @@ def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
         assert solver.calls - at_end == at_end - at_pause >= 3
 
 
-def test_a_first_plan_that_begins_later_is_known_from_the_start(short_ocp, start):
-    """Until it begins the robot coasts, and no other plan is made."""
-    solver = FailingSolver(short_ocp)
-    setup = Setup(solver, start, hover=2)
-    setup.simulator.Initialize()
-    plan = setup.read("plan")
-    assert plan.start_time == 2 * H
-    for time in (0.0, 0.5 * H, 1.7 * H, 2 * H):
-        setup.go(time)
-        config, zeta = np.split(setup.read("nominal_state"), 2)
-        np.testing.assert_array_equal(zeta, start[10:])
-        half = advance(start[:10], zeta, np.zeros(10), 0.5 * time)
-        np.testing.assert_allclose(config, advance(half, zeta, np.zeros(10), 0.5 * time), atol=1e-7)
-        if time < 2 * H:
-            assert not setup.read("nominal_acceleration").any()
-    setup.go(2.5 * H)
-    assert (setup.report()["status"], solver.calls) == (WAITING, 1)
-    np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[0])
-    assert setup.read("plan").start_time == plan.start_time
-    setup.go(3.5 * H)
-    assert (setup.report()["status"], solver.calls) == (SOLVED, 2)
-    assert setup.read("plan").start_time == pytest.approx(3 * H)
+def test_what_was_asked_for_ahead_is_what_then_comes(short_ocp, start):
+    """Of every plan, also after a sample that failed or was dropped; the first one coasts there."""
+    n, ahead = 2, 7  # Intervals, and quarters of them.
+    setup = Setup(FailingSolver(short_ocp), start, committed=n)
+    asked, later, came = [], [], []
+    for step in range(36):
+        setup.give("fault", [{2: FAILED, 4: DROPPED}.get((step + 2) // 4, SOLVED)])
+        setup.go((0.25 * step + 0.125) * H)
+        time, plan = setup.simulator.get_context().get_time(), setup.read("plan")
+        assert len(plan.zeta_dot) == n + short_ocp.horizon
+        for many, quarters in ((asked, ahead), (later, ahead + 4)):
+            many.append(np.concatenate(plan.at(time + 0.25 * quarters * H)))
+        came.append(np.append(setup.read("nominal_state"), setup.read("nominal_acceleration")))
+    asked, later, came = map(np.array, (asked, later, came))
+    np.testing.assert_allclose(came[ahead:], asked[:-ahead], rtol=0.0, atol=1e-12)
+    assert np.max(np.abs(came[ahead + 4:] - later[: -ahead - 4])) > 1e-3  # That is free.
+    coasting = slice(4 * n)
+    np.testing.assert_array_equal(came[coasting, 10:], np.tile(np.pad(start[10:], (0, 10)), (8, 1)))
+    assert setup.report()["violation"] < 1e-4
 
 
-def test_a_context_that_is_yet_to_begin_goes_on_in_a_clone(short_ocp, start):
+def test_the_problem_is_that_of_what_is_free(short_ocp, start):
+    """From rest it is the one without anything committed, as much later."""
+    rest = start * np.repeat([1.0, 0.0], 10)
+    later, plain = (Setup(SequentialConvexSolver(short_ocp), rest, committed=n) for n in (2, 0))
+    for setup in (later, plain):
+        setup.go(1.5 * H)
+    assert later.report() == pytest.approx(plain.report())
+    np.testing.assert_allclose(
+        later.read("plan").zeta_dot[2:], plain.read("plan").zeta_dot, atol=1e-12)
+    assert later.read("plan").start_time == plain.read("plan").start_time
+
+
+def test_with_committed_intervals_a_context_goes_on_in_a_clone(short_ocp, start):
     for pause in (0.5 * H, H, 1.5 * H, 2 * H):
-        setup = Setup(FailingSolver(short_ocp), start, hover=2)
+        setup = Setup(FailingSolver(short_ocp), start, committed=2)
         setup.go(pause)
         setup.jump(start + 0.001)
         other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
@@ -543,10 +552,10 @@ def test_the_problem_of_the_start_outlives_all_others(short_ocp):
         return short_ocp
 
     start, solver = np.full(6, 20.0), SequentialConvexSolver(short_ocp)
-    mpc = NominalMpc(solver, Targets(start, problem))
+    planner = Planner(solver, Targets(start, problem))
     for force in [*range(SOLVERS_KEPT + 5), 101, 101]:
-        found = mpc._solver_of(np.full(6, float(force)))
+        found = planner._solver_of(np.full(6, float(force)))
         assert (found is None) == (force == 101)
-    assert mpc._solver_of(start) is solver
+    assert planner._solver_of(start) is solver
     assert 20.0 not in made
     assert made.count(101.0) == 1, "a refusal is remembered"

@@ -8,7 +8,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.control.nominal_mpc import FAILED, MPC_REPORT, SOLVED, NominalMpc
+from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.planner import FAILED, MPC_REPORT, SOLVED
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 

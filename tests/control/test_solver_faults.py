@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.control.planner import DROPPED, FAILED, LATE, SOLVED
 from uvms_drake.control.solver_faults import (
     DroppedPeriod,
     SolverFailure,

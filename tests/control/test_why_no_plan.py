@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import FEASIBLE
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.why_no_plan import first_excess, why_no_plan
 from uvms_drake.station.motions import make_ocp

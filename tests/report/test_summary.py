@@ -9,7 +9,7 @@ from support.synthetic import desiring, synthetic_record
 
 from uvms_drake.control.laws import Transpose
 from uvms_drake.control.limits.joints import Joints
-from uvms_drake.control.nominal_mpc import KEPT
+from uvms_drake.control.planner import KEPT
 from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report import signals

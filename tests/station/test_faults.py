@@ -48,7 +48,7 @@ from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.control import scp
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.control.planner import DROPPED, FAILED, LATE, SOLVED
 from uvms_drake.control.solver_faults import (
     DroppedPeriod,
     SolverFailure,

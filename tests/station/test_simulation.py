@@ -170,7 +170,7 @@ def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
 
 
 def test_the_first_plan_is_announced_before_it_is_made(monkeypatch):
-    monkeypatch.setattr("uvms_drake.control.nominal_mpc.FIRST_SOLVE_ITERATIONS", 2)
+    monkeypatch.setattr("uvms_drake.control.planner.FIRST_SOLVE_ITERATIONS", 2)
     said = []
     with pytest.raises(RunFailed, match="out of the reach"):
         simulate(load_scenario("girona500_ideal", ["start.eta.0=-50"]),

@@ -12,7 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control import scp
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station

@@ -35,7 +35,7 @@ def press(meshcat, name):
 @pytest.mark.parametrize(("name", "overrides"), [
     ("girona500_ideal", ["visual.rate=30", "visual.magnification=7"]),
     ("girona500_bilateral", []),
-    ("girona500_contact", []),
+    ("girona500_real_loop", ["duration=0.25"]),
     ("paper_kinematic", [])])
 def test_to_watch_a_run_does_not_change_it(name, overrides, meshcat):
     scenario = load_scenario(name, ["duration=0.5", *overrides])

@@ -9,9 +9,11 @@ import numpy as np
 from uvms_drake.campaign.felt_walls import draw_wall
 from uvms_drake.campaign.pressed import pressed
 from uvms_drake.common.errors import RunFailed
+from uvms_drake.control.commitment import committed_intervals
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.station.dynamic import lateness_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.sensed import (
@@ -143,16 +145,19 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
     """Returns the speed v at which a wall is approached [m/s], and the time to press [s].
 
     A plan of duration T that comes to rest a way s ahead begins with 2s/T, and so it goes on where
-    s does not end. In free water s is that to the front, which moves along. In a wall of slope κ it
-    is the lesser of two: to the front, s₀ − F/κ₊ if it is s₀ in free water, and to the target,
-    (F_des − F)/κ̂ with a slope κ̂ that is not learned yet, κ₊. With Ḟ = κ 2s/T, F is within ε of
-    F_des after T/2 · κ₊/κ times the larger of
+    s does not end. (If it begins later by what is committed, T is longer by twice that.) In free
+    water s is that to the front, which moves along. In a wall of slope κ it is the lesser of two:
+    to the front, s₀ − F/κ₊ if it is s₀ in free water, and to the target, (F_des − F)/κ̂ with a slope
+    κ̂ that is not learned yet, κ₊. With Ḟ = κ 2s/T, F is within ε of F_des after T/2 · κ₊/κ times
+    the larger of
 
         ln(s₀/(s₀ − F_des/κ₊))    and    ln(F_des/ε).
 
     Both are estimates, taken to be slower than they come out.
     """
-    contact, time = sensed_contact(scenario), 0.5 * ocp.horizon * ocp.time_step
+    committed = committed_intervals(
+        scenario.ancillary, lateness_of(scenario, ocp.model), ocp.time_step)
+    contact, time = sensed_contact(scenario), (0.5 * ocp.horizon + committed) * ocp.time_step
     room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH
     speed = min(room / time, contact.speed - (scenario.tube.depth_speed or 0.0))
     slower = max(np.log(room / (room - force / contact.stiffness)),

@@ -13,7 +13,7 @@ from uvms_drake.campaign.outside import MEASURED_WRONG
 from uvms_drake.campaign.vary import Variation, vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.nominal_mpc import FAILED, KEPT, SOLVED
+from uvms_drake.control.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.solver_faults import solver_fault
 from uvms_drake.control.tube_monitor import FIELDS
 from uvms_drake.plant.model_error import FACTORS

@@ -16,9 +16,9 @@ from uvms_drake.certificate.certificate import Certificate, TerminalResult, fing
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.ocp import FEASIBLE, Ocp
 from uvms_drake.control.plan import P, Plan
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel

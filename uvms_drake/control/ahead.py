@@ -24,14 +24,11 @@ impulses, which no thruster gives, and without them jumps come as late as ever. 
 second: ∫θ²p/2 − T(∫θp) + T² with ∫θp = T is smallest where p is a pulse at T, by Jensen. And it
 asks for nothing but forces of the plan: what keeps the plan's within limits keeps these.
 
-*A new plan* counts from its first knot on. What it changes of the old one within ℓ of its start was
-not asked for ahead, and comes as late as without (P). The largest such change would be the first
-plan, where before there was none: a jump J that comes late leaves the velocity off by JT, and with
-(P) nothing that is late later on makes up for it. So the first plan is made ℓ ahead, too, and the
-robot hovers until it begins, see `hover_of`. Beyond the end of a plan its last forces are meant.
+*A new plan* keeps what was asked for, see `commitment`: what it changed within ℓ of its start would
+come as late as without (P). The largest such change would be the first plan, where before there was
+none: a jump J that comes late leaves the velocity off by JT, and with (P) nothing that is late
+later on makes up for it. Beyond the end of a plan its last forces are meant.
 """
-
-import math
 
 import numpy as np
 from pydrake.common.value import Value
@@ -39,7 +36,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 
 from uvms_drake.control.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
-from uvms_drake.control.plan import KNOT_TOLERANCE, DynamicPlan
+from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.model.part import Lateness
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -61,11 +58,6 @@ def forces_ahead(model: UvmsModel, plan: DynamicPlan, time: float, lateness: Lat
     tau = model.inverse_dynamics(model.kinematics(config), zeta, zeta_dot)
     ahead: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
     return ahead
-
-
-def hover_of(law: AncillaryLaw, lateness: Lateness, time_step: float) -> int:
-    """Returns for how many intervals a `NominalMpc` is to hover before its first plan."""
-    return math.ceil(max(lateness) / time_step - KNOT_TOLERANCE) if law.takes_wrench else 0
 
 
 class ForcesAhead(LeafSystem):

@@ -72,12 +72,13 @@ class DynamicOcp(Ocp[DynamicPlan]):
         """2(6+n), of (𝔮, ζ)."""
         return 2 * self.model.size
 
-    def resting_plan(self, time: float, state: np.ndarray) -> DynamicPlan:
-        """Returns a first guess: come to rest over the horizon from (𝔮, ζ) (2(6+n),)."""
+    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> DynamicPlan:
+        """Returns a first guess: coast from (𝔮, ζ) (2(6+n),), come to rest over the horizon."""
         config, zeta = np.split(state, 2)
         duration = self.horizon * self.time_step
-        return DynamicPlan.from_accelerations(
-            time, self.time_step, config, zeta, np.tile(-zeta / duration, (self.horizon, 1)))
+        zeta_dot = np.tile(-zeta / duration, (coasting + self.horizon, 1))
+        zeta_dot[:coasting] = 0.0
+        return DynamicPlan.from_accelerations(time, self.time_step, config, zeta, zeta_dot)
 
     def errors(self, plan: DynamicPlan, y: np.ndarray) -> np.ndarray:
         """Returns ξ = (y − y_des, ζ) at the knots (N+1, 2(6+n))."""

@@ -47,10 +47,10 @@ class KinematicOcp(Ocp[KinematicPlan]):
         """6+n, of 𝔮."""
         return self.model.size
 
-    def resting_plan(self, time: float, state: np.ndarray) -> KinematicPlan:
+    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> KinematicPlan:
         """Returns a first guess: stay at 𝔮 (6+n,)."""
         return KinematicPlan.from_velocities(
-            time, self.time_step, state, np.zeros((self.horizon, self.model.size)))
+            time, self.time_step, state, np.zeros((coasting + self.horizon, self.model.size)))
 
     def errors(self, plan: KinematicPlan, y: np.ndarray) -> np.ndarray:
         """Returns ξ = y − y_des at the knots (N+1, 6+n)."""

@@ -1,10 +1,7 @@
 """The nominal MPC as a system: plans at the sampling instants, evaluates the plan in between."""
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -13,71 +10,23 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     EventStatus,
+    InputPort,
     LeafSystem,
     OutputPort,
     State,
     ValueProducer,
 )
 
-from uvms_drake.common.alarm import warn
-from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan, advance
-from uvms_drake.control.scp import SequentialConvexSolver, Solution
-from uvms_drake.control.why_no_plan import why_no_plan
-
-FIRST_SOLVE_ITERATIONS = 50
-"""Largest number of iterations of the first solve, which starts from a plan that goes nowhere."""
-REACHED = 1e-6
-"""Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
-
-SOLVED, FAILED, LATE, DROPPED, KEPT, WAITING = range(6)
-"""Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
-away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
-terminal set where the new one is not; the first plan is yet to begin."""
-
-MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
-"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
-3, `KEPT` 4, `WAITING` 5), the plan's objective, s of the terminal set, largest violation of a limit
-(in its own unit), convex programs solved, 1 if a new desired force was asked for and is refused. A
-sample that is dropped or waits changes the first two only."""
-
-TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
-           DROPPED: "the sample was dropped"}
-"""Alarm about an outcome, given at the first of the samples in a row that have it."""
-
-NOTHING: Solution = Solution(None, None, 0, converged=False)
-"""Solution of a solver that did not even start."""
-
-SOLVERS_KEPT = 16
-"""Number of problems of other desired forces that are remembered, the latest ones."""
-
-
-class Targets(NamedTuple):
-    """How the nominal MPC comes by the problem of another desired force."""
-
-    force: np.ndarray
-    """𝔉_des at the start (6,) [N, N m]."""
-    ocp: Callable[[np.ndarray], Ocp]
-    """Function from another 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
-
-
-@dataclass(frozen=True)
-class MpcMemory:
-    """The memory of the nominal MPC: everything that changes in time lives in the Context."""
-
-    plan: Plan | None = None
-    """The current plan; none before the first sample."""
-    force: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """𝔉_des that the plan was made for (6,) [N, N m]; zero if it cannot be changed."""
-    asked: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """Last 𝔉_des that was asked for (6,) [N, N m]; it is refused if it is not `force`."""
-    solves: int = 0
-    """Number of plans made so far."""
-    report: np.ndarray = field(default_factory=lambda: np.full(len(MPC_REPORT), np.nan))
-    """The last values of `MPC_REPORT`."""
-    solve_seconds: float = 0.0
-    """Wall time of the last step [s]; the only thing here that is not reproducible."""
+from uvms_drake.control.plan import Plan
+from uvms_drake.control.planner import (
+    MPC_REPORT,
+    SOLVED,
+    MpcMemory,
+    Planner,
+    Sample,
+    Targets,
+)
+from uvms_drake.control.scp import SequentialConvexSolver
 
 
 class NominalMpc(LeafSystem):
@@ -98,8 +47,8 @@ class NominalMpc(LeafSystem):
     first plan can be made to fail by the port `fault`. Without a first plan there is nothing to
     fall back to: `RunFailed`.
 
-    The first plan may begin a few intervals later, until when the robot coasts: what is to be asked
-    for ahead, see `control.ahead`, has to be known before it is needed. A robot at rest hovers.
+    The first n intervals of a plan may be committed: each plan then has those of the last one, and
+    the first one coasts there, which a robot at rest calls hovering; see `commitment`.
 
     A measured state that is not finite is none: there is no first plan from it, and a problem with
     the initial state `measured` plans from the nominal state instead.
@@ -155,25 +104,20 @@ class NominalMpc(LeafSystem):
     Args:
         solver: Solves the problem; its `ocp` is the problem.
         targets: Makes the problem of another desired force; None if it stays as it is.
-        hover: Number of intervals before the first plan begins; zero for a `KinematicOcp`.
+        committed: n; zero for a `KinematicOcp`.
     """
 
     def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None,
-                 hover: int = 0):
+                 committed: int = 0):
         super().__init__()
-        # The problem, and how to make one for another desired force.
-        self._targets = targets
-        self._solver = solver
+        self._planner = Planner(solver, targets, committed)
         self._ocp = solver.ocp
-        self._hover = hover * solver.ocp.time_step
         size = self._ocp.model.size
-        force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
-        self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
-        self._initial = MpcMemory(force=force, asked=force)
         # State and inputs.
-        self._memory = self.DeclareAbstractState(Value(self._initial))
+        self._memory = self.DeclareAbstractState(Value(self._planner.initial))
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
+        self._force_port = None
         if targets is not None:
             self._force_port = self.DeclareVectorInputPort("desired_force", 6)
             self.DeclareVectorOutputPort(
@@ -211,28 +155,10 @@ class NominalMpc(LeafSystem):
         return plan
 
     def _plan_first(self, context: Context, state: State) -> EventStatus:
-        started = time.perf_counter()
-        now, h = context.get_time(), self._ocp.time_step
-        if self._goes_on(self._recall(context), now):
+        if self._goes_on(self._recall(context), context.get_time()):
             return EventStatus.DidNothing()
-        if abs(now / h - round(now / h)) > 1e-6:
-            raise RunFailed(f"the nominal MPC starts at t = {now:g} s: must be a multiple of its "
-                            f"sampling period, {h:g} s")
-        measured = self._state_port.Eval(context)
-        if not np.all(np.isfinite(measured)):
-            raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
-        solver = self._current(context, self._initial)
-        if self._hover > 0.0:
-            config, zeta = np.split(measured, 2)
-            measured = np.append(advance(config, zeta, np.zeros_like(zeta), self._hover), zeta)
-        guess = solver.ocp.resting_plan(now + self._hover, measured)
-        solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-        slack = REACHED if solver.ocp.strict else np.inf
-        if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
-            why = why_no_plan(solver.ocp, guess, solution.plan, solver.ocp.tolerance)
-            raise RunFailed(f"the nominal MPC has no solution at the start: {why}")
-        return self._remember(
-            context, state, self._initial, SOLVED, solution, solution.plan, started)
+        sample = self._sample(context)._replace(measured=self._state_port.Eval(context))
+        return self._remember(state, self._planner.first(sample), sample.started)
 
     def _goes_on(self, memory: MpcMemory, now: float) -> bool:
         """Returns whether an initialized Context goes on with its plan, as a clone of a run does.
@@ -244,149 +170,36 @@ class NominalMpc(LeafSystem):
             return False
         elapsed = now - memory.report[0]  # Since the last sample; it may have left the plan as is.
         latest = (1.0 + 1e-9) * self._ocp.time_step
-        begun = now > memory.plan.start_time - self._hover or memory.solves > 1
+        begun = now > memory.plan.start_time or memory.solves > 1
         return begun and -1e-9 <= elapsed <= latest
 
     def _plan_again(self, context: Context, state: State) -> EventStatus:
-        started = time.perf_counter()
-        now, plan = context.get_time(), self._plan_now(context)
-        if now < plan.start_time - self._hover + 0.5 * plan.time_step:
+        plan = self._plan_now(context)
+        if context.get_time() < plan.start_time + 0.5 * plan.time_step:
             return EventStatus.DidNothing()  # The first plan was made a moment ago.
-        if now < plan.start_time + 0.5 * plan.time_step:
-            return self._pass_over(context, state, WAITING, started)  # It begins now or later.
-        fault = self._fault(context)
-        if fault == DROPPED:
-            return self._pass_over(context, state, DROPPED, started)
-        memory = self._asked(context)
-        guess = self._guess(context, memory)
-        force, solution, status = memory.force, NOTHING, fault
-        if fault == SOLVED:
-            force, solution, status = self._solve(context, memory, guess)
-        deadline = self._ocp.deadline
-        if status == SOLVED and deadline is not None and time.perf_counter() - started > deadline:
-            status = LATE
-        if status != SOLVED:
-            force, solution = memory.force, replace(solution, plan=None, evaluation=None)
-        return self._remember(context, state, replace(memory, force=force), status, solution,
-                              solution.plan or guess, started)
+        sample = self._sample(context)
+        return self._remember(
+            state, self._planner.again(sample, self._recall(context)), sample.started)
 
-    def _fault(self, context: Context) -> int:
-        return int(self._fault_port.Eval(context)[0]) if self._fault_port.HasValue(context) \
-            else SOLVED
+    def _sample(self, context: Context) -> Sample:
+        """Returns what there is now, a measured state only if plans start there."""
+        def read(port: InputPort) -> np.ndarray | None:
+            return port.Eval(context).copy() if port.HasValue(context) else None
 
-    def _pass_over(self, context: Context, state: State, status: int, started: float
-                   ) -> EventStatus:
-        """Leaves the plan as it is, but for an end that comes before the next sample."""
-        memory, now = self._recall(context), context.get_time()
-        plan = memory.plan
-        assert plan is not None
-        ocp = self._current(context, memory).ocp
-        while plan.start_time + ocp.horizon * plan.time_step < now + 0.5 * plan.time_step:
-            plan = ocp.continued(plan)
-        report = memory.report.copy()
-        report[:2] = now, status
-        self._say(now, status, memory)
-        state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
-            memory, plan=plan, report=report, solve_seconds=time.perf_counter() - started))
-        return EventStatus.Succeeded()
-
-    def _asked(self, context: Context) -> MpcMemory:
-        """Returns the memory with the 𝔉_des that is asked for now."""
-        memory = self._recall(context)
-        if self._targets is None or not self._force_port.HasValue(context):
-            return memory
-        return replace(memory, asked=self._force_port.Eval(context).copy())
-
-    def _guess(self, context: Context, memory: MpcMemory) -> Plan:
-        """Returns the last plan continued to now, from where a new one is to start."""
-        plan, ocp = memory.plan, self._current(context, memory).ocp
-        assert plan is not None
-        guess = ocp.continued(plan)
-        while guess.start_time < context.get_time() - 0.5 * plan.time_step:
-            guess = ocp.continued(guess)  # Sampling instants were missed.
-        if ocp.starts_at_measured:
-            measured = self._state_port.Eval(context)
-            if np.all(np.isfinite(measured)):
-                guess = guess.redone(measured, guess.decision)
-        return guess
-
-    def _solve(self, context: Context, memory: MpcMemory, guess: Plan
-               ) -> tuple[np.ndarray, Solution, int]:
-        """Returns 𝔉_des (6,) of a new plan, the solution for it, and the outcome of the sample."""
-        solution = self._retargeted(context, memory, guess)
-        if solution is not None:
-            return memory.asked, solution, SOLVED
-        solver = self._current(context, memory)
-        ocp = solver.ocp
-        solution = solver.solve(guess, ocp.iterations)
-        if solution.plan is None:
-            return memory.force, solution, FAILED
-        slack = ocp.tolerance if ocp.ends_at_task else np.inf
-        better = ocp.is_sound(solution.evaluation, slack) or not ocp.is_sound(
-            ocp.evaluate(guess), slack)
-        return memory.force, solution, SOLVED if better else KEPT
-
-    def _retargeted(self, context: Context, memory: MpcMemory, guess: Plan) -> Solution | None:
-        """Returns the plan to a new desired force, or None if there is none or it is refused.
-
-        The logger is told why it is refused, at the first sample at which it is asked for.
-        """
-        asked = memory.asked
-        if self._targets is None or np.array_equal(asked, memory.force):
-            return None
-        solver = self._solver_of(asked)
-        if solver is None:
-            _, why = self._problem(asked.tobytes())
-        else:
-            solution = solver.solve(guess, FIRST_SOLVE_ITERATIONS)
-            if solver.ocp.is_sound(solution.evaluation, REACHED):
-                return solution
-            why = "no plan to it keeps the limits and ends in its terminal set"
-        if not np.array_equal(asked, self._recall(context).asked):
-            warn(context.get_time(), f"the desired force is refused: {why}")
-        return None
-
-    def _current(self, context: Context, memory: MpcMemory) -> SequentialConvexSolver:
-        """Returns the solver of the problem whose plan it is, for what is given now."""
-        solver = self._solver_of(memory.force)
-        assert solver is not None  # It made the plan.
+        started = time.perf_counter()
         given = {name: port.Eval(context) for name, port in self._given_ports.items()
                  if port.HasValue(context)}
-        return SequentialConvexSolver(solver.ocp.given(given)) if given else solver
+        fault = read(self._fault_port)
+        return Sample(
+            context.get_time(), started, given,
+            measured=self._state_port.Eval(context) if self._ocp.starts_at_measured else None,
+            asked=None if self._force_port is None else read(self._force_port),
+            fault=SOLVED if fault is None else int(fault[0]))
 
-    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver | None:
-        """Returns the solver of the problem of a desired force (6,), or None if there is none.
-
-        The latest are remembered; they are no state, but a function of the force alone.
-        """
-        if np.array_equal(force, self._initial.force):
-            return self._solver
-        return self._problem(force.tobytes())[0]
-
-    def _make_solver(self, force: bytes) -> tuple[SequentialConvexSolver | None, str]:
-        assert self._targets is not None
-        try:
-            return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force))), ""
-        except (InvalidParameter, np.linalg.LinAlgError) as error:
-            return None, str(error)
-
-    def _remember(self, context: Context, state: State, old: MpcMemory, status: int,
-                  solution: Solution, plan: Plan, started: float) -> EventStatus:
-        now = context.get_time()
-        value = solution.evaluation or self._current(context, old).ocp.evaluate(plan)
-        report = np.array([now, float(status), value.cost, value.terminal_slack,
-                           value.violation, solution.iterations,
-                           float(not np.array_equal(old.asked, old.force))])
-        self._say(now, status, old)
+    def _remember(self, state: State, memory: MpcMemory, started: float) -> EventStatus:
         state.get_mutable_abstract_state(int(self._memory)).set_value(replace(
-            old, plan=plan, solves=old.solves + 1, report=report,
-            solve_seconds=time.perf_counter() - started))
+            memory, solve_seconds=time.perf_counter() - started))
         return EventStatus.Succeeded()
-
-    def _say(self, now: float, status: int, old: MpcMemory) -> None:
-        """Says on the logger that a sample came to nothing, unless the one before it did so too."""
-        if status in TROUBLE and status != old.report[1]:
-            warn(now, TROUBLE[status])
 
     def _evaluate_plan(self, context: Context, nominal: AbstractValue) -> None:
         last_sample = float(self._recall(context).report[0])
@@ -416,9 +229,9 @@ class NominalMpc(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, solver: SequentialConvexSolver, *,
                      state: OutputPort | None = None, targets: Targets | None = None,
-                     hover: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
+                     committed: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
         """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""
-        mpc = NominalMpc(solver, targets, hover)
+        mpc = NominalMpc(solver, targets, committed)
         builder.AddNamedSystem(name, mpc)
         if state is not None:
             builder.Connect(state, mpc.GetInputPort("state"))

@@ -230,8 +230,8 @@ class Ocp(ABC, Generic[P]):
         """Length of the state that a plan starts at, and of ξ."""
 
     @abstractmethod
-    def resting_plan(self, time: float, state: np.ndarray) -> P:
-        """Returns a first guess: come to rest from `state`."""
+    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> P:
+        """Returns a first guess: coast for some intervals from `state`, then come to rest."""
 
     @abstractmethod
     def errors(self, plan: P, y: np.ndarray) -> np.ndarray:

@@ -151,12 +151,19 @@ class Plan(ABC):
         Args:
             time: [s].
             since: A knot [s] from which on the plan is followed now; its beginning, if left out.
-                A sample before its beginning, if it is yet to begin.
         """
 
     @abstractmethod
     def shifted(self, last_decision: np.ndarray) -> Self:
         """Returns the plan one interval later, with this decision (6+n,) at its end."""
+
+    @abstractmethod
+    def after(self, knot: int) -> Self:
+        """Returns the part of the plan after one of its knots."""
+
+    @abstractmethod
+    def preceded(self, other: Self, intervals: int) -> Self:
+        """Returns the plan with the first intervals of another one, which end where it begins."""
 
     def _interval(self, time: float, since: float | None) -> tuple[int, float]:
         """Returns the interval that `time` falls into and how long after its beginning.
@@ -217,15 +224,7 @@ class DynamicPlan(Plan):
 
     def at(self, time: float, since: float | None = None
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there.
-
-        Before the first knot of a plan that is yet to begin the robot coasts towards it.
-        """
-        before, tolerance = self.start_time - time, KNOT_TOLERANCE * self.time_step
-        early = since is not None and since < self.start_time - tolerance
-        if before > (-tolerance if early else tolerance):
-            still = np.zeros_like(self.zeta[0])
-            return advance(self.config[0], self.zeta[0], still, -before), self.zeta[0], still
+        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there."""
         index, duration = self._interval(time, since)
         zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
         return (advance_one(self.config[index], zeta, zeta_dot, duration),
@@ -239,6 +238,21 @@ class DynamicPlan(Plan):
             config=np.concatenate([self.config[1:], last[None]]),
             zeta=np.concatenate([self.zeta[1:], self.zeta[-1:] + self.time_step * last_decision]),
             zeta_dot=np.concatenate([self.zeta_dot[1:], last_decision[None]]))
+
+    def after(self, knot: int) -> Self:
+        """Returns the part of the plan after one of its knots."""
+        return replace(
+            self, start_time=self.start_time + knot * self.time_step, config=self.config[knot:],
+            zeta=self.zeta[knot:], zeta_dot=self.zeta_dot[knot:])
+
+    def preceded(self, other: "DynamicPlan", intervals: int) -> Self:
+        """Returns the plan with the first intervals of another one, which end where it begins."""
+        first = slice(intervals)
+        return replace(
+            self, start_time=other.start_time,
+            config=np.concatenate([other.config[first], self.config]),
+            zeta=np.concatenate([other.zeta[first], self.zeta]),
+            zeta_dot=np.concatenate([other.zeta_dot[first], self.zeta_dot]))
 
 
 @dataclass(frozen=True)
@@ -283,3 +297,14 @@ class KinematicPlan(Plan):
             self.start_time + self.time_step, self.time_step,
             np.concatenate([self.config[1:], last[None]]),
             np.concatenate([self.zeta[1:], last_decision[None]]))
+
+    def after(self, knot: int) -> "KinematicPlan":
+        """Returns the part of the plan after one of its knots."""
+        return replace(self, start_time=self.start_time + knot * self.time_step,
+                       config=self.config[knot:], zeta=self.zeta[knot:])
+
+    def preceded(self, other: "KinematicPlan", intervals: int) -> "KinematicPlan":
+        """Returns the plan with the first intervals of another one, which end where it begins."""
+        return replace(self, start_time=other.start_time,
+                       config=np.concatenate([other.config[:intervals], self.config]),
+                       zeta=np.concatenate([other.zeta[:intervals], self.zeta]))

@@ -4,8 +4,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.ahead import add_forces_ahead, hover_of
+from uvms_drake.control.ahead import add_forces_ahead
 from uvms_drake.control.ancillary import AncillaryFeedback
+from uvms_drake.control.commitment import committed_intervals
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
@@ -109,7 +110,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     # The plan, and the feedback about it.
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured,
-        hover=hover_of(law, lateness, ocp.time_step))
+        committed=committed_intervals(law, lateness, ocp.time_step))
     for source, port in ((press.get_output_port(), "target"),
                          (front.GetOutputPort("front"), "safe_depth")):
         builder.Connect(source, mpc.GetInputPort(port))

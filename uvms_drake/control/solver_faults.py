@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.control.planner import DROPPED, FAILED, LATE, SOLVED
 from uvms_drake.model.part import Fault, check_times, is_active
 
 PRECEDENCE = (DROPPED, FAILED, LATE)

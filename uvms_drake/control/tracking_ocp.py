@@ -192,9 +192,9 @@ class TrackingOcp(DynamicOcp):
         return (np.concatenate([depth, ahead - np.append(here, 0.0)], axis=-1),
                 np.append(np.full(2 * len(here), self.depth_reach), self.speed_reach))
 
-    def resting_plan(self, time: float, state: np.ndarray) -> TrackingPlan:
-        """Returns a first guess: come to rest from (𝔮, ζ) (2(6+n),), with the reference there."""
-        plan = super().resting_plan(time, state)
+    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> TrackingPlan:
+        """Returns a first guess: coast, then come to rest, with the reference there."""
+        plan = super().resting_plan(time, state, coasting)
         return TrackingPlan(
             **vars(plan), a=self.model.task_pose(plan.config[-1])[:3] - self.y_des[:3])
 

@@ -3,15 +3,17 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from uvms_drake.control.ahead import add_forces_ahead, hover_of
+from uvms_drake.control.ahead import add_forces_ahead
 from uvms_drake.control.ancillary import AncillaryFeedback
+from uvms_drake.control.commitment import committed_intervals
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
-from uvms_drake.control.nominal_mpc import NominalMpc, Targets
+from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.observer import add_observer, export_inputs
+from uvms_drake.control.planner import Targets
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.part import ON_TIME, Lateness
 
@@ -71,14 +73,14 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         limits: Those of the real robot, which `u` and `tau` keep to; None: the law's command is
             passed on as it is.
         lateness: Of the commands: a law that knows of actuators asks for the plan's forces ahead,
-            and its first plan begins so much later; see `control.ahead`.
+            and its plans keep what was asked for; see `control.ahead` and `control.commitment`.
     """
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured, targets=targets,
-        hover=hover_of(law, lateness, ocp.time_step))
+        committed=committed_intervals(law, lateness, ocp.time_step))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
     add_forces_ahead(builder, ocp.model, law, feedback, lateness, nominal=mpc)

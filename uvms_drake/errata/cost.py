@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import (

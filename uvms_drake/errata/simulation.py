@@ -10,8 +10,8 @@ from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.attitude import VehicleAngle
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import MpcConfig
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import (

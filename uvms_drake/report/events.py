@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, KEPT, LATE, TROUBLE
+from uvms_drake.control.planner import DROPPED, FAILED, KEPT, LATE, TROUBLE
 from uvms_drake.control.tube_monitor import FIELDS, SAID, beyond
 from uvms_drake.report.signals import (
     constraint_signals,

@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
-from uvms_drake.control.nominal_mpc import DROPPED, FAILED, KEPT, LATE, WAITING
+from uvms_drake.control.planner import DROPPED, FAILED, KEPT, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
@@ -76,7 +76,7 @@ def summarise_mpc(record: Record) -> dict[str, object]:
     quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
                  if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
     return {
-        "solves": np.count_nonzero((status != DROPPED) & (status != WAITING)),
+        "solves": np.count_nonzero(status != DROPPED),
         "failures": np.count_nonzero(status == FAILED),
         "late": np.count_nonzero(status == LATE),
         "dropped": np.count_nonzero(status == DROPPED),

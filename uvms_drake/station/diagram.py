@@ -11,7 +11,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.limits import resolved_radii
-from uvms_drake.control.nominal_mpc import MPC_REPORT
+from uvms_drake.control.planner import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.contact_model import ContactModel

@@ -12,8 +12,8 @@ from uvms_drake.common.errors import vector, within
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
-from uvms_drake.control.nominal_mpc import Targets
 from uvms_drake.control.ocp import MpcConfig
+from uvms_drake.control.planner import Targets
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel

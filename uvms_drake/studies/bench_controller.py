@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_drake.control import scp
-from uvms_drake.control.nominal_mpc import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.plan import Plan
+from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.staged_program import StagedProgram, StagedSolution
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions import make_ocp

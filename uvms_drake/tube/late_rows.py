@@ -13,9 +13,8 @@ of `planned`, and what it varies in a period by that of a δ; or so does the par
 jumps, and the rest by its rate. A contact's force is late as well: where the joints have the
 reading G_sF̂, the vehicle has G_vF̂.
 
-*A plan that is made anew* at every knot, h_p apart, may be another one than that whose forces were
-asked for ahead, within the last ℓ before. That is a δ of 2|f̄| at most, over a part of ℓ/h_p of all
-times. With the kernel g a window of ℓ counts no more than ℓ/h_p of ∫|g| + h_p∫|ġ| over a period.
+*A plan that is made anew* keeps what was asked for ahead (`control.commitment`): f̄ is the one that
+is followed, and no source of its own.
 
 *φ* is what errors x make of h, by its derivatives, and nothing is late of what stands still: what
 counts is its rate, |φ̇| ≤ |∂φ/∂x|∘|ẋ| + |d/dt ∂φ/∂x|∘|x|. ẍ is at most the feedback and what pushes.
@@ -53,10 +52,10 @@ from uvms_drake.tube.actuators import Actuators
 from uvms_drake.tube.late_loads import LateLoads
 from uvms_drake.tube.row_loop import RowLoop
 
-PLAN, ANEW, LOADS, WRENCH, TURNING, CONTACT, ARM = (
-    "the plan, late", "the plan, made anew", "loads off the plan, late",
-    "the thrusters, off the plan", "what turns meanwhile", "the contact, late", "the arm, late")
-SOURCES = (PLAN, ANEW, LOADS, WRENCH, TURNING, CONTACT, ARM)
+PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM = (
+    "the plan, late", "loads off the plan, late", "the thrusters, off the plan",
+    "what turns meanwhile", "the contact, late", "the arm, late")
+SOURCES = (PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM)
 """Sources of the rows' errors by actuators that are late."""
 
 
@@ -82,18 +81,16 @@ class LateRows:
         tip: The loop of the tip's.
         loads: Suprema of what the rows carry.
         force: Bounds of the contact's force, of its rate but for a ripple, and of that [N, N/s].
-        time_step: Between two knots of a plan, and two plans [s].
     """
 
     def __init__(self, actuators: Actuators, vehicle: RowLoop, tip: RowLoop, loads: LateLoads,
-                 force: tuple[float, float, float], time_step: float):
+                 force: tuple[float, float, float]):
         size, rate, ripple = force
         self._actuators, self._loads = actuators, loads
         self._pressed = loads.by_force * size
         paths, loops = (actuators.vehicle, actuators.joints), (vehicle, tip)
         self._age, self._hold, self._ahead = _of_blocks(
             [[path.age, path.period, path.ahead] for path in paths]).T
-        self._time_step = time_step
         # Of e, ė, w and ë, which is the feedback behind G and what pushes.
         self._gains = {name: _of_blocks([[*loop.gains[name], loop.gains[name].command + most(path)]
                                          for loop, path in zip(loops, paths, strict=True)])
@@ -149,9 +146,7 @@ class LateRows:
                 + joints.age * (rate + errors.w_rate) + min(1.0, varies * joints.age) * wrench))
             arm[:, :3] += self._by_integral * late[:, None]
             arm[:, 3] += self._by_integral[:, 2] * late + 2.0 * loads.by_tip @ loads.jump
-            arm += self._anew(2.0 * loads.by_tip @ loads.plan, self._ahead[2])
-        return {PLAN: self._plan(), ANEW: self._anew(2.0 * loads.plan, self._ahead),
-                LOADS: self._by("feed_forward_rate", rate), WRENCH: by_wrench,
+        return {PLAN: self._plan(), LOADS: self._by("feed_forward_rate", rate), WRENCH: by_wrench,
                 TURNING: self._by("disturbance", c), CONTACT: self._contact, ARM: arm}
 
     def _held(self, jump: np.ndarray, jump_rate: np.ndarray, smooth_rate: np.ndarray
@@ -169,14 +164,6 @@ class LateRows:
             self._by("planned", loads.jump) + self._by("disturbance", twice * loads.jump_rate)
             + self._by("planned_rate", loads.smooth_rate))
         return out
-
-    def _anew(self, size: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
-        """Returns the bounds (4, 4) by a δ of a size (4,), in the last `ahead` before knots."""
-        share = np.minimum(ahead / self._time_step, 1.0) * np.ones(4)
-        known = self._gains["disturbance"][:, :3]
-        windows = share[:, None] * (known + self._time_step * self._by_integral)
-        out = size[:, None] * np.minimum(known, windows)
-        return np.column_stack([out, out[:, 2] + size * (share > 0.0)])
 
     def beside(self, errors: Errors, joints: float, qdot: float) -> np.ndarray:
         """Returns what comes to u and τ (2(6+n),).

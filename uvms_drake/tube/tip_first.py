@@ -235,7 +235,7 @@ class _Late:
         self._rows = LateRows(
             basis.actuators, vehicle, tip, self._loads,
             (contact.size, float(np.hypot(contact.rate, contact.aside_rate)),
-             float(np.hypot(contact.ripple, contact.aside_ripple))), basis.time_step)
+             float(np.hypot(contact.ripple, contact.aside_ripple))))
         wrong = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
         wrong = np.column_stack([wrong, 1.0 + wrong[:, 2]])  # ë as in `_loop`
         self._wrong = wrong * self._loads.by_thrusters[:, None]

@@ -56,6 +56,7 @@ class Illustration(LeafSystem):
         super().__init__()
         self._scene, self._model = Scene(meshcat, setting), setting.model
         self._task_force, self._rate = setting.force, setting.visual.rate
+        self._knots = setting.horizon + 1
         self._last_time = np.inf
         size = self._model.size
         for name, width in (("state", 2 * size), ("nominal_state", 2 * size), ("u", size),
@@ -85,7 +86,7 @@ class Illustration(LeafSystem):
             state=value("state"), nominal_state=value("nominal_state"), u=value("u"),
             nominal_input=value("nominal_input"),
             desired_force=value("desired_force") if given("desired_force") else self._task_force,
-            path=self._model.task_pose(plan.config)[:, :3],
+            path=self._model.task_pose(plan.config[: self._knots])[:, :3],
             force=value("force") if given("force") else None,
             known=known_from({name: value(name) for name in KNOWN if given(name)})),
             self._last_time)

@@ -18,7 +18,8 @@ from uvms_drake.control.contact.approach import approach_speed, stopping_room
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
 from uvms_drake.control.contact.target import PressTarget
-from uvms_drake.control.nominal_mpc import FAILED, MPC_REPORT, NominalMpc
+from uvms_drake.control.nominal_mpc import NominalMpc
+from uvms_drake.control.planner import FAILED, MPC_REPORT
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate

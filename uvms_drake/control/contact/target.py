@@ -18,6 +18,11 @@ target that is held until it is reached; plans that are made on the way were tri
 With the planned depth x̄ in place of the measured one, a constant ε leaves no error at all, for then
 the target integrates, but one that jumps between ±E_n leaves ν + 2κ̂E_n.
 
+*Plans that come later*, or go only a part α of the way, undo no contraction. Let places be
+x_{i+1} = (1 − α_i)x_i + α_i x_target, 0 < α ≤ α_i ≤ 1, with the target of one of the last n + 1. On
+a straight wall and with r = |1 − κ/κ̂| < 1, |e_{i+1}| ≤ (1 − α_i(1 − r)) max|e| over those: no error
+grows, and after n + 1 steps all are at most 1 − α(1 − r) times the largest before.
+
 *What can be reached.* The front lets the planned tip go on from a place with force F as long as
 (F_max − F − 2ν)/κ₊ > 2E: F_des < F_max − 2ν − 2κ₊E. A touch remains one at F_des > 3ν + κ₊E_n.
 
