@@ -163,7 +163,7 @@ def both_forms(program: StagedProgram) -> bool:
     """Checks that both forms of the conic program have one solution; returns if there is one."""
     regulator = riccati(program)
     z = motion(program, regulator)
-    kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program)
+    kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program, 0.03)
     condensed, sparse = (shortest(program, regulator, z, kept, sparse=sparse)
                          for sparse in (False, True))
     assert (condensed is None) == (sparse is None)

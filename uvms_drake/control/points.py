@@ -55,6 +55,26 @@ class Points:
         return self.model.mass_matrix(self.kinematics)
 
     @cached_property
+    def by_tip_force(self) -> np.ndarray:
+        """(..., 6+n, 3) M⁻¹J_𝔭ᵀ: ζ̇ by a force on the end-effector."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.by_tip_force[index]
+        return np.linalg.solve(self.mass_matrix, np.swapaxes(self.tip_jacobian, -1, -2))
+
+    @cached_property
+    def by_tip_force_rates(self) -> np.ndarray:
+        """(..., 6+n, 3, 6+n) ∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ), the last axis that of 𝔮."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.by_tip_force_rates[index]
+        change = np.swapaxes(self.tip_jacobian_rates, -2, -3) - np.einsum(
+            "...rcj,...ci->...rij", self.mass_matrix_rates, self.by_tip_force)
+        shape = change.shape
+        return np.linalg.solve(
+            self.mass_matrix, change.reshape(*shape[:-2], -1)).reshape(shape)
+
+    @cached_property
     def mass_matrix_rates(self) -> np.ndarray:
         """(..., 6+n, 6+n, 6+n) ∂M/∂𝔮, the last axis that of 𝔮; by a complex step."""
         if self.whole is not None:

@@ -8,7 +8,8 @@ reached by the plan; if its solution breaks another one, that one is put in and 
 solved again. A solution that keeps all limits while carrying some is the solution with all of them.
 
 Where so many matter that the program is made in its sparse form, a limit that matters at one stage
-is put in at all of them: there a row costs little, and to solve again costs as much as before.
+is put in at all of them, and so are those that are less nearly reached: there a row costs little,
+and to solve again costs as much as before.
 """
 
 import numpy as np
@@ -20,6 +21,9 @@ from uvms_drake.control.working_set import WorkingSet
 
 MANY = 0.75
 """Rows of limits, as a part of the number of decisions, from which on the sparse form is taken."""
+NEAR, LESS_NEAR = 0.03, 0.1
+"""Part of a limit's range of which less is left where the limit counts as nearly reached, and as
+less nearly."""
 
 
 def solve_staged(program: StagedProgram) -> StagedSolution | None:
@@ -35,12 +39,12 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
     kept = WorkingSet.broken(program, z, 0.0)
     if not kept.any():
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0)
-    kept |= WorkingSet.near(program)
+    kept |= WorkingSet.near(program, NEAR)
     cone_programs = 0
     while True:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:
-            kept = kept.at_all_stages(program)
+            kept = (kept | WorkingSet.near(program, LESS_NEAR)).at_all_stages(program)
         found = shortest(program, regulator, z, kept, sparse=sparse)
         cone_programs += 1
         if found is None:

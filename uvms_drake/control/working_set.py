@@ -9,8 +9,6 @@ from uvms_drake.model.spatial import times
 
 KEPT = 1e-7
 """Excess of a limit, in its own unit, that does not count: ten times the solver's tolerance."""
-NEAR = 0.03
-"""Fraction of a limit's range below which the limit counts as nearly reached."""
 
 
 @dataclass
@@ -69,14 +67,14 @@ class WorkingSet:
             terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)
 
     @staticmethod
-    def near(program: StagedProgram) -> "WorkingSet":
-        """Returns the limits that the plan itself has nearly reached."""
+    def near(program: StagedProgram, part: float) -> "WorkingSet":
+        """Returns the limits of which the plan itself leaves less than a part of the range."""
         linear, terminal = program.linear, program.terminal
         width = linear.upper - linear.lower
-        margin = NEAR * np.where(np.isfinite(width), width, 0.0)
+        margin = part * np.where(np.isfinite(width), width, 0.0)
         return WorkingSet(
             upper=linear.upper - linear.value < margin,
             lower=linear.value - linear.lower < margin,
-            norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - NEAR) * limit.bound
+            norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - part) * limit.bound
                             for limit in program.norms], dtype=bool),
-            terminal=terminal.nearly_left(NEAR))
+            terminal=terminal.nearly_left(part))

@@ -68,15 +68,11 @@ class Accelerations(InputLimit):
 
     def by_force(self, at: Points) -> np.ndarray:
         """Returns M⁻¹J_𝔭ᵀ."""
-        return np.linalg.solve(at.mass_matrix, np.swapaxes(at.tip_jacobian, -1, -2))
+        return at.by_tip_force
 
     def by_force_rates(self, at: Points) -> np.ndarray:
-        """Returns ∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ)."""
-        change = np.swapaxes(at.tip_jacobian_rates, -2, -3) - np.einsum(
-            "...rcj,...ci->...rij", at.mass_matrix_rates, self.by_force(at))
-        shape = change.shape
-        return np.linalg.solve(
-            at.mass_matrix, change.reshape(*shape[:-2], -1)).reshape(shape)
+        """Returns ∂(M⁻¹J_𝔭ᵀ)."""
+        return at.by_tip_force_rates
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
         """Returns the radii of 𝔲."""
