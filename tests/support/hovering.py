@@ -57,6 +57,8 @@ class Hovering:
             source = builder.AddSystem(ConstantVectorSource(value))
             builder.Connect(source.get_output_port(), feedback.GetInputPort(name))
         self.signals["state"] = measured = plant.GetOutputPort("state")
+        self.signals["force"] = builder.AddSystem(
+            ConstantVectorSource(np.zeros(6))).get_output_port()
         for part in sensing:
             measured = part.add_to(builder, model, measured, self.signals, 0)
         builder.Connect(measured, feedback.GetInputPort("state"))

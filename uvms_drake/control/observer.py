@@ -11,7 +11,9 @@ constant disturbance leaves nothing, and |δ̂| ≤ sup|δ| always.
 *Nothing winds up.* The error of the output is not integrated: (O) does not contain it. ÿ_pred takes
 the forces as they are applied, after every limit, lag and hold that is known, so what they do not
 give is no disturbance. Where the state is not measured δ̂ is kept, and the ticks on both sides of
-the gap are not compared.
+the gap are not compared. A state that is the last one to the bit is no news: a law that goes on
+with it would be seen to push in vain, the longer the more. The tick is left out, and the mean that
+comes next is one of all the time since.
 
 *In a sampled loop too.* p is integrated over time, so a held or late command needs no thought: mₖ
 is a mean whatever the command did within the period. Only ẏ is sampled.
@@ -66,8 +68,9 @@ class RowObserver(LeafSystem):
     - `measured_force`: 𝔉_s (6), in place of the force by the model's surface.
     - `estimate`: δ̂ (6+n) [m/s², rad/s²]; it follows from the state alone.
 
-    The continuous state is p (6+n). The discrete state is δ̂ (6+n), from zero, and ẏ − p at the last
-    tick (6+n), NaN if nothing was measured then.
+    The continuous state is p (6+n). The discrete state is δ̂ (6+n), from zero; of the last tick with
+    news ẏ − p (6+n), NaN if nothing was measured since, and the state (2(6+n)); and the number of
+    ticks until the next one (1).
 
     Args:
         model: The controller's model.
@@ -93,6 +96,8 @@ class RowObserver(LeafSystem):
         self.DeclareContinuousState(size)
         self.DeclareDiscreteState(np.zeros(size))
         self.DeclareDiscreteState(np.full(size, np.nan))
+        self.DeclareDiscreteState(np.full(2 * size, np.nan))
+        self.DeclareDiscreteState(np.ones(1))
         self.DeclarePeriodicDiscreteUpdateEvent(observed.period, 0.0, self._update)
         self.DeclareVectorOutputPort("estimate", size, self._calc, {self.xd_ticket()})
 
@@ -123,17 +128,24 @@ class RowObserver(LeafSystem):
             derivatives.SetFromVector(G @ self._applied(context) + c)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        if is_lost(self._state_port.Eval(context)):
+        measured = self._state_port.Eval(context)
+        if is_lost(measured):
             state.set_value(1, np.full(self._model.size, np.nan))
+            return
+        last, ticks = (context.get_discrete_state(i).value() for i in (2, 3))
+        if np.array_equal(measured, last):
+            state.set_value(3, ticks + 1.0)
             return
         out = self._observed.outputs(self._pair_port.Eval(context))
         left = out.rate[0] - context.get_continuous_state_vector().CopyToVector()
         before = context.get_discrete_state(1).value()
         if np.isfinite(before).all():
-            mean = (left - before) / self._observed.period
-            state.set_value(0, estimate(context.get_discrete_state(0).value(), mean,
-                                        self._observed.rates, self._observed.period))
+            since = float(ticks[0]) * self._observed.period
+            state.set_value(0, estimate(context.get_discrete_state(0).value(),
+                                        (left - before) / since, self._observed.rates, since))
         state.set_value(1, left)
+        state.set_value(2, measured)
+        state.set_value(3, np.ones(1))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(context.get_discrete_state(0).value())
