@@ -22,13 +22,14 @@ from uvms_drake.campaign.felt_walls import is_member
 from uvms_drake.campaign.vary import vary
 from uvms_drake.campaign.walls import moved, turns_freely
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.contact.target import AHEAD
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface import KnownSurface, ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import dump_scenario, load_scenario
-from uvms_drake.station.sensed import SEARCH, largest_force, sensed_contact
+from uvms_drake.station.sensed import largest_force, sensed_contact
 from uvms_drake.station.step import check_step, friction_rate
 
 
@@ -112,7 +113,7 @@ def test_the_time_to_press_is_that_of_the_way_at_the_speed_that_is_left(base, oc
     horizon = base.mpc.horizon * base.mpc.time_step
     start, _ = tips(base, ocp)
     speed, pressing = pace(base, ocp, ShapedSurface(law=Linear(stiffness)), force)
-    room = ocp.aim.target[0] - SEARCH - start[0]
+    room = ocp.aim.target[0] - AHEAD - start[0]
     assert speed <= PART * 2.0 * room / horizon * (1.0 + 1e-12)
 
     def spent(way, end):

@@ -11,11 +11,11 @@ import numpy as np
 from uvms_drake.control.contact.approach import approach_speed, stopping_room
 from uvms_drake.control.contact.front import apex, replaces, safe_depth
 from uvms_drake.control.contact.slope import (
-    Line,
+    NOTHING,
+    Belief,
     slope,
     surface_depth,
     with_reading,
-    without_contact,
 )
 from uvms_drake.control.contact.target import target_depth
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -24,6 +24,8 @@ STEP, ACCELERATION, CRUISE = 0.2, 0.2, 0.3
 """h [s], a [m/s²], and the largest speed [m/s]."""
 FORCE_MAX, NOISE, MEMORY = 45.0, 0.5, 10.0
 """F_max, ν and the slope's memory [N]."""
+SLACK = 1.05
+"""Over ν + κ₊E: as much may remain of the error, for the slope may be estimated too low."""
 PERIOD = 0.02
 """Of the sensor, and of the simulation [s]."""
 ALONG = np.array([1.0, 0.0, 0.0])
@@ -98,7 +100,8 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         room = stopping_room(FORCE_MAX, NOISE, stiffness, margin)
         speed = approach_speed(room, STEP, ACCELERATION, PERIOD)
     x, v, a, begun = np.zeros((4, count))
-    tip, line = np.full((count, 3), np.nan), Line(*np.zeros((6, count)))
+    tip = np.full((count, 3), np.nan)
+    belief = Belief(*(np.broadcast_to(part, (count, *part.shape)) for part in NOTHING))
     first, late, largest = np.full(count, np.nan), np.zeros(count), np.zeros(count)
     slack, was_touched = np.full(count, np.inf), np.zeros(count, dtype=bool)
     for time in PERIOD * np.arange(round(duration / PERIOD)):
@@ -115,14 +118,11 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         tip = np.where(replaces(surface, new, tip, 0.0)[:, None], new, tip)
         safe = safe_depth(surface, tip, at[:, 0], margin)
         touched = np.abs(force) > NOISE
-        bound = surface.static_force_bound(force[:, None] * ALONG, moving[:, 0], NOISE)
-        sure = NOISE + surface.dissipation * np.abs(rate) * bound
-        read = with_reading(line, real, force, stiffness, NOISE, MEMORY, sure)
-        away = without_contact(line, real, force, stiffness, NOISE, sure)
-        line = Line(*(np.where(touched, *each) for each in zip(read, away, strict=True)))
-        kappa = slope(line, stiffness, NOISE)
+        belief = with_reading(
+            belief, surface, at[:, 0], force, touched, NOISE, MEMORY, PERIOD)
+        kappa = slope(belief, surface)
         target = target_depth(desired, np.array([real, force]), touched, kappa,
-                              surface_depth(line, stiffness, NOISE), safe, 1.0)
+                              surface_depth(belief, surface, at[:, 0]), safe, 1.0)
         # The plan: at its own instants, and when a wall is touched.
         again = (t >= STEP - 1e-9) | (touched & ~was_touched) | (time == 0.0)
         first = np.where(touched & np.isnan(first), time, first)
@@ -136,7 +136,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         a, begun = np.where(again, (w - v_now) / STEP, a), np.where(again, time, begun)
         # The verdict.
         largest = np.maximum(largest, static)
-        off = np.abs(static - desired) > NOISE + stiffness * margin
+        off = np.abs(static - desired) > SLACK * (NOISE + stiffness * margin)
         late = np.where(off, time, late)
     return {"share": largest / FORCE_MAX, "slack": slack, "first": first, "settled": late - first,
             "slope": kappa, "largest_v": speed}

@@ -10,6 +10,7 @@ from uvms_drake.campaign.felt_walls import draw_wall
 from uvms_drake.campaign.pressed import pressed
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.commitment import committed_intervals
+from uvms_drake.control.contact.target import AHEAD
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
@@ -17,7 +18,6 @@ from uvms_drake.station.dynamic import lateness_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.sensed import (
-    SEARCH,
     largest_force,
     sensed_contact,
 )
@@ -158,7 +158,7 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
     committed = committed_intervals(
         scenario.ancillary, lateness_of(scenario, ocp.model), ocp.time_step)
     contact, time = sensed_contact(scenario), (0.5 * ocp.horizon + committed) * ocp.time_step
-    room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - SEARCH
+    room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - AHEAD
     speed = min(room / time, contact.speed - (scenario.tube.depth_speed or 0.0))
     slower = max(np.log(room / (room - force / contact.stiffness)),
                  np.log(force / scenario.task.force_tolerance))

@@ -9,6 +9,7 @@ from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.control.contact.approach import off_parabola, stopping_room
 from uvms_drake.control.contact.felt import ForceSensing, felt, nothing
 from uvms_drake.control.contact.front import bounds, safe_depth
+from uvms_drake.control.contact.target import AHEAD
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.control.limits.contact import ForceCone, UnderContact
@@ -29,8 +30,6 @@ from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.sensed import FeltForce, contact_input_rest
 from uvms_drake.tube.tip_jerk import second_jerk, tip_jerk
 
-SEARCH = 1.0
-"""How far ahead of the front the target is where nothing has been felt [m]."""
 BETWEEN_KNOTS = 0.12
 """How much faster than its limit at the knots of a plan the tip may be between them, in parts."""
 SAFETY_OF_JERK = 1.5
@@ -149,7 +148,7 @@ class Sensed(Dynamic):
         margin = front_margin(scenario)
         depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
         across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
-        return ocp.aimed(Aim(across + (depth + SEARCH) * n,
+        return ocp.aimed(Aim(across + (depth + AHEAD) * n,
                              bounds(contact.walls, known.apex, margin)))
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]

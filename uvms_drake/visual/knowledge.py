@@ -40,7 +40,7 @@ class Known:
     contact_depth: float = np.nan
     """Depth at which the wall should begin [m]; NaN: it was not touched yet."""
     slope: float = 0.0
-    """Learned slope κ̂ [N/m], at least that of a straight wall."""
+    """Learned slope κ̂ [N/m]."""
 
 
 KNOWN = {"felt_force": 6, "safe_depth": 1, "contact_depth": 1, "slope": 1}
@@ -85,7 +85,7 @@ class DrawnKnowledge:
                        frame_at(end + 0.5 * along, along))
         self._numbers = {}
         for i, (name, after, color) in enumerate((
-                ("felt", " N felt", FELT), ("slope", " N/m at most", FELT),
+                ("felt", " N felt", FELT), ("slope", " N/m", FELT),
                 ("explored", " mm explored", EXPLORED))):
             path = f"{board}/{name}"
             stage.meshcat.SetTransform(path, frame_at([0.0, 0.0, -1.3 * LINE * i]))

@@ -1,153 +1,201 @@
-"""Tests of `uvms_drake.control.contact.slope`: the fit, its bound, and what is forgotten."""
+"""Tests of `uvms_drake.control.contact.slope`: what is learned of a wall, and what is not."""
 
 import numpy as np
 import pytest
 
 from uvms_drake.control.contact.slope import (
     NOTHING,
-    Line,
-    excess,
+    SCATTER,
+    Belief,
+    first_belief,
+    moved,
     slope,
-    slope_error,
     surface_depth,
+    tilt,
     with_reading,
-    without_contact,
 )
+from uvms_drake.control.contact.target import target_depth
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
-MOST, NOISE, MEMORY = 2000.0, 0.5, 10.0
-
-
-def read(depths, forces, *, line=NOTHING, error=NOISE):
-    """The lines after each reading of a contact."""
-    lines = []
-    for depth, force, each in zip(depths, forces, np.broadcast_to(error, len(depths)), strict=True):
-        line = with_reading(line, depth, force, MOST, NOISE, MEMORY, each)
-        lines.append(line)
-    return lines
+MOST, NOISE, MEMORY, PERIOD = 1000.0, 4.2, 10.0, 0.01
+SIGMA = 0.25  # N, of a reading; the bound has bias and much else in it
+WALLS = SurfaceClass(np.array([0.0, 1.0, 0.0]), MOST, np.radians(5.0))
+DEG_3 = np.tan(np.radians(3.0))
+ASIDE = np.array([0.6, 0.0, 0.8])
+"""Unit vector across n, down which the wall here runs off."""
 
 
-def test_the_moments_are_those_of_a_weighted_least_squares_fit():
+def wall(kappa, tilted=0.0):
+    """Returns the static force at places (..., 3) [N] of a wall through the origin."""
+    return lambda tip: kappa * np.maximum(tip @ (WALLS.direction + tilted * ASIDE), 0.0)
+
+
+def path(depth, aside=0.0):
+    """Returns places (m, 3) at depths and lengths along `ASIDE` (m,)."""
+    return np.multiply.outer(depth, WALLS.direction) + np.multiply.outer(
+        np.broadcast_to(aside, np.shape(depth)), ASIDE)
+
+
+def read(tips, forces, belief=NOTHING, *, walls=WALLS, memory=MEMORY, period=PERIOD):
+    """Returns the beliefs after each reading of a contact."""
+    beliefs = []
+    for tip, force in zip(tips, forces, strict=True):
+        belief = with_reading(belief, walls, tip, force, True, NOISE, memory, period)
+        beliefs.append(belief)
+    return beliefs
+
+
+def felt(tips, force, seed=0, **options):
+    noise = SIGMA * np.clip(np.random.default_rng(seed).standard_normal(len(tips)), -3.0, 3.0)
+    return read(tips, force(tips) + noise, **options)
+
+
+def pressed(kappa, force=20.0, tilted=0.0, count=150):
+    """Returns what is believed after a press to a force, as fast at first as at the end slow."""
+    depth = force / kappa * (1.0 - np.linspace(1.0, 0.0, count) ** 2)
+    return felt(path(depth), wall(kappa, tilted))[-1]
+
+
+def test_it_is_the_least_squares_fit_of_a_wall_that_is_straight():
+    """With its beginning as one more reading, and no step that is smaller than ν/κ₊."""
+    straight = SurfaceClass(WALLS.direction, MOST)
     rng = np.random.default_rng(0)
-    depths = np.cumsum(rng.uniform(0.0, 2e-3, 12))
-    error = NOISE * rng.uniform(1.0, 3.0, 12)
-    forces = 700.0 * depths + rng.uniform(-1.0, 1.0, 12) * NOISE
-    lines = read(depths, forces, error=error)
-    # The weights, typed a second time.
-    g = np.array([1.0])
-    for i in range(1, 12):
-        u = abs(depths[i] - depths[i - 1]) * slope(lines[i - 1], MOST, NOISE) / MEMORY
-        g = np.append(g * np.exp(-u), 1.0 - np.exp(-u))
-    assert np.sum(g) == pytest.approx(1.0)
-    w = g * (NOISE / error) ** 2
-    fit, at_zero = np.polyfit(depths, forces, 1, w=np.sqrt(w))
-    last = lines[-1]
-    assert last.rise / last.spread == pytest.approx(fit)
-    assert last.force - fit * last.depth == pytest.approx(at_zero)
-    assert last.weight == pytest.approx(np.sum(w))
-    mean = np.sum(w * depths) / np.sum(w)
-    assert last.spread == pytest.approx(np.sum(w * (depths - mean) ** 2))
+    depth = np.cumsum(rng.uniform(1.0, 2.0, 12)) * NOISE / MOST
+    forces = 300.0 * depth + rng.uniform(-1.0, 1.0, 12)
+    last = read(path(depth), forces, walls=straight, memory=np.inf, period=0.0)[-1]
+    weights = 1.0 / np.array([0.5 * MOST, NOISE, *[SCATTER * NOISE] * 11])
+    rows = np.column_stack([np.append(0.0, np.ones(12)), np.append(1.0, depth - depth[-1])])
+    fit, *_ = np.linalg.lstsq(weights[:, None] * rows, weights * np.append(0.5 * MOST, forces),
+                              rcond=None)
+    np.testing.assert_allclose(last.mean[:2], fit)
+    np.testing.assert_allclose(last.covariance[:2, :2], np.linalg.inv(
+        rows.T @ (weights[:, None] ** 2 * rows)))
 
 
-@pytest.mark.parametrize("kappa", [100.0, 700.0, 1999.0])
-@pytest.mark.parametrize("way", [1e-4, 5e-3, 5e-2])
-def test_it_is_never_below_the_slope_of_a_straight_wall(kappa, way):
-    """Whatever noise within its bound, also the worst; and no such wall is taken for another."""
-    rng = np.random.default_rng(1)
-    for trial in range(20):
-        depths = way * np.cumsum(rng.normal(0.2, 1.0, 60)) / 60.0
-        error = NOISE * rng.uniform(1.0, 4.0, 60)
-        noise = error * (rng.choice([-1.0, 1.0], 60) if trial % 2 else
-                         -np.sign(depths - np.median(depths)))
-        forces = kappa * depths + 20.0 + noise
-        line = NOTHING
-        for depth, force, each in zip(depths, forces, error, strict=True):
-            assert abs(excess(line, depth, force, MOST, NOISE, each)) < 1e-9
-            line = with_reading(line, depth, force, MOST, NOISE, MEMORY, each)
-            assert kappa * (1 - 1e-9) <= slope(line, MOST, NOISE) <= MOST
+def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
+    belief = first_belief(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
+        mean=np.array([9.0, 600.0, 0.03, -0.05]))
+    tip = np.array([0.01, 0.004, -0.02])
 
+    def after(mean):
+        return moved(belief._replace(mean=mean), WALLS, tip, np.inf).mean
 
-def test_the_error_of_the_slope_is_attained():
-    """By two readings as far apart as they weigh the same, each off by ν, against each other."""
-    way = np.log(2.0) * MEMORY / MOST  # e^(−u) = 1/2 while κ̂ = κ₊.
-    last = read([0.0, way], [NOISE, 1000.0 * way - NOISE])[-1]
-    assert last.rise / last.spread == pytest.approx(1000.0 - slope_error(last, NOISE))
-
-
-def test_it_finds_the_slope():
-    depths = np.linspace(0.0, 0.1, 400)
-    noise = np.random.default_rng(2).uniform(-NOISE, NOISE, 400)
-    last = read(depths, 200.0 * (depths + 0.01) + noise)[-1]
-    assert 200.0 <= slope(last, MOST, NOISE) < 250.0
-    assert surface_depth(last, MOST, NOISE) == pytest.approx(-0.01, abs=0.02)
+    steps = 1e-6 * np.array([1.0, 600.0, 1.0, 1.0])
+    A = np.column_stack([(after(belief.mean + h) - after(belief.mean - h)) / (2.0 * np.max(h))
+                         for h in np.diag(steps)])
+    P, expected = moved(belief, WALLS, tip, np.inf).covariance, A @ belief.covariance @ A.T
+    apart = ~np.eye(4, dtype=bool)
+    np.testing.assert_allclose(P[apart], expected[apart], rtol=1e-6, atol=1e-9)
+    assert np.all(np.diag(P) >= np.diag(expected) * (1.0 - 1e-9))
 
 
 def test_nothing_known_is_the_stiffest_wall():
-    assert slope(NOTHING, MOST, NOISE) == MOST
-    assert np.isnan(surface_depth(NOTHING, MOST, NOISE))
-    once = read([0.3], [10.0])[-1]
-    assert slope(once, MOST, NOISE) == MOST
-    assert surface_depth(once, MOST, NOISE) == pytest.approx(0.3 - 10.0 / MOST)
+    assert slope(NOTHING, WALLS) == MOST
+    assert np.isnan(surface_depth(NOTHING, WALLS, np.zeros(3)))
+    np.testing.assert_array_equal(tilt(NOTHING, WALLS), np.zeros(3))
+    once = read(path([0.3]), [10.0])[-1]
+    assert slope(once, WALLS) == MOST
+    assert surface_depth(once, WALLS, path(0.31)) == pytest.approx(0.3 - 10.0 / MOST)
+
+
+@pytest.mark.parametrize("kappa", [100.0, 300.0, 950.0])
+def test_a_press_teaches_the_slope(kappa):
+    last = pressed(kappa)
+    assert 0.95 * kappa <= slope(last, WALLS) <= min(1.4 * kappa, MOST)
+    begins = surface_depth(last, WALLS, path(20.0 / kappa))
+    assert begins == pytest.approx(0.0, abs=0.3 * 20.0 / kappa)
 
 
 def test_a_tip_at_rest_neither_learns_nor_forgets():
-    depths = np.linspace(0.0, 0.02, 50)
-    before = read(depths, 500.0 * depths + 5.0)[-1]
-    noise = np.random.default_rng(3).uniform(-NOISE, NOISE, 1000)
-    after = read(np.full(1000, 0.02), 15.0 + noise, line=before)[-1]
-    np.testing.assert_array_equal(after, before)
+    """Nor one whose position is measured with an error of 2 mm at most."""
+    before, rng = pressed(300.0), np.random.default_rng(1)
+    tips = before.at + 6.7e-4 * np.clip(rng.standard_normal((500, 3)), -2.0, 2.0)
+    after = felt(tips, lambda tips: np.full(500, 20.0), belief=before)[-1]
+    np.testing.assert_array_equal(after.mean, before.mean)
+    np.testing.assert_array_equal(after.covariance[1:], before.covariance[1:])
 
 
-def test_noise_of_the_depth_makes_no_wall_look_soft():
-    """A tip at rest on the stiffest wall, its position measured with an error of 0.2 mm."""
-    rng, wrong = np.random.default_rng(4), 2e-4
-    declared = NOISE + MOST * wrong
-    line = NOTHING
-    for _ in range(2000):
-        line = with_reading(line, 0.01 + rng.uniform(-wrong, wrong),
-                            MOST * 0.01 + rng.uniform(-NOISE, NOISE), MOST, declared, MEMORY,
-                            declared)
-        assert slope(line, MOST, declared) == pytest.approx(MOST)
+@pytest.mark.parametrize("kappa", [100.0, 700.0])
+def test_a_slide_on_a_wall_that_runs_off_teaches_how_it_is_inclined(kappa):
+    """At one force, 0.6 m along the wall: the wall that recedes does not look soft."""
+    before, aside = pressed(kappa, tilted=DEG_3), np.linspace(0.0, 0.6, 200)
+    beliefs = felt(path(20.0 / kappa - DEG_3 * aside, aside), wall(kappa, DEG_3), belief=before)
+    learned = np.array([slope(belief, WALLS) for belief in beliefs])
+    assert np.all(learned >= 0.9 * kappa)
+    assert np.all(learned <= min(1.6 * kappa, MOST))
+    np.testing.assert_allclose(tilt(beliefs[-1], WALLS), DEG_3 * ASIDE, atol=0.15 * DEG_3)
 
 
-def test_hard_below_soft_is_noticed_within_a_few_noises():
-    depths = np.linspace(0.0, 0.1, 200)
-    soft = read(depths, 100.0 * depths + 5.0)[-1]
-    assert slope(soft, MOST, NOISE) < 300.0
-    steps = np.linspace(0.0, 0.005, 50)
-    hard = read(0.1 + steps, 15.0 + MOST * steps, line=soft)
-    assert slope(hard[np.searchsorted(MOST * steps, 8.0 * NOISE)], MOST, NOISE) > 0.9 * MOST
+def test_hard_below_soft_and_soft_below_hard_are_noticed_within_a_few_noises():
+    for first, second in ((100.0, MOST), (MOST, 100.0)):
+        before, start = pressed(first), 20.0 / first
+        deeper = start + np.linspace(0.0, 5.0 * NOISE / MOST, 60)
+        last = felt(path(deeper), lambda tips, at=start, k=second: 20.0 + k * (
+            tips @ WALLS.direction - at), belief=before)[-1]
+        assert slope(last, WALLS) > 0.8 * MOST or second < first
+        longer = start + np.linspace(0.0, 15.0 / second, 120)
+        last = felt(path(longer), lambda tips, at=start, k=second: 20.0 + k * (
+            tips @ WALLS.direction - at), belief=before)[-1]
+        assert 0.9 * second <= slope(last, WALLS) <= max(2.0 * second, 0.3 * MOST)
+
+
+def test_a_wall_that_hardens_is_followed():
+    depth = np.linspace(0.0, 0.06, 300)
+    beliefs = felt(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
+    for i in (150, 299):
+        assert 0.6 <= slope(beliefs[i], WALLS) / (1e4 * depth[i]) <= 1.5
 
 
 def test_a_wall_that_is_gone_is_forgotten_and_one_ahead_is_not():
-    depths = np.linspace(0.0, 0.02, 50)
-    line = read(depths, 500.0 * depths)[-1]
-    for depth, forgotten in ((-0.05, False), (0.0, False), (0.02, True)):
-        after = without_contact(line, depth, 0.2, MOST, NOISE, NOISE)
-        assert (after.weight == 0.0) == forgotten
-        assert slope(after, MOST, NOISE) == (MOST if forgotten else slope(line, MOST, NOISE))
+    before = pressed(500.0)
+    for depth, forgotten in ((-0.05, False), (0.0, False), (0.04, True)):
+        after = with_reading(before, WALLS, path(depth), 0.2, False, NOISE, MEMORY, PERIOD)
+        assert np.isnan(after.mean[0]) == forgotten
+        assert slope(after, WALLS) == (MOST if forgotten else slope(before, WALLS))
+
+
+def test_a_reading_that_may_be_of_another_place_says_nothing():
+    before = pressed(500.0)
+    for touched in (True, False):
+        after = with_reading(before, WALLS, path(0.08), 2.0, touched, NOISE, MEMORY, PERIOD,
+                             2.0 * NOISE / MOST)
+        np.testing.assert_array_equal(after.mean, before.mean)
 
 
 def test_walls_can_be_stacked():
     rng = np.random.default_rng(5)
-    depths, forces = np.cumsum(rng.uniform(0, 1e-3, (30, 4)), axis=0), rng.uniform(0, 20, (30, 4))
-    together = Line(*np.zeros((6, 4)))
-    for depth, force in zip(depths, forces, strict=True):
-        together = with_reading(together, depth, force, MOST, NOISE, MEMORY, NOISE)
-    alone = [read(depths[:, i], forces[:, i])[-1] for i in range(4)]
-    np.testing.assert_allclose(together, np.transpose(alone), rtol=1e-12)
+    tips = path(np.cumsum(rng.uniform(0, 3e-3, (30, 4)), axis=0), rng.uniform(0.0, 0.1, (30, 4)))
+    forces, touched = rng.uniform(0, 20, (30, 4)), rng.random((30, 4)) < 0.8
+    together = Belief(*(np.broadcast_to(part, (4, *part.shape)) for part in NOTHING))
+    alone = [NOTHING] * 4
+    for tip, force, touch in zip(tips, forces, touched, strict=True):
+        together = with_reading(together, WALLS, tip, force, touch, NOISE, MEMORY, PERIOD)
+        alone = [with_reading(alone[i], WALLS, tip[i], force[i], touch[i], NOISE, MEMORY, PERIOD)
+                 for i in range(4)]
+    for i in range(4):
+        np.testing.assert_allclose(together.mean[i], alone[i].mean, rtol=1e-9)
+        np.testing.assert_allclose(together.covariance[i], alone[i].covariance, rtol=1e-9)
 
 
-def test_a_slide_on_a_wall_that_runs_off_the_direction_looks_soft():
-    """10 N on 700 N/m, at most 1000 N/m, a reading every 0.2 mm of a way at 3 degrees."""
-    most, kappa, noise = 1000.0, 700.0, 4.2
-    line = NOTHING
-    for force in np.linspace(0.0, 10.0, 300):
-        line = with_reading(line, force / kappa, force, most, noise, MEMORY, noise)
-    assert slope(line, most, noise) == most
-    learned = []
-    for way in np.arange(0.0, 0.6, 2e-4):
-        depth = 10.0 / kappa + way * np.tan(np.radians(3.0))
-        line = with_reading(line, depth, 10.0, most, noise, MEMORY, noise)
-        learned.append(float(slope(line, most, noise)))
-    assert learned[1500] == pytest.approx(782.0, abs=5.0)
-    assert learned[2000] < kappa
+def test_the_state_has_all_of_it():
+    before = pressed(500.0)
+    for part, other in zip(before, Belief.of(before.state), strict=True):
+        np.testing.assert_array_equal(part, other)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
+    """A tip that follows its target T late, along a wall that comes nearer; else κ̂Tv tan θ is."""
+    kappa, speed, lag, desired = 700.0, 0.02, 0.6, 20.0
+    belief, force_at = pressed(kappa, tilted=DEG_3), wall(kappa, DEG_3)
+    tip = path(desired / kappa)
+    for time in np.arange(0.0, 20.0, 0.1):
+        force, place = force_at(tip), path(0.0, speed * time)
+        belief = with_reading(belief, WALLS, tip, force, True, NOISE, MEMORY, 0.1)
+        estimate = slope(belief, WALLS) if known else kappa
+        beside = tilt(belief, WALLS) @ (tip - place) if known else 0.0
+        depth = target_depth(desired, np.array([WALLS.depth(tip), force]), True, estimate, 0.0,
+                             np.inf, 1.0, beside=beside)
+        tip = tip + 0.1 / lag * (place + depth * WALLS.direction - tip)
+    left = 0.0 if known else kappa * lag * speed * DEG_3
+    assert force - desired == pytest.approx(left, abs=0.05)

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.errors import require
 from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing, unseen
 from uvms_drake.control.contact.front import bounds, safe_depth
-from uvms_drake.control.contact.slope import Line, slope, surface_depth
+from uvms_drake.control.contact.slope import Belief, slope, surface_depth, tilt
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -38,6 +38,7 @@ class ExploredFront(LeafSystem):
         - touched
         - reading
         - slope
+        - tilt
         - contact_depth
         - force_lost
 
@@ -49,8 +50,9 @@ class ExploredFront(LeafSystem):
     - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
     - `touched` (1): 1 if the last reading was a touch, else 0.
-    - `reading` (2): depth x [m] and force n·𝐅 [N] of the last reading.
+    - `reading` (4): where the tip was at the last reading (3) [m], and its force n·𝐅 [N].
     - `slope` (1): κ̂ [N/m], see `slope`.
+    - `tilt` (3): 𝔱, how the wall is inclined across n, see `slope`; zero if nothing was felt yet.
     - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
     - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, were none.
 
@@ -84,11 +86,12 @@ class ExploredFront(LeafSystem):
             ("safe_depth", 1, lambda now: safe_depth(surface, now.apex, now.past[-6:-3], margin)),
             ("front", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
             ("apex", 3, lambda now: now.apex),
-            ("touched", 1, lambda now: now.reading[2:]),
-            ("reading", 2, lambda now: now.reading[:2]),
-            ("slope", 1, lambda now: slope(Line(*now.line), surface.stiffness, sensing.noise)),
+            ("touched", 1, lambda now: now.reading[4:]),
+            ("reading", 4, lambda now: now.reading[:4]),
+            ("slope", 1, lambda now: slope(Belief.of(now.belief), surface)),
+            ("tilt", 3, lambda now: tilt(Belief.of(now.belief), surface)),
             ("contact_depth", 1, lambda now: surface_depth(
-                Line(*now.line), surface.stiffness, sensing.noise)),
+                Belief.of(now.belief), surface, now.past[-6:-3])),
             ("force_lost", 1, lambda now: now.missing >= sensing.patience),
         ):
             self.DeclareVectorOutputPort(name, size, self._calc(calc))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.contact.front import apex, between_readings, replaces
-from uvms_drake.control.contact.slope import Line, with_reading, without_contact
+from uvms_drake.control.contact.front import apex, replaces
+from uvms_drake.control.contact.slope import NOTHING, Belief, with_reading
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -25,7 +25,7 @@ class ForceSensing:
     window: float = 0.0
     """W, how old the force may be that a reading shows [s]: hold, delay, filter; see `front`."""
     memory: float = 10.0
-    """Change of the force over which a reading is forgotten in the slope [N]; see `slope`."""
+    """Change of the force with which the slope may become another one [N]; see `slope`."""
     patience: int = 10
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
@@ -65,9 +65,10 @@ class Felt(NamedTuple):
     apex: np.ndarray
     """𝔞 (3,) [m]; NaN: no place is known to be safe."""
     reading: np.ndarray
-    """Depth x [m] and force n·𝐅 [N] of the last reading, 1 if it was a touch, else 0 (3,)."""
-    line: np.ndarray
-    """The `Line` (6,)."""
+    """Where the tip was at the last reading (3) [m], its force n·𝐅 [N], 1 if it was a touch, else 0
+    (5,)."""
+    belief: np.ndarray
+    """The `Belief` (23,)."""
     past: np.ndarray
     """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `unseen`.
     NaN before the first one that was seen: there it is taken to have been where that was."""
@@ -77,7 +78,7 @@ class Felt(NamedTuple):
 
 def nothing(sensing: ForceSensing) -> Felt:
     """Returns what is known before any reading."""
-    return Felt(np.full(3, np.nan), np.array([np.nan, np.nan, 0.0]), np.zeros(6),
+    return Felt(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NOTHING.state,
                 np.full(6 * sensing.readings, np.nan), np.zeros(1))
 
 
@@ -90,9 +91,8 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Fel
          tip: np.ndarray, force: np.ndarray) -> Felt:
     """Returns what is known after one more reading.
 
-    A touch is a reading above ν in norm: there is no noise that large. The line gets the damping
-    that may be in the reading, c₊|δ̇|φ⁺, and what the tip has moved within W, as an error. If it was
-    not seen all that time, nobody knows which wall the reading tells of: apex and line stay.
+    A touch is a reading above ν in norm: there is no noise that large. If the tip was not seen all
+    the time W, nobody knows which place the reading tells of: it teaches nothing.
 
     Args:
         surface: The class of walls.
@@ -106,23 +106,17 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Fel
     motion[np.isnan(motion[:, 0])] = tip
     past, (points, velocities) = motion.ravel(), np.hsplit(motion, 2)
     known = np.all(np.isfinite(force))
-    missing = np.zeros(1) if known else before.missing + 1.0
+    before = before._replace(past=past, missing=np.zeros(1) if known else before.missing + 1.0)
     if not (known and np.all(np.isfinite(tip))):
-        return before._replace(past=past, missing=missing)
-    nu, most = sensing.noise, surface.stiffness
+        return before
+    nu, belief = sensing.noise, Belief.of(before.belief)
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
     if not replaces(surface, new, before.apex, reach):
         new = before.apex
-    touch = np.linalg.norm(force) > nu
-    depth, pressed = surface.depth(tip[:3]), surface.depth(force)
-    rate, way = (np.max(np.maximum(surface.advance(each), surface.advance(-each)))
-                 for each in (velocities, tip[:3] - points))
-    bound = np.max(surface.static_force_bound(force, velocities, nu))
-    if not np.isfinite(bound):  # It may feel nothing of any wall, or was not seen.
-        return Felt(new, np.array([depth, pressed, touch]), before.line, past, missing)
-    way += between_readings(surface, velocities, sensing.period)
-    error = nu + surface.dissipation * rate * bound + most * way
-    line = Line(*before.line)
-    line = (with_reading(line, depth, pressed, most, nu, sensing.memory, error) if touch else
-            without_contact(line, depth, pressed, most, nu, error))
-    return Felt(new, np.array([depth, pressed, touch]), np.array(line), past, missing)
+    touch, gone = np.linalg.norm(force) > nu, tip[:3] - points
+    pressed = surface.depth(force)
+    if np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):  # It feels a wall.
+        way = np.max(np.maximum(*(surface.advance(each) for each in (gone, -gone))))
+        belief = with_reading(belief, surface, tip[:3], pressed, touch, nu, sensing.memory,
+                              sensing.period, way)
+    return Felt(new, np.array([*tip[:3], pressed, touch]), belief.state, past, before.missing)

@@ -1,142 +1,225 @@
-"""How steep a wall is: least squares of force against depth, with what its noise can do to it.
+"""How stiff a wall is and how it is inclined: an estimate by what the tip feels as it moves.
 
-A line F = F₀ + κ(x − x₀) through readings (x_i, F_i) off by at most ν_i, with weights g_i w_i,
-Σ g_i = 1 and w_i = (ν/ν_i)², has the slope κ_LS = S_xF/S_xx of the weighted central moments. On a
-wall of slope κ, F_i = κx_i + const + n_i, |n_i| ≤ ν_i,
+In the wall the static force is about φ(𝔭 + m) = φ(𝔭) + κ (n·m + 𝔱·m): κ its slope along n, 𝔱 ⊥ n
+its inclination, ‖𝔱‖ ≤ α, see `SurfaceClass`. An extended Kalman filter follows φ at the tip, κ, and
+𝔱 in two directions across n, z = (φ, κ, t₁, t₂), m the motion since its last step:
 
-    |κ_LS − κ| = |Σ g_i w_i (x_i − x₀) n_i| / S_xx ≤ ν Σ g_i √w_i |x_i − x₀| / S_xx ≤ ν/√S_xx
+    φ ← φ + κ s,   s = n·m + 𝔱·m,      P ← A P Aᵀ + Q,   A = I + e_φ (0, s, κm₁, κm₂),
+    F = φ + noise of deviation σ,      K = P e_φ/(P_φφ + σ²).
 
-by Cauchy and Schwarz. So κ̂ = min(κ₊, (κ_LS)₊ + ν/√S_xx), see `slope`, is in (0, κ₊] and *never
-below the slope of a straight wall*: as long as nothing is known of it κ̂ = κ₊, and the force is
-approached from below (`target`). An error of x_i counts in ν_i, κ₊ times as large: the line is one
-through what was measured.
+So what changes across n at one force is a wall that runs off, not one that is soft: on a slide
+∂φ/∂κ = s is nearly zero, while ∂φ/∂𝔱 is not. What is not in this model is taken for noise: that φ
+wanders with the time (damping, friction, a sensor that lags, a navigation that drifts), that κ
+changes by parts of itself with the force, on a wall that hardens, and 𝔱 with the way across n, on
+one that is curved.
 
-*Weights count the way, not the time*: the older readings keep e^(−u), the new one gets 1 − e^(−u),
-u the change of the force along the way since the last one, κ̂|Δx|, over `memory`. A tip at rest
-learns and forgets nothing, and of a soft and a stiff wall the same range of force is remembered.
+*Steps count the way, not the time*: there is one when the tip has moved by ν/κ₊. By less than that
+no force changes by more than ν, so a tip at rest learns and forgets nothing, whatever the noise of
+its force and, below that length, of its position, which would make every wall look soft. A reading
+of a tip that has moved by more while the force may have been read (W, see `front`) says nothing.
 
-*A wall that is no line* (soft on hard, gone, moved) gives itself away: F₀ is off by at most
-Σ g_i w_i ν_i / W ≤ ν/√W, W = Σ g_i w_i, κ_LS by ν/√S_xx, so a reading at x on a straight wall is
-off the line by at most ν_i + ν/√W + ν|x − x₀|/√S_xx. If it is off by more, all before is forgotten:
-κ̂ = κ₊.
+*It begins with* κ = ½κ₊ ± ½κ₊ and 𝔱 = 0 ± ½α. What a press goes by is κ̂ = min(κ₊, κ + √P_κκ): κ₊ as
+long as nothing is known, and more often above κ than below it, so that the force comes up to the
+desired one from below (`target`). It begins anew, with 𝔱 as it is, at a reading that is off by more
+than ν + 3√P_φφ, which noise alone cannot be: soft on hard, hard on soft.
 
-*A slide* on a wall that runs off n is none of this: x changes at one force, slowly enough to pass
-for a soft wall, and κ̂ falls *below* κ. With ν = 4.2 N, κ₊ = 1000 N/m and κ = 700 N/m it is at 780
-N/m after 0.3 m at 3°, and below κ after 0.4 m; with a better sensor sooner. Below κ/2 the press is
-no contraction (`target`), though the front holds whatever κ̂ is.
+*It is no bound*, and need be none: the front holds for every wall of the class whatever κ̂ is, and
+the target is in no limit of a plan. What it costs to be wrong is in `target`: a press converges if
+κ̂ is more than about half of κ.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from uvms_drake.model.surface.surface_class import SurfaceClass
 
-class Line(NamedTuple):
-    """The moments of what is remembered of the readings; scalars, or arrays of walls."""
-
-    weight: np.ndarray
-    """W = Σ g_i w_i; zero: nothing yet."""
-    depth: np.ndarray
-    """x₀, weighted mean depth [m]."""
-    force: np.ndarray
-    """F₀, weighted mean force [N]."""
-    spread: np.ndarray
-    """S_xx = Σ g_i w_i (x_i − x₀)² [m²]."""
-    rise: np.ndarray
-    """S_xF = Σ g_i w_i (x_i − x₀)(F_i − F₀) [N m]."""
-    last: np.ndarray
-    """Depth of the last reading [m]."""
+SCATTER = 1.0 / 3.0
+"""Deviation σ of a reading over ν; a sensor's own is less."""
+WANDER = 0.1
+"""Deviation over ν of what comes to φ within a second, however it comes."""
+HARDENING = 0.3
+"""Deviation over κ of what comes to κ while the force changes by `memory`."""
+BEND = 0.3
+"""Way across n on which the inclination becomes another one [m]."""
+SOFTEST = 0.02
+"""Smallest κ over κ₊ that is believed in."""
+STRANGE = 3.0
+"""Deviations of φ beyond ν from which on a reading is no such wall's."""
 
 
-NOTHING = Line(*np.zeros(6))
-"""No reading yet."""
+class Belief(NamedTuple):
+    """What is believed of a wall where the tip was at the last step; or of an array of walls."""
+
+    mean: np.ndarray
+    """z (..., 4) [N, N/m, 1, 1]; NaN: nothing was felt yet."""
+    covariance: np.ndarray
+    """P (..., 4, 4)."""
+    at: np.ndarray
+    """Where the tip was, in Σ_I (..., 3) [m]."""
+
+    @property
+    def state(self) -> np.ndarray:
+        """(23,) of one wall."""
+        return np.concatenate([self.mean, self.covariance.ravel(), self.at])
+
+    @staticmethod
+    def of(state: np.ndarray) -> "Belief":
+        """Returns the parts of a state (23,)."""
+        return Belief(state[:4], state[4:20].reshape(4, 4), state[20:])
 
 
-def _ratio(a: np.ndarray | float, b: np.ndarray, otherwise: float) -> np.ndarray:
-    """Returns a/b, and another value where b is zero."""
-    return np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), otherwise)
+NOTHING = Belief(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan))
+"""Nothing was felt yet."""
 
 
-def slope_error(line: Line, noise: float) -> np.ndarray:
-    """Returns ν/√S_xx [N/m], the largest error of κ_LS on a straight wall; inf without a spread."""
-    return _ratio(noise, np.sqrt(line.spread), np.inf)
+def _chosen(where: np.ndarray | np.bool, one: Belief, other: Belief) -> Belief:
+    """Returns one of two beliefs for each wall (...)."""
+    return Belief(*(np.where(np.reshape(where, (*np.shape(where), *ones)), a, b)
+                    for ones, a, b in zip([(1,), (1, 1), (1,)], one, other, strict=True)))
 
 
-def slope(line: Line, most: float, noise: float) -> np.ndarray:
-    """Returns κ̂ [N/m], in (0, κ₊] and at least the slope of a straight wall.
-
-    Args:
-        line: What is remembered.
-        most: κ₊ [N/m].
-        noise: ν [N].
-    """
-    fitted = np.maximum(_ratio(line.rise, line.spread, 0.0), 0.0)
-    return np.minimum(most, fitted + slope_error(line, noise))
-
-
-def surface_depth(line: Line, most: float, noise: float) -> np.ndarray:
-    """Returns x₀ − F₀/κ̂ [m], where the wall begins by the line; NaN without a reading."""
-    depth = line.depth - line.force / slope(line, most, noise)
-    return np.where(line.weight > 0.0, depth, np.nan)
-
-
-def excess(line: Line, depth: np.ndarray, force: np.ndarray, most: float, noise: float,
-           error: np.ndarray) -> np.ndarray:
-    """Returns by how much a reading is above (> 0) or below what a straight wall allows [N].
-
-    See the module; the slope is between 0 and κ₊ in any case. Zero without a line.
+def first_belief(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float) -> Belief:
+    """Returns what is believed at the first reading of a contact.
 
     Args:
-        line: What is remembered.
-        depth: x of the reading [m].
-        force: F [N].
-        most: κ₊ [N/m].
+        surface: The class of walls.
+        tip: Where the tip is, in Σ_I (..., 3) [m].
+        force: F, along n (...) [N].
         noise: ν [N].
-        error: ν_i of this reading [N].
     """
-    away = depth - line.depth
-    fitted, unsure = _ratio(line.rise, line.spread, 0.0), slope_error(line, noise)
-    ends = (np.maximum(fitted - unsure, 0.0) * away, np.minimum(fitted + unsure, most) * away)
-    allowed = noise * np.sqrt(_ratio(1.0, line.weight, 0.0)) + error
-    off = force - line.force
-    above = np.maximum(off - np.maximum(*ends) - allowed, 0.0)
-    below = np.minimum(off - np.minimum(*ends) + allowed, 0.0)
-    return np.where(line.weight > 0.0, above + below, 0.0)
+    mean = np.stack(np.broadcast_arrays(force, 0.5 * surface.stiffness, 0.0, 0.0), axis=-1)
+    deviations = np.array([noise, 0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2])
+    return Belief(mean, np.broadcast_to(np.diag(deviations**2), (*mean.shape, 4)),
+                  np.broadcast_to(tip, (*mean.shape[:-1], 3)))
 
 
-def with_reading(line: Line, depth: np.ndarray, force: np.ndarray, most: float, noise: float,
-                 memory: float, error: np.ndarray) -> Line:
-    """Returns the line with one more reading of a contact (recursive least squares).
+def _way(belief: Belief, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns s (...) and the first row of A (..., 4)."""
+    motion = tip - belief.at
+    across = motion @ surface.axes[1:].T
+    s = surface.depth(motion) + np.sum(belief.mean[..., 2:] * across, axis=-1)
+    row = np.empty(belief.mean.shape)
+    row[..., 0], row[..., 1], row[..., 2:] = 1.0, s, belief.mean[..., 1:2] * across
+    return s, row
 
-    It is begun anew by a reading that no straight wall allows.
+
+def moved(belief: Belief, surface: SurfaceClass, tip: np.ndarray, memory: float) -> Belief:
+    """Returns what is believed where the tip is now, NaN of nothing.
 
     Args:
-        line: What is remembered.
-        depth: x [m].
-        force: F [N].
-        most: κ₊ [N/m].
+        belief: What was believed where it was.
+        surface: The class of walls.
+        tip: Where the tip is (..., 3) [m].
+        memory: Change of the force with which κ changes by `HARDENING` [N].
+    """
+    s, row = _way(belief, surface, tip)
+    kappa, mean = belief.mean[..., 1], belief.mean.copy()
+    mean[..., 0] += kappa * s
+    A = np.broadcast_to(np.eye(4), belief.covariance.shape).copy()
+    A[..., 0, :] = row
+    P = A @ belief.covariance @ np.swapaxes(A, -1, -2)
+    # Each of κ, t₁, t₂ comes to be as unknown as at first, and no more.
+    most = np.array([0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2]) ** 2
+    harder = (HARDENING * kappa) ** 2 * kappa * np.abs(s) / memory
+    bent = surface.tilt**2 * surface.aside(tip - belief.at) / BEND
+    grown = np.minimum(np.stack([harder, bent, bent], axis=-1), np.maximum(
+        most - np.diagonal(P, axis1=-2, axis2=-1)[..., 1:], 0.0))
+    grown = np.concatenate([np.zeros_like(s)[..., None], grown], axis=-1)
+    return Belief(mean, P + grown[..., None] * np.eye(4), tip)
+
+
+def unlike(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float
+           ) -> np.ndarray:
+    """Returns by how much a reading is above (> 0) or below what the wall's may be [N]; or 0.
+
+    The arguments are those of `with_reading`.
+    """
+    s, row = _way(belief, surface, tip)
+    variance = np.sum((row[..., None, :] @ belief.covariance)[..., 0, :] * row, axis=-1)
+    off = force - belief.mean[..., 0] - belief.mean[..., 1] * s
+    allowed = noise + STRANGE * np.sqrt(variance)
+    return np.nan_to_num(np.maximum(off - allowed, 0.0) + np.minimum(off + allowed, 0.0))
+
+
+def corrected(belief: Belief, surface: SurfaceClass, force: np.ndarray, noise: float) -> Belief:
+    """Returns what is believed after a reading at the same place; κ and 𝔱 those of the class.
+
+    Args:
+        belief: What was believed.
+        surface: The class of walls.
+        force: F, along n (...) [N].
         noise: ν [N].
-        memory: Change of the force over which a reading is forgotten by 1/e [N].
-        error: ν_i ≥ ν of this reading [N].
     """
-    way = np.abs(depth - line.last) * slope(line, most, noise) / memory
-    new = (line.weight == 0.0) | (excess(line, depth, force, most, noise, error) != 0.0)
-    keep = np.where(new, 0.0, np.exp(-way))
-    w = (1.0 - keep) * (noise / error) ** 2
-    weight = keep * line.weight + w
-    dx, dF = depth - line.depth, force - line.force
-    share = _ratio(w, weight, 0.0)
-    joint = keep * line.weight * share
-    return Line(weight, line.depth + share * dx, line.force + share * dF,
-                keep * line.spread + joint * dx * dx, keep * line.rise + joint * dx * dF, depth)
+    P = belief.covariance
+    gain = P[..., 0] / (P[..., 0, 0] + (SCATTER * noise) ** 2)[..., None]
+    mean = belief.mean + gain * (force - belief.mean[..., 0])[..., None]
+    mean[..., 1] = np.clip(mean[..., 1], SOFTEST * surface.stiffness, surface.stiffness)
+    size = np.linalg.norm(mean[..., 2:], axis=-1, keepdims=True)
+    mean[..., 2:] *= surface.tilt / np.maximum(size, max(surface.tilt, 1e-9))
+    return belief._replace(mean=mean, covariance=P - gain[..., None] * P[..., None, 0, :])
 
 
-def without_contact(line: Line, depth: np.ndarray, force: np.ndarray, most: float, noise: float,
-                    error: np.ndarray) -> Line:
-    """Returns the line after a reading without contact: nothing, if there should have been one.
+def with_reading(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
+                 touched: np.ndarray | np.bool, noise: float, memory: float, period: float,
+                 way: np.ndarray | float = 0.0) -> Belief:
+    """Returns what is believed after one more reading.
 
-    In front of the wall the force is above the line, which goes on below zero. The arguments are
-    those of `with_reading`.
+    One without contact, where there should be one, leaves nothing; in front of the wall φ goes on
+    below zero.
+
+    Args:
+        belief: What was believed.
+        surface: The class of walls.
+        tip: Where the tip is (..., 3) [m].
+        force: F, along n (...) [N].
+        touched: Whether it is of a contact (...).
+        noise: ν [N].
+        memory: See `moved` [N].
+        period: Time since the last reading [s].
+        way: How far the tip moved along n while the force may have been read (...) [m].
     """
-    gone = excess(line, depth, force, most, noise, error) < 0.0
-    return Line(*(np.where(gone, 0.0, moment) for moment in line))
+    enough, first = noise / surface.stiffness, np.isnan(belief.mean[..., 0])
+    if np.all(first & np.logical_not(touched)):
+        return belief
+    covariance = belief.covariance.copy()
+    covariance[..., 0, 0] = np.minimum(
+        covariance[..., 0, 0] + (WANDER * noise) ** 2 * period,
+        np.maximum(covariance[..., 0, 0], noise**2))
+    belief = belief._replace(covariance=covariance)
+    known = way <= enough
+    off = np.where(known, unlike(belief, surface, tip, force, noise), 0.0)
+    far = (np.linalg.norm(tip - belief.at, axis=-1) >= enough) & known & touched
+    after = belief
+    if np.any(far | (off != 0.0)):
+        here = moved(belief, surface, tip, memory)
+        after = _chosen(far, corrected(here, surface, force, noise), belief)
+        # Another wall, as far as its stiffness goes: what is believed of 𝔱 stays.
+        new = first_belief(surface, tip, force, noise)
+        mean, P = new.mean.copy(), new.covariance.copy()
+        mean[..., 2:], P[..., 2:, 2:] = here.mean[..., 2:], here.covariance[..., 2:, 2:]
+        after = _chosen(off != 0.0, new._replace(mean=mean, covariance=P), after)
+        after = _chosen(touched, after, _chosen(off < 0.0, NOTHING, belief))
+    if np.any(begins := first & touched):
+        after = _chosen(begins, first_belief(surface, tip, force, noise), after)
+    return after
+
+
+def slope(belief: Belief, surface: SurfaceClass) -> np.ndarray:
+    """Returns κ̂ (...) [N/m], in (0, κ₊]."""
+    above = belief.mean[..., 1] + np.sqrt(belief.covariance[..., 1, 1])
+    return np.fmin(above, surface.stiffness)
+
+
+def tilt(belief: Belief, surface: SurfaceClass) -> np.ndarray:
+    """Returns 𝔱 (..., 3) in Σ_I; zero as long as nothing was felt."""
+    inclined: np.ndarray = np.nan_to_num(belief.mean[..., 2:]) @ surface.axes[1:]
+    return inclined
+
+
+def surface_depth(belief: Belief, surface: SurfaceClass, tip: np.ndarray) -> np.ndarray:
+    """Returns x − φ/κ̂ (...) [m], where the wall begins at a place (..., 3); NaN: nothing felt."""
+    motion = tip - belief.at
+    deep = belief.mean[..., 0] / slope(belief, surface) + np.sum(
+        motion * (surface.direction + tilt(belief, surface)), axis=-1)
+    return surface.depth(tip) - deep

@@ -4,9 +4,24 @@
 
     e' = e − (φ(x_target) − φ(x)) = (1 − κ/κ̂) e,     κ the wall's mean slope over that step:
 
-a contraction iff 0 < κ < 2κ̂, without overshoot iff κ ≤ κ̂, at once for κ̂ = κ. `slope` gives κ̂ ≥ κ
-on a straight wall. A step that is cut short keeps that: for κ ≤ κ̂ the error shrinks by less and
-keeps its sign.
+a contraction iff 0 < κ < 2κ̂, without overshoot iff κ ≤ κ̂, at once for κ̂ = κ. A step that is cut
+short keeps that: for κ ≤ κ̂ the error shrinks by less and keeps its sign.
+
+*While it moves.* Plans are made on the way, and κ̂ is learned on the way. Let x° be where the wall
+gives F_des, κ_t and κ̂_t slopes of now, and the tip be what a plan makes of the targets,
+x − x° = G(x_target − x°), with the gain Γ from peak to peak. As
+
+    x_target − x° = x + (F_des − φ(x))/κ̂_t − x° = (1 − κ_t/κ̂_t)(x − x°),
+
+the loop is stable, by small gain, if Γ sup_t |1 − κ_t/κ̂_t| < 1, for any wall and any κ̂ of such
+ratios: κΓ/(Γ + 1) < κ̂ < κΓ/(Γ − 1). A tip that follows steps without overshoot has Γ = 1, so that
+κ̂ > κ/2 is enough; one that swings to them with a damping ζ has Γ = coth(½πζ/√(1 − ζ²)), 1.05 at
+ζ = 0.77. So `slope` need be no better than that: 0.6κ is as stable as κ₊, and costs less time.
+
+*On a wall that runs off n* and for a place 𝔲 at which the tip 𝔭 is not, the wall is deeper there by
+−𝔱·(𝔲 − 𝔭), 𝔱 its inclination, estimated too, and so is the target. Without it, a tip that follows a
+place at speed v, T behind, has a target that recedes by v tan θ, and a force that is off by
+κ̂T v tan θ all the way.
 
 *What remains.* With a reading F + n, |n| ≤ ν, and a tip off its target by ε, |ε| ≤ E_n, the tip
 moves by (e − n)/κ̂ + ε and e' = (1 − κ/κ̂) e + (κ/κ̂) n − κε, so in the end
@@ -14,9 +29,9 @@ moves by (e − n)/κ̂ + ε and e' = (1 − κ/κ̂) e + (κ/κ̂) n − κε, 
     |F − F_des| ≤ (κν/κ̂ + κE_n) / (1 − |1 − κ/κ̂|),
 
 for κ̂ ≥ κ that is ν + κ̂E_n ≤ ν + κ₊E_n; below κ it is *more*: 5ν + 3κE_n at κ̂ = 0.6κ. (Proven for a
-target that is held until it is reached; plans that are made on the way were tried, not proven.)
-With the planned depth x̄ in place of the measured one, a constant ε leaves no error at all, for then
-the target integrates, but one that jumps between ±E_n leaves ν + 2κ̂E_n.
+target that is held until it is reached.) With the planned depth x̄ in place of the measured one, a
+constant ε leaves no error at all, for then the target integrates, but one that jumps between ±E_n
+leaves ν + 2κ̂E_n.
 
 *Plans that come later*, or go only a part α of the way, undo no contraction. Let places be
 x_{i+1} = (1 − α_i)x_i + α_i x_target, 0 < α ≤ α_i ≤ 1, with the target of one of the last n + 1. On
@@ -30,7 +45,9 @@ grows, and after n + 1 steps all are at most 1 − α(1 − r) times the largest
 limits of speed and front let it. If it is lost, the law goes on with no force from where the wall
 should begin, or from where the tip is, if that is further: it comes back to a wall it has left, and
 follows one that yields. A wall that should be felt there and is not is forgotten
-(`slope.without_contact`), and the search begins again.
+(`slope.with_reading`), and the search begins again. It aims `AHEAD` of the front and no further: to
+move across n uses up α of the front for each metre, so a tip whose target is r away stops αr beside
+its place, and once it touches is dragged there along the wall.
 
 *Off the wall.* Whoever asks for it may say how deep to steer at most: to search no further, to go
 back, to move along without a touch. The target is in no limit of the plan, so neither is that.
@@ -59,10 +76,13 @@ from pydrake.systems.framework import (
 from uvms_drake.common.errors import require, vector
 from uvms_drake.control.contact.explored_front import ExploredFront
 
+AHEAD = 0.1
+"""How far beyond the front the search aims [m]."""
+
 
 def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, slope: np.ndarray,
                  contact_depth: np.ndarray, safe_depth: np.ndarray, ahead: float,
-                 step: float = np.inf) -> np.ndarray:
+                 step: float = np.inf, beside: np.ndarray | float = 0.0) -> np.ndarray:
     """Returns the depth to steer for [m]; see the module. Of one wall, or of arrays of them.
 
     Args:
@@ -74,10 +94,11 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
         safe_depth: x_safe [m].
         ahead: How far beyond the front the search aims [m].
         step: Largest step in contact [m].
+        beside: −𝔱·(𝔲 − 𝔭), how much deeper the wall is at the place than at the tip [m].
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
-    pressing = depth + np.clip((desired - force) / slope, -step, step)
+    pressing = depth + np.clip((desired - force) / slope, -step, step) + beside
     return np.where(np.isnan(pressing), safe_depth + ahead, pressing)
 
 
@@ -107,6 +128,7 @@ class PressTarget(LeafSystem):
         - reading
         - touched
         - slope
+        - tilt
         - contact_depth
         - safe_depth
         - force_lost
@@ -131,7 +153,7 @@ class PressTarget(LeafSystem):
         clearance: How far the retreat goes back [m].
     """
 
-    def __init__(self, direction: np.ndarray, place: np.ndarray, *, ahead: float = 1.0,
+    def __init__(self, direction: np.ndarray, place: np.ndarray, *, ahead: float = AHEAD,
                  step: float = np.inf, clearance: float = 0.05):
         super().__init__()
         for key, value in (("ahead", ahead), ("clearance", clearance)):
@@ -143,18 +165,19 @@ class PressTarget(LeafSystem):
         self._place_port = self.DeclareVectorInputPort("place", 3)
         self._deepest_port = self.DeclareVectorInputPort("deepest", 1)
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
-            ("reading", 2), ("touched", 1), ("slope", 1), ("contact_depth", 1), ("safe_depth", 1),
-            ("force_lost", 1))}
+            ("reading", 4), ("touched", 1), ("slope", 1), ("tilt", 3), ("contact_depth", 1),
+            ("safe_depth", 1), ("force_lost", 1))}
         self.DeclareVectorOutputPort("target", 3, self._calc)
 
-    def _depth(self, context: Context) -> np.ndarray:
+    def _depth(self, context: Context, line: np.ndarray) -> np.ndarray:
         felt = {name: port.Eval(context) for name, port in self._ports.items()}
-        reading, (lost,) = felt.pop("reading"), felt.pop("force_lost")
+        (*tip, force), tilt = felt.pop("reading"), felt.pop("tilt")
+        reading, (lost,) = np.array([self._direction @ tip, force]), felt.pop("force_lost")
         if lost:
             depth = retreat_depth(reading, felt["contact_depth"], self._clearance)
         else:
             depth = target_depth(self._desired_port.Eval(context), reading, **felt,
-                                 ahead=self._ahead, step=self._step)
+                                 ahead=self._ahead, step=self._step, beside=tilt @ (tip - line))
         if self._deepest_port.HasValue(context):
             depth = np.minimum(depth, self._deepest_port.Eval(context))
         return depth
@@ -169,11 +192,12 @@ class PressTarget(LeafSystem):
         return across
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._depth(context) * self._direction + self._line(context))
+        line = self._line(context)
+        output.SetFromVector(self._depth(context, line) * self._direction + line)
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, direction: np.ndarray,
-                     place: np.ndarray, *, desired_force: OutputPort, ahead: float = 1.0,
+                     place: np.ndarray, *, desired_force: OutputPort, ahead: float = AHEAD,
                      step: float = np.inf, clearance: float = 0.05, name: str = "press_target"
                      ) -> "PressTarget":
         """Adds the target and connects it, but for `place` and `deepest`.
