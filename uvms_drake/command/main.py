@@ -23,6 +23,7 @@ from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.command.keys import add_keys
 from uvms_drake.command.robot import add_robot
 from uvms_drake.command.run import add_plot, add_run
+from uvms_drake.command.scenario import add_scenario
 from uvms_drake.command.scenarios import add_scenarios
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
@@ -89,6 +90,6 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Command)
     for add in (add_run, add_plot, add_certify, add_bench, add_campaign, add_errata,
-                add_scenarios, add_keys, add_robot):
+                add_scenarios, add_keys, add_robot, add_scenario):
         add(commands)
     return parser

@@ -122,13 +122,12 @@ class Dynamic(Motion[DynamicOcp]):
         """Returns all constants; those that decide the tube of `resolved` are proven."""
         constants = estimate_constants(
             model, declared, samples=settings.constant_samples,
-            safety_factor=settings.safety_factor, seed=settings.seed
-        ) | prove_constants(model, declared, seed=settings.seed)
+            safety_factor=settings.safety_factor, seed=settings.seed)
+        proven = prove_constants(model, declared, seed=settings.seed, weights=weights)
         if np.all(weights == 1.0):
-            return constants
-        weighted = prove_constants(model, declared, seed=settings.seed, weights=weights)
+            return constants | proven
         return constants | {WEIGHTED[name]: replace(constant, name=WEIGHTED[name])
-                            for name, constant in weighted.items()}
+                            for name, constant in proven.items()}
 
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
         """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""

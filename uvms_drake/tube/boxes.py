@@ -122,6 +122,12 @@ class JacobianBoxes:
         self._free = np.nonzero(self.upper[:-1] > self.lower[:-1])[0]
         self._vertices = np.array(list(product([-1.0, 1.0], repeat=len(self._free))))
 
+    @property
+    def work(self) -> int:
+        """Number of norms of matrices that a box takes, times their rows."""
+        rows = {"position": 3, "attitude": 3, "task": 6, "extended": self._model.size}
+        return len(self._vertices) * rows[self._block]
+
     def _last_joint_turns_the_tool(self) -> bool:
         if self._model.num_joints == 0:
             return False

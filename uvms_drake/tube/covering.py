@@ -19,6 +19,9 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 
 BATCH = 128
 """Boxes halved at a time."""
+MOST_WORK = 16_000_000
+"""Vertices of boxes times rows of a block, of which norms are taken for one constant: a box of one
+more joint has twice the vertices. An arm of four joints is below it at 40 000 boxes."""
 ROUNDING = 1e-9
 """Relative allowance for rounding: a few thousand operations of relative error 1e-16."""
 PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",
@@ -52,7 +55,8 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
         constraint_set: The set; velocities, yaw and contact make no difference.
         names: Names of the constants, keys of `PROVABLE`.
         rel_gap: Largest relative gap between the bound and a value that is reached.
-        max_boxes: Budget of each constant; `value / sampled_value` tells whether it was enough.
+        max_boxes: Budget of each constant, for arms of many joints less, see `MOST_WORK`;
+            `value / sampled_value` tells whether it was enough.
         samples: Number of samples for the first value that is reached.
         seed: Seed of these samples.
         weights: Diagonal of Ŵ (6+n,), positive; 1 for J_x itself.
@@ -70,7 +74,8 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
     proven = {}
     for name, estimate in estimates.items():
         boxes = JacobianBoxes(model, constraint_set, PROVABLE[name], weights)
-        covering = cover(boxes, estimate.sampled_value, rel_gap, max_boxes)
+        affordable = min(max_boxes, MOST_WORK // boxes.work)
+        covering = cover(boxes, estimate.sampled_value, rel_gap, affordable)
         proven[name] = Constant(
             name=name, value=covering.upper, how="proven", samples=covering.boxes,
             worst=estimate.worst, safety_factor=1.0, sampled_value=estimate.sampled_value)

@@ -1,0 +1,46 @@
+"""The sub-command `scenario`: writes a new one, made for a robot."""
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.command.files import folder
+from uvms_drake.command.interrupt import PROGRAM
+from uvms_drake.common.errors import require
+from uvms_drake.model.uvms import model_dir, shipped_robots
+
+
+def add_scenario(commands: argparse._SubParsersAction) -> None:
+    """Adds the sub-command to the parser."""
+    scenario = commands.add_parser("scenario", help="begin a new scenario, made for a robot",
+                                   allow_abbrev=False)
+    scenario.set_defaults(command=new_scenario)
+    scenario.add_argument("--new", type=folder, metavar="FILE", required=True,
+                          help="the YAML file to write, which must not be there yet")
+    scenario.add_argument("--robot", metavar="ROBOT", required=True,
+                          help="name of a shipped robot, or a robot's folder")
+    scenario.add_argument("--force", type=float, default=5.0, metavar="N",
+                          help="what it is to press with (default: %(default)s)")
+
+
+def new_scenario(args: argparse.Namespace) -> int:
+    """Writes a scenario in which a robot presses on a wall."""
+    from uvms_drake.station.robot import sound_robot
+    from uvms_drake.studies.first_scenario import first_scenario
+    from uvms_drake.studies.first_scenario_text import format_first_scenario
+
+    file: Path = args.new
+    require(file.suffix == ".yaml" and not file.exists(), "--new", str(file),
+            "a .yaml file that is not there yet")
+    require(0.0 < args.force < np.inf, "--force", args.force, "positive")
+    found = first_scenario(sound_robot(args.robot), args.force)
+    robot = model_dir(args.robot)
+    shipped = args.robot in shipped_robots()
+    # A path, though it may be that of a folder with the name of a shipped robot.
+    model = args.robot if shipped else os.path.join(".", os.path.relpath(robot, file.parent))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(format_first_scenario(found, model, robot.name), encoding="utf-8")
+    print(f"written to {file}; '{PROGRAM} certify {file}' says whether it holds")
+    return 0

@@ -1,0 +1,268 @@
+"""A scenario for a robot: numbers that a first certificate may hold with, from the robot's own.
+
+Everything is a closed form or a search over postures, and none of it is proven: that is for
+`certify`. With M the inertia with the water at the posture and 𝔉 the task's wrench, at rest,
+
+    τ_eq = b + Jᵀ𝔉,   u_eq = M⁻¹τ_eq,   uᵢ = |u_eq,i| + s (τ_max,i − |τ_eq,i|) / Mᵢᵢ,            (1)
+
+s the share of what is left of a force that one axis may use while others are in use, too.
+Where nobody says what τ_max is, u is what the task needs. The disturbance is what a current exerts
+on the hull and friction on the joints, over Mᵢᵢ; the gains k = σ are the smallest of `GAINS` whose
+bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import RunFailed
+from uvms_drake.control.laws.tip_rows import best_rows
+from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.thruster_data import AXES
+from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.report.robot_sheet import largest_wrench
+from uvms_drake.tube.tube_image import input_gain
+
+POSTURES = 3000
+"""Random postures among which the search begins."""
+ROUNDS = (0.3, 0.1, 0.03, 0.01)
+"""Sizes of the steps by which it goes on from the best [rad]."""
+LEVEL = 0.1
+"""Pitch of the tool that costs as much as e times less dexterity [rad]."""
+SIDEWAYS, ROLLED = 0.3, 1.0
+"""Its yaw and roll that do, likewise [rad]."""
+STEEP = 0.35
+"""Pitch of the tool from which the wall is turned to face it [rad]."""
+AHEAD = 0.75
+"""Share of the largest reach ahead that the tip should have."""
+MARGIN = 0.3
+"""Distance of a posture from the joints' limits, but for narrow ones [rad]."""
+HALF_RANGE = 0.25
+"""What the joints may be off the posture [rad]."""
+SHARES = (0.6, 0.8)
+"""Shares s of (1), of thrusters and of motors."""
+CURRENT = 0.2
+"""Speed of the water that the certificate is to cover [m/s]."""
+FRICTION = 0.1
+"""Friction of a joint that it is to cover [N m]; of a weak motor a fifth of what it gives."""
+TILTING = 1.5
+"""Angular over linear disturbance of the hull [rad/m]."""
+TAKEN = 2.5
+"""What the tube takes of an input, over `input_gain` times the disturbance, at most."""
+MANOEUVRE = (0.05, 0.1, 1.0)
+"""Accelerations that a plan wants at least: linear, angular, of a joint [m/s², rad/s²]."""
+SPARE = 8.0
+"""Multiple of these that it is given where nobody says what there is."""
+MOST = (2.0, 6.0, 20.0)
+"""Inputs that are enough, besides what the task needs: linear, angular, of a joint."""
+GAINS = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0)
+"""Candidates for k = σ [1/s]."""
+STIFFNESS = 1000.0
+"""Of the wall [N/m], that of the base."""
+WEAKEST = 0.2
+"""Least share of the disturbance that is worth a certificate."""
+
+
+class Strength(NamedTuple):
+    """What a robot can exert on each coordinate (6+n,), and who says so."""
+
+    force: np.ndarray
+    """τ_max [N, N m]; infinite where nobody says."""
+    names: tuple[str, ...]
+    """Of whom it is the limit."""
+
+
+@dataclass(frozen=True)
+class FirstScenario:
+    """The numbers of a scenario for a robot."""
+
+    force: np.ndarray
+    """𝔉_des, force part (3,) [N]."""
+    frame: np.ndarray
+    """Angles of the task's frame (3,) [rad]."""
+    pose: np.ndarray
+    """Angles (3,) of the end-effector on the wall, about it [rad]."""
+    posture: np.ndarray
+    """q_des (n,) [rad]."""
+    dexterity: float
+    """σ_min(J_sq) there."""
+    eta: np.ndarray
+    """Vehicle's pose at the start (6,) [m, rad]."""
+    q_limits: np.ndarray
+    """Smallest and largest joint angles (2, n) [rad]."""
+    u: np.ndarray
+    """Limits of the inputs (6+n,) [m/s², rad/s²]."""
+    strength: Strength
+    tau_eq: np.ndarray
+    """What holds the task (6+n,) [N, N m]."""
+    disturbance: np.ndarray
+    """Semi-axes of its ellipsoid (6+n,) [m/s², rad/s²]."""
+    covered: float
+    """Share of what `CURRENT` and `FRICTION` are, that it covers."""
+    gain: float
+    """k = σ [1/s]."""
+    late: float
+    """Lag and dead time of the thrusters [s]; 0 if they are not known."""
+
+
+def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScenario:
+    """Returns a scenario in which a robot swims to a wall and presses on it.
+
+    Args:
+        uvms: The robot, in a finalized plant.
+        force: Along the tool [N].
+        distance: From the tip to the wall at the start [m].
+
+    Raises:
+        RunFailed: It cannot be done with this robot; says why.
+    """
+    world = UvmsModel(uvms)
+    posture, dexterity = find_posture(world)
+    tool = _level(world, posture)
+    pitch = tool[4]
+    frame = np.array([0.0, pitch if abs(pitch) > STEEP else 0.0, 0.0])
+    model = UvmsModel(uvms, frame)
+    into = rotation_matrix(frame)[:, 0]
+    pose = np.round(model.task_pose(_headed(posture, -tool[5]))[3:6], 4)
+    config = model.configuration(np.concatenate([np.zeros(3), pose, posture]))
+    wrench = np.concatenate([force * into, np.zeros(3)])
+    at, rest = model.kinematics(config), np.zeros(model.size)
+    M = model.mass_matrix(at)
+    tau_eq = model.inverse_dynamics(at, rest, rest) + model.task_jacobian(config)[:6].T @ wrench
+    u_eq = np.abs(np.linalg.solve(M, tau_eq))
+    strength = strength_of(uvms)
+    wanted = _disturbance(model, config, np.diag(M), strength)
+    n = model.num_joints
+    share = np.repeat(SHARES, [6, n])
+    room = share * (strength.force - np.abs(tau_eq)) / np.diag(M)
+    manoeuvre = np.repeat(MANOEUVRE, [3, 3, n])
+    taken = TAKEN * input_gain(1.0, 1.0) * wanted
+    shares = (room - manoeuvre) / taken
+    covered = float(min(1.0, np.min(shares)))
+    if covered < WEAKEST:
+        i = int(np.argmin(shares))
+        raise RunFailed(
+            f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
+            f"{_unit(i)} along {AXES[i] if i < 6 else f'q{i - 5}'}, of which {force:g} N on "
+            f"the wall take {abs(tau_eq[i]):.3g} at rest, and has to move {M[i, i]:.3g} "
+            f"{'kg' if i < 3 else 'kg m²'}: nothing is left against a current of "
+            f"{WEAKEST * CURRENT:.2g} m/s and friction of {WEAKEST * FRICTION:.2g} N m; what would "
+            "help: less --force, or a stronger one")
+    needed = covered * taken + SPARE * manoeuvre
+    most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
+    u = u_eq + np.where(np.isfinite(room), np.minimum(room, most), needed)
+    limits = np.array([world.q_lower, world.q_upper])
+    start = config[:6] + np.concatenate([-distance * into, np.zeros(3)])
+    start += np.array([0.0, -0.02, -0.02, 0.0, 0.0, 0.02])
+    return FirstScenario(
+        force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
+        eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
+        u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
+        gain=_gain(model, config, covered * wanted, force), late=_late(uvms))
+
+
+def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
+    """Returns joint angles (n,) [rad] that are good to press with, and σ_min(J_sq) there.
+
+    Sought is the largest σ_min(J_sq) with the tool level and far ahead: of three joints and more,
+    J_sq is that of `best_rows`; of fewer, of the tip's position.
+    """
+    n = model.num_joints
+    if n == 0:
+        return np.zeros(0), 1.0
+    lower, upper = np.maximum(model.q_lower, -np.pi), np.minimum(model.q_upper, np.pi)
+    margin = np.minimum(MARGIN, 0.25 * (upper - lower))
+    lower, upper = lower + margin, upper - margin
+    rows = best_rows(model) if n > 2 else np.arange(3)
+
+    def dexterity(q: np.ndarray) -> np.ndarray:
+        config = np.concatenate([np.zeros((len(q), 6)), q], axis=1)
+        J = model.task_jacobian(config)[:, rows, 6:]
+        smallest: np.ndarray = np.linalg.svd(J, compute_uv=False)[:, -1]
+        return smallest
+
+    def ahead(chi: np.ndarray) -> np.ndarray:
+        out: np.ndarray = chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
+        return out
+
+    def score(q: np.ndarray, reach: float | None = None) -> np.ndarray:
+        chi = model.task_pose(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
+        far = ahead(chi)
+        reach = float(np.max(far)) if reach is None else reach
+        short = np.maximum(0.0, AHEAD * reach - far) / (0.1 * abs(reach))
+        out: np.ndarray = (np.log(np.maximum(dexterity(q), 1e-12)) - (chi[:, 4] / LEVEL) ** 2
+                           - (chi[:, 5] / SIDEWAYS) ** 2 - (chi[:, 3] / ROLLED) ** 2 - short**2)
+        return out
+
+    rng = np.random.default_rng(0)
+    tried = rng.uniform(lower, upper, (POSTURES, n))
+    chi = model.task_pose(np.concatenate([np.zeros((POSTURES, 6)), tried], axis=1))
+    reach = float(np.max(ahead(chi)))
+    best = tried[np.argmax(score(tried, reach))]
+    for size in ROUNDS:
+        near = np.clip(best + rng.normal(0.0, size, (POSTURES // 10, n)), lower, upper)
+        near[0] = best
+        best = near[np.argmax(score(near, reach))]
+    best = np.round(best, 2)
+    return best, float(dexterity(best[None])[0])
+
+
+def strength_of(uvms: Uvms) -> Strength:
+    """Returns what thrusters and motors give, the weaker way, by each coordinate."""
+    force = np.full(6 + len(uvms.joints), np.inf)
+    names = ["nobody"] * 6 + [f"the motor of joint {joint.name()}" for joint in uvms.joints]
+    if uvms.thrusters is not None:
+        thrusters = ThrusterModel.of(uvms.thrusters)
+        for axis in (axis for axis in range(6) if axis not in thrusters.undriven):
+            force[axis] = min(largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0))
+            names[axis] = "thrusters.yaml"
+    by_joint = {joint.index(): 6 + i for i, joint in enumerate(uvms.joints)}
+    for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
+        motor = uvms.plant.get_joint_actuator(index)
+        force[by_joint[motor.joint().index()]] = motor.effort_limit()
+    return Strength(force, tuple(names))
+
+
+def _level(model: UvmsModel, posture: np.ndarray) -> np.ndarray:
+    """Returns χ (6,) of the tip, the vehicle level at the origin."""
+    return model.task_pose(_headed(posture, 0.0))[:6]
+
+
+def _headed(posture: np.ndarray, yaw: float) -> np.ndarray:
+    return np.concatenate([np.zeros(5), [yaw], posture])
+
+
+def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, strength: Strength
+                 ) -> np.ndarray:
+    """Returns semi-axes (6+n,): a current's drag on the hull, friction at the joints, over M."""
+    at, rest = model.kinematics(config), np.zeros(model.size)
+    still = model.inverse_dynamics(at, rest, rest)
+    linear = []
+    for axis in (0, 1):
+        flow = rest.copy()
+        flow[axis] = CURRENT
+        linear.append(abs((model.inverse_dynamics(at, flow, rest) - still)[axis]) / inertia[axis])
+    hull = max(max(linear), 0.02)
+    friction = np.minimum(FRICTION, 0.2 * strength.force[6:])
+    return np.concatenate([np.full(3, hull), np.full(3, TILTING * hull), friction / inertia[6:]])
+
+
+def _gain(model: UvmsModel, config: np.ndarray, disturbance: np.ndarray, force: float) -> float:
+    """Returns the smallest gain by which the deviation is a fifth of the force, or the largest."""
+    reach = float(np.linalg.norm(model.task_jacobian(config)[:3] * disturbance, 2))
+    enough = [gain for gain in GAINS if STIFFNESS * reach / gain**2 <= 0.2 * force]
+    return enough[0] if enough else GAINS[-1]
+
+
+def _late(uvms: Uvms) -> float:
+    if uvms.thrusters is None:
+        return 0.0
+    return uvms.thrusters.dead_time + max(kind.lag for kind in uvms.thrusters.kinds.values())
+
+
+def _unit(i: int) -> str:
+    return "N" if i < 3 else "N m"
+
