@@ -314,3 +314,11 @@ def test_one_iteration_a_sample_costs_what_the_reference_costs(short_ocp, solver
     best, expected = closed_loop(short_ocp, first, lambda guess: reference.solve(guess).plan, 3)
     assert cost == pytest.approx(best, rel=1e-3)
     np.testing.assert_allclose(states, expected, atol=1e-3)
+
+
+def test_how_many_rows_of_limits_mattered_is_told(short_ocp, start_plans):
+    """None for a motion that keeps all by itself, and more where the limits are tighter."""
+    plan = start_plans["off"][0]
+    wide, tight = (SequentialConvexSolver(ocp).solve(plan, 1).rows for ocp in (
+        with_limits(short_ocp, nu1=9.0, nu2=9.0, qdot=9.0), with_limits(short_ocp, nu1=0.03)))
+    assert wide < tight

@@ -266,7 +266,7 @@ def test_components_of_a_disturbance_that_are_alike_are_one_line(record):
 
 def test_a_slack_of_zero_is_said_and_not_scaled(record):
     none = replace(record, mpc_terminal_slack=np.zeros_like(record.mpc_terminal_slack))
-    axis = axes_of("mpc.png", none)[1]
+    axis = axes_of("mpc.png", none)[2]
     assert "zero at every step" in texts_of(axis.figure)
     assert axis.get_yticks().tolist() == [0.0]
     assert "zero at every step" not in texts_of(axes_of("mpc.png", record)[1].figure)

@@ -95,7 +95,8 @@ def test_what_the_scenario_says_cannot_become_html(record):
 def test_a_force_that_never_settled_and_a_run_without_plans_are_no_trouble(record):
     never = replace(record, force=np.zeros_like(record.force), mpc_time=np.zeros(0),
                     mpc_status=np.zeros(0), mpc_terminal_slack=np.zeros(0),
-                    mpc_violation=np.zeros(0), mpc_refused=np.zeros(0), step_seconds=np.zeros(0))
+                    mpc_violation=np.zeros(0), mpc_refused=np.zeros(0), mpc_rows=np.zeros(0),
+                    step_seconds=np.zeros(0))
     assert "never" in format_report(never, [], None)
 
 

@@ -359,7 +359,7 @@ def test_the_table_says_that_the_tube_is_declared_and_what_is_violated():
 
 def test_the_table_of_a_run_without_settling_and_samples_is_printable():
     empty = dict.fromkeys(("mpc_time", "mpc_status", "mpc_terminal_slack", "mpc_violation",
-                           "mpc_refused", "step_seconds"), np.zeros(0))
+                           "mpc_refused", "mpc_rows", "step_seconds"), np.zeros(0))
     summary = summarise(pressing([0.0, 0.0], wall_time_s=0.0, **empty))
     assert summary["mpc"]["step_ms"] == dict.fromkeys(("p50", "p95", "p99", "max"))
     assert summary["mpc"]["worst_violation"] is None

@@ -61,6 +61,7 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
         "mpc_terminal_slack": np.maximum(0.0, 0.3 - 0.1 * mpc_time),
         "mpc_violation": np.zeros(len(mpc_time)),
         "mpc_iterations": np.ones(len(mpc_time)),
+        "mpc_rows": np.linspace(0.0, 30.0, len(mpc_time)).round(),
         "mpc_refused": np.zeros(len(mpc_time)),
         "certified": np.array(False),
         "tube_report": np.concatenate([np.zeros(3), np.full(3, np.inf), np.full(13, 0.4)]),

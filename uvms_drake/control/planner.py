@@ -29,11 +29,12 @@ SOLVED, FAILED, LATE, DROPPED, KEPT = range(5)
 away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
 terminal set where the new one is not."""
 
-MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused")
+MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused",
+              "rows")
 """Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
 3, `KEPT` 4), the plan's objective, s of the terminal set, largest violation of a limit (in its own
-unit), convex programs solved, 1 if a new desired force was asked for and is refused. A sample that
-is dropped changes the first two only."""
+unit), convex programs solved, 1 if a new desired force was asked for and is refused, rows of limits
+in the last of the programs. A sample that is dropped changes the first two only."""
 
 TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
            DROPPED: "the sample was dropped"}
@@ -242,7 +243,7 @@ class Planner:
             plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
             report=np.array([sample.time, float(status), value.cost, value.terminal_slack,
                              value.violation, solution.iterations,
-                             float(not np.array_equal(memory.asked, memory.force))]))
+                             float(not np.array_equal(memory.asked, memory.force)), solution.rows]))
 
 
 def _say(now: float, status: int, old: MpcMemory) -> None:

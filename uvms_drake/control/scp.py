@@ -35,6 +35,8 @@ class Solution(Generic[P]):
     iterations: int
     converged: bool
     """Whether it ended because no step improved the merit by more than the tolerance."""
+    rows: int = 0
+    """Number of rows of limits that the last convex program held; 0 where none mattered."""
 
 
 class SequentialConvexSolver(Generic[P]):
@@ -51,22 +53,23 @@ class SequentialConvexSolver(Generic[P]):
             iterations: At most so many convex programs are solved.
             tolerance: Converged when a step improves the merit by less than this fraction of it.
         """
-        plan, evaluation = guess, self.ocp.evaluate(guess)
+        plan, evaluation, rows = guess, self.ocp.evaluate(guess), 0
         for iteration in range(1, iterations + 1):
             program = self.ocp.staged_program(plan)
             change = solve_staged(program)
             if change is None:
                 if iteration == 1:
                     return Solution(None, None, iteration, converged=False)
-                return Solution(plan, evaluation, iteration, converged=False)
+                return Solution(plan, evaluation, iteration, converged=False, rows=rows)
+            rows = change.rows
             step = self._line_search(plan, evaluation, program, change.w)
             if step is None:
-                return Solution(plan, evaluation, iteration, converged=True)
+                return Solution(plan, evaluation, iteration, converged=True, rows=rows)
             gain = evaluation.merit - step[1].merit
             plan, evaluation = step
             if gain <= tolerance * abs(evaluation.merit):
-                return Solution(plan, evaluation, iteration, converged=True)
-        return Solution(plan, evaluation, iterations, converged=False)
+                return Solution(plan, evaluation, iteration, converged=True, rows=rows)
+        return Solution(plan, evaluation, iterations, converged=False, rows=rows)
 
     def _line_search(self, plan: P, evaluation: Evaluation, program: StagedProgram,
                      change: np.ndarray) -> tuple[P, Evaluation] | None:

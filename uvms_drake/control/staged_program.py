@@ -113,3 +113,5 @@ class StagedSolution(NamedTuple):
     """Excess v of the softened limits."""
     cone_programs: int
     """Number of conic programs solved; 0 where no limit mattered."""
+    rows: int
+    """Number of rows of limits in the last one."""

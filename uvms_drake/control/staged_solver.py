@@ -38,7 +38,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
     z = motion(program, regulator)
     kept = WorkingSet.broken(program, z, 0.0)
     if not kept.any():
-        return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0)
+        return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
     kept |= WorkingSet.near(program, NEAR)
     cone_programs = 0
     while True:
@@ -53,7 +53,8 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         best = motion(program, regulator, r)
         broken = WorkingSet.broken(program, best, excess).without(kept)
         if not broken.any():
-            return StagedSolution(best[:-1, nx:], slack, excess, cone_programs)
+            return StagedSolution(
+                best[:-1, nx:], slack, excess, cone_programs, kept.rows(program))
         kept |= broken
 
 

@@ -214,8 +214,8 @@ def draw_disturbance(record: Record) -> Figure:
 
 
 def draw_mpc(record: Record) -> Figure:
-    """Draws the step time of the MPC, failed samples, and the slack of the terminal set."""
-    figure, axes = panels(2, 2.8)
+    """Draws the MPC's step time, failed samples, how many limits mattered, and its slack."""
+    figure, axes = panels(3, 3.6)
     step_ms, sound = 1e3 * record.step_seconds, np.isin(record.mpc_status, (SOLVED, KEPT))
     for chosen, marker, color, label in (
             (sound, ".", BLUE, "solved, or the last plan kept"),
@@ -225,13 +225,15 @@ def draw_mpc(record: Record) -> Figure:
     axes[0].axhline(1e3 * record.scenario.mpc.time_step, **{**LIMIT, "label": "sampling period"})
     log_ticks(axes[0])
     axes[0].set_ylabel("step time [ms]")
-    axes[1].plot(record.mpc_time, record.mpc_terminal_slack, ".-", markersize=3.5)
-    axes[1].set_ylabel("terminal slack [-]")
-    axes[1].set_xlim(record.time[0], record.time[-1])
-    room_above_zero(axes[1])
-    if not np.any(record.mpc_terminal_slack):
-        axes[1].set_title("zero at every step")
-        axes[1].set_yticks([0.0])
+    for axis, values, label in ((axes[1], record.mpc_rows, "rows of limits [-]"),
+                                (axes[2], record.mpc_terminal_slack, "terminal slack [-]")):
+        axis.plot(record.mpc_time, values, ".-", markersize=3.5)
+        axis.set_ylabel(label)
+        room_above_zero(axis)
+        if not np.any(values):
+            axis.set_title("zero at every step")
+            axis.set_yticks([0.0])
+    axes[2].set_xlim(record.time[0], record.time[-1])
     legend_above(figure, axes[0])
     return figure
 

@@ -63,7 +63,8 @@ CAPTIONS = {
     "joints.png": "Joint angles with their limits.",
     "inputs.png": "Acceleration commands with their limits.",
     "disturbance.png": "Disturbance and its bound.",
-    "mpc.png": "Time of each step of the MPC, and the slack of the terminal set.",
+    "mpc.png": "Time of each step of the MPC, how many rows of limits it held, and the slack of "
+               "the terminal set.",
     "deviation.png": "Deviation of the real from the nominal motion, and its bounds.",
     "position_errors.png": "Position errors, as in the paper.",
     "orientation_errors.png": "Orientation errors, as in the paper.",

@@ -239,7 +239,8 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     """Returns the logs so far, from a root context: `time` (T,), signals (T, size), MPC's samples.
 
     The samples are `mpc_time`, `mpc_status`, `mpc_cost`, `mpc_terminal_slack`, `mpc_violation`,
-    `mpc_iterations`, `mpc_refused` (K,), see `MPC_REPORT`, and `step_seconds` (K,), wall time.
+    `mpc_iterations`, `mpc_refused`, `mpc_rows` (K,), see `MPC_REPORT`, and `step_seconds` (K,),
+    wall time.
     """
     def log(name: str) -> VectorLog:
         return cast(VectorLogSink, station.GetSubsystemByName(f"log.{name}")).FindLog(context)

@@ -83,6 +83,8 @@ class Record:
     """Number of convex programs solved (K,)."""
     mpc_refused: np.ndarray
     """1 where another desired force was asked for and is refused (K,)."""
+    mpc_rows: np.ndarray
+    """Number of rows of limits that the last convex program held (K,); 0 where none mattered."""
     step_seconds: np.ndarray
     """Wall time of each MPC step (K,) [s]."""
     wall_time_s: float
