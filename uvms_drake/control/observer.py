@@ -1,12 +1,14 @@
 """The observer: estimates the disturbance of each output of a law from what the output did.
 
 An output of a law obeys ÿ = ÿ_pred + δ, where ÿ_pred = J_y ζ̇_pred + J̇_y ζ is what the model says of
-the forces that act, M ζ̇_pred + b + Jᵀ𝔉_s = τ_applied. At the ticks of a period h,
+the forces that act, M ζ̇_pred + b + Jᵀ𝔉_s = τ_applied: ÿ_pred = Gτ + c, where G = J_y M⁻¹ and c
+change with the motion. At the ticks of a period h,
 
-    δ̂ₖ = δ̂ₖ₋₁ + (1 − e^{−λh}) (mₖ − δ̂ₖ₋₁),   mₖ = [(ẏ − p)(tₖ) − (ẏ − p)(tₖ₋₁)]/h,  ṗ = ÿ_pred,  (O)
+    δ̂ₖ = δ̂ₖ₋₁ + (1 − e^{−λh}) (mₖ − δ̂ₖ₋₁),   mₖ = [Δẏ − Ḡ Δ∫τ]/h − c̄,                            (O)
 
-and mₖ is the mean of δ over the last period, exactly. For a short h, δ − δ̂ = s/(s + λ) δ: a
-constant disturbance leaves nothing, and |δ̂| ≤ sup|δ| always.
+Δ over the period, a bar the mean of both ends: mₖ is the mean of δ over the period, but for what G
+and c are bent in it. For a short h, δ − δ̂ = s/(s + λ) δ: a constant disturbance leaves nothing,
+and |δ̂| ≤ sup|δ| always.
 
 *Nothing winds up.* The error of the output is not integrated: (O) does not contain it. ÿ_pred takes
 the forces as they are applied, after every limit, lag and hold that is known, so what they do not
@@ -15,12 +17,12 @@ the gap are not compared. A state that is the last one to the bit is no news: a 
 with it would be seen to push in vain, the longer the more. The tick is left out, and the mean that
 comes next is one of all the time since.
 
-*In a sampled loop too.* p is integrated over time, so a held or late command needs no thought: mₖ
-is a mean whatever the command did within the period. Only ẏ is sampled.
+*In a sampled loop too.* τ is integrated over time, so a held or late command needs no thought: mₖ
+is a mean whatever the command did within the period. All else is sampled, by a computer's clock.
 """
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -29,7 +31,6 @@ from pydrake.systems.framework import (
     DiscreteValues,
     LeafSystem,
     OutputPort,
-    ValueProducer,
 )
 
 from uvms_drake.control.ancillary import AncillaryFeedback, is_lost
@@ -68,9 +69,9 @@ class RowObserver(LeafSystem):
     - `measured_force`: 𝔉_s (6), in place of the force by the model's surface.
     - `estimate`: δ̂ (6+n) [m/s², rad/s²]; it follows from the state alone.
 
-    The continuous state is p (6+n). The discrete state is δ̂ (6+n), from zero; of the last tick with
-    news ẏ − p (6+n), NaN if nothing was measured since, and the state (2(6+n)); and the number of
-    ticks until the next one (1).
+    The continuous state is ∫τ (6+n). The discrete state is δ̂ (6+n), from zero; of the last tick
+    with news ẏ, ∫τ, c (6+n each) and the rows of G, NaN if nothing was measured since, and the
+    measured state (2(6+n)); and the number of ticks until the next one (1).
 
     Args:
         model: The controller's model.
@@ -87,22 +88,16 @@ class RowObserver(LeafSystem):
         self._applied_port = self.DeclareVectorInputPort("applied", size)
         self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
         self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
-        # It changes with the measured state only, which may be held for long.
-        self._motion = self.DeclareCacheEntry(
-            description="how the outputs move by a force", value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(()), calc=self._calc_motion),
-            prerequisites_of_calc={self.input_port_ticket(port.get_index()) for port in (
-                self._pair_port, self._force_port)})
         self.DeclareContinuousState(size)
         self.DeclareDiscreteState(np.zeros(size))
-        self.DeclareDiscreteState(np.full(size, np.nan))
+        self.DeclareDiscreteState(np.full((3 + size) * size, np.nan))
         self.DeclareDiscreteState(np.full(2 * size, np.nan))
         self.DeclareDiscreteState(np.ones(1))
         self.DeclarePeriodicDiscreteUpdateEvent(observed.period, 0.0, self._update)
         self.DeclareVectorOutputPort("estimate", size, self._calc, {self.xd_ticket()})
 
-    def _calc_motion(self, context: Context, value: AbstractValue) -> None:
-        """Sets G and c (6+n, ...) of ÿ_pred = Gτ + c."""
+    def _motion(self, context: Context) -> np.ndarray:
+        """Returns ẏ, ∫τ, c and the rows of G now."""
         now: Pair = self._pair_port.Eval(context)
         out, measured, zeta = self._observed.outputs(now), now.kinematics.at(0), now.zeta[0]
         contact = None
@@ -110,7 +105,9 @@ class RowObserver(LeafSystem):
             contact = self._force_port.Eval(context)
         b = self._model.inverse_dynamics(measured, zeta, np.zeros_like(zeta), contact)
         G = np.linalg.solve(self._model.mass_matrix(measured), out.J[0].T).T
-        value.set_value((G, out.bias[0] - G @ b))
+        return np.concatenate([
+            out.rate[0], context.get_continuous_state_vector().CopyToVector(),
+            out.bias[0] - G @ b, G.ravel()])
 
     def _applied(self, context: Context) -> np.ndarray:
         known = self._applied_port if self._applied_port.HasValue(context) else self._tau_port
@@ -121,29 +118,25 @@ class RowObserver(LeafSystem):
 
     def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
             self, context: Context, derivatives: ContinuousState) -> None:
-        if is_lost(self._state_port.Eval(context)):
-            derivatives.SetFromVector(np.zeros(self._model.size))
-        else:
-            G, c = self._motion.Eval(context)
-            derivatives.SetFromVector(G @ self._applied(context) + c)
+        derivatives.SetFromVector(self._applied(context))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         measured = self._state_port.Eval(context)
+        known, before, last, ticks = (context.get_discrete_state(i).value() for i in range(4))
         if is_lost(measured):
-            state.set_value(1, np.full(self._model.size, np.nan))
+            state.set_value(1, np.full_like(before, np.nan))
             return
-        last, ticks = (context.get_discrete_state(i).value() for i in (2, 3))
         if np.array_equal(measured, last):
             state.set_value(3, ticks + 1.0)
             return
-        out = self._observed.outputs(self._pair_port.Eval(context))
-        left = out.rate[0] - context.get_continuous_state_vector().CopyToVector()
-        before = context.get_discrete_state(1).value()
+        motion = self._motion(context)
         if np.isfinite(before).all():
-            since = float(ticks[0]) * self._observed.period
-            state.set_value(0, estimate(context.get_discrete_state(0).value(),
-                                        (left - before) / since, self._observed.rates, since))
-        state.set_value(1, left)
+            since, size = float(ticks[0]) * self._observed.period, self._model.size
+            gone, given = (motion - before)[: 2 * size].reshape(2, size)
+            c, *G = (0.5 * (motion + before))[2 * size:].reshape(-1, size)
+            state.set_value(0, estimate(
+                known, (gone - np.array(G) @ given) / since - c, self._observed.rates, since))
+        state.set_value(1, motion)
         state.set_value(2, measured)
         state.set_value(3, np.ones(1))
 
