@@ -7,8 +7,6 @@ from pydrake.solvers import ClpSolver, MathematicalProgram
 from uvms_drake.control.contact.approach import (
     approach_speed,
     between_knots,
-    crossing,
-    speed_limit,
     stopping_distance,
     stopping_room,
 )
@@ -153,36 +151,3 @@ def test_a_tip_that_swings_back_hides_more_from_the_room():
     assert room == pytest.approx(front - 2.0 * 2.4e-3)
     assert room < stopping_room(45.0, 1.0, 2000.0, 2.4e-3)
     assert approach_speed(stopping_room(45.0, 1.0, 2000.0, 0.0, retreat=1.0), 0.2, 0.2, 0.0) == 0.0
-
-
-@pytest.mark.parametrize("approach", [0.0, 0.005, 0.03, 0.2])
-def test_a_plan_that_keeps_the_speed_at_knots_keeps_it_between(approach):
-    """Past s_min never faster than v_app, whatever the accelerations; and y₀ is not too large."""
-    h, a, nearest = 0.2, 0.2, 0.0
-    rng = np.random.default_rng(1)
-    ahead = crossing(approach, h, a)
-    fastest = {1.0: 0.0, 0.9: 0.0}
-    for share in fastest:
-        shift = (1.0 - share) * ahead
-        x0 = rng.uniform(-1.5, 0.5, 40000) * max(ahead, 1e-3) - ahead + shift
-        limit = np.array([speed_limit(x - shift, approach, nearest, h, a) for x in x0])
-        v0 = limit * np.where(rng.random(40000) < 0.5, 1.0, rng.random(40000))
-        a0 = rng.uniform(-a, a, 40000)
-        x1, v1 = x0 + h * v0 + 0.5 * h**2 * a0, v0 + h * a0
-        kept = v1 <= [speed_limit(x - shift, approach, nearest, h, a) for x in x1]
-        t = np.linspace(0.0, h, 41)[:, None]
-        x, v = x0 + v0 * t + 0.5 * a0 * t**2, v0 + a0 * t
-        past = np.where(kept & (x > nearest), v, 0.0)
-        fastest[share] = np.max(past)
-    assert fastest[1.0] <= approach + 1e-12
-    assert approach > 0.02 or fastest[0.9] > approach + 1e-4
-
-
-def test_full_braking_keeps_the_speed_limit():
-    h, a, approach, nearest = 0.2, 0.2, 0.01, 1.0
-    x, v = 0.0, speed_limit(0.0, approach, nearest, h, a)
-    for _ in range(30):
-        slower = max(v - a * h, 0.0)
-        x, v = x + 0.5 * h * (v + slower), slower
-        assert v <= speed_limit(x, approach, nearest, h, a) + 1e-12
-    assert v == 0.0
