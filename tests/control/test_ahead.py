@@ -72,6 +72,8 @@ def test_it_is_as_late_as_the_parts_of_the_actuation_together(model):
         "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
     np.testing.assert_allclose(lateness_of(scenario, model), [0.02 + 0.155, 0.02])
     assert lateness_of(load_scenario("girona500_ideal"), model) == ON_TIME
+    clock = load_scenario("girona500_ideal", ["actuation=[!SampledCommand {}]"])
+    assert lateness_of(clock, model) == ON_TIME
 
 
 def test_as_a_system_it_reads_the_plan_of_now(model):

@@ -104,6 +104,7 @@ class Pulses:
                 states = [now, *states[:-1]]
                 measured = states[-1]
                 v = -(row.k + row.sigma) * measured[1] - row.k * row.sigma * measured[0] - estimate
+                v += row.drag * measured[1]
                 commands.append(v + asked * {
                     "feed_forward_rate": level - dt * pulse,
                     "at_ticks": pulse}.get(source, f * (source != "between")))
@@ -119,7 +120,7 @@ class Pulses:
                 mean_a = w + (a - w) * (1.0 - fade) * row.lag / dt
                 a = w + (a - w) * fade
             predicted += dt * (mean_a - f)
-            acceleration = mean_a - f + delta
+            acceleration = mean_a - f + delta - row.drag * rate
             e += dt * rate + 0.5 * dt**2 * acceleration
             rate += dt * acceleration
             self.states.append((e, rate))
@@ -228,3 +229,52 @@ def early_pulse(row: RowLoop, early: int, periods: int) -> np.ndarray:
 
     whole, flows = by(asked=True), by(asked=False)
     return whole - flows + np.concatenate([np.zeros((early * STEPS, 2)), flows])[: len(whole)]
+
+
+HELD = [RowLoop(4.0, 2.0, period=0.1), RowLoop(3.0, 1.5, period=0.1, dead_time=0.025),
+        RowLoop(3.0, 1.5, period=0.1, dead_time=0.125, drag=2.0)]
+"""Rows behind a command that is held."""
+
+
+def weighted(row: RowLoop, weight: np.ndarray, growth: float = 0.0) -> np.ndarray:
+    """Returns e and ė, as `simulated` does, by a δ of these sizes in the steps of a period."""
+    dt, count, total = row.period / STEPS, len(weight), np.zeros((len(weight), 2))
+    for index in np.flatnonzero(weight):
+        states = np.array(Pulses(row, "disturbance", index, 40 * (count // STEPS) + 100).states)
+        states = states[: len(states) // count * count]
+        age = dt * (np.arange(len(states)) - index)
+        sizes = np.abs(states) * weight[index] * np.exp(growth * np.maximum(age, 0.0))[:, None]
+        total += np.sum(sizes.reshape(-1, count, 2), axis=0)
+    return np.max(total, axis=0)
+
+
+@pytest.mark.parametrize("row", HELD)
+def test_what_happens_while_a_command_is_held_counts_by_its_age(row):
+    dt, growth = row.period / STEPS, 0.4
+    late = round(row.dead_time / dt)
+    steps = np.arange(STEPS)
+    age = dt * (steps + 0.5) - (steps - late) // STEPS * row.period
+    assert np.max(age) < row.period + row.dead_time
+    for g in (0.0, growth):
+        np.testing.assert_allclose(row.held(g)[:2], weighted(row, age, g), rtol=0.05)
+        np.testing.assert_allclose(
+            row.grown(g)[:2], weighted(row, np.ones(STEPS), g), rtol=0.05)
+    assert row.held()[0] < (row.period + row.dead_time) * row.grown(0.0)[0]
+    assert row.held()[3] >= row.period + row.dead_time
+
+
+def test_a_pulse_counts_until_the_command_of_its_tick_acts():
+    row = HELD[1]
+    steps = row.period / STEPS * np.arange(3 * STEPS)
+    for until in (row.dead_time, row.period + row.dead_time):
+        np.testing.assert_allclose(row.held(pulses=3, until=until)[:2], weighted(
+            row, 1.0 * (steps < until - 1e-9)), rtol=0.05)
+    assert not HELD[0].held(pulses=3, until=0.0)[:3].any()
+
+
+def test_the_acceleration_of_a_row_is_one_of_its_gains():
+    """Without a clock's time to react, an impulse of δ is in ë as it is: 1 and what follows."""
+    fast, k = RowLoop(3.0, 3.0, period=1e-3), 3.0
+    t = np.linspace(0.0, 10.0, 20_001)
+    rest = np.trapezoid(np.abs((2.0 * k - k**2 * t) * np.exp(-k * t)), t)  # of g̈
+    assert fast.grown(0.0)[3] == pytest.approx(1.0 + rest, rel=5e-3)

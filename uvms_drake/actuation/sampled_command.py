@@ -37,7 +37,7 @@ class SampledCommand(Part):
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 
     def assumption(self) -> str:
-        """Returns the assumption that it breaks."""
+        """Returns the assumption that it breaks, of all proofs but those of `tube.held_rows`."""
         return "the proofs take the feedback for continuous"
 
     def command_path(self, model: UvmsModel) -> CommandPath:

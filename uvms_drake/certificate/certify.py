@@ -11,10 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
 from uvms_drake.control.ocp import FEASIBLE, Ocp
 from uvms_drake.control.plan import P, Plan
@@ -22,6 +24,7 @@ from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS, REACHED
 from uvms_drake.control.points import Points
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.part import Component
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.dynamic import command_paths, lateness_of
@@ -112,8 +115,18 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None
-                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)]
+                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)
+                     and not is_counted(scenario, part)]
     return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
+
+
+def is_counted(scenario: Scenario, part: Component) -> bool:
+    """Returns whether the tube counts with what a part does to the command: a clock alone.
+
+    See `tube.held_rows`; where that has no bound, a condition of the tube says so.
+    """
+    return (isinstance(part, SampledCommand) and len(scenario.actuation) == 1
+            and isinstance(scenario.ancillary, TipFirst))
 
 
 def check_inputs(scenario: Scenario) -> ContactModel:

@@ -144,8 +144,13 @@ def command_limits(scenario: Scenario) -> Limits | None:
 
 
 def lateness_of(scenario: Scenario, model: UvmsModel) -> Lateness:
-    """Returns how late the scenario's actuation makes a command, as the controller believes."""
-    late = [path.lateness for path in command_paths(scenario, model) if path is not None]
+    """Returns by how much the scenario's plans are asked for ahead, as the controller believes.
+
+    By how late its actuation makes a command, if there is a lag. Behind a clock alone what comes
+    late of a plan are its knots, by the delay, and asked for ahead they would come early.
+    """
+    paths = [path for path in command_paths(scenario, model) if path is not None]
+    late = [] if all(path.whole for path in paths) else [path.lateness for path in paths]
     return Lateness(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
 
 

@@ -45,16 +45,21 @@ EDGE = 1e-9
 
 def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
     """Returns the largest values to first order in the errors (m, channels)."""
+    return by_part(problem, x) @ np.array([radius for _, radius in problem.parts])
+
+
+def by_part(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
+    """Returns the largest values to first order by each part of radius 1 (m, channels, parts)."""
     size, channels = problem.size, problem.channels
-    steps = 1j * COMPLEX_STEP * np.eye(2 * size)
-    out = np.empty((len(x), len(channels)))
+    steps = 1j * COMPLEX_STEP * np.eye(problem.errors)
+    out = np.empty((len(x), len(channels), len(problem.parts)))
     for i in range(0, len(x), BATCH // size):
         some = slice(i, i + BATCH // size)
         moved = problem.values(x[some, None] + 0j, steps)
-        G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, c, 2(6+n))
-        out[some] = sum(radius * np.stack([
+        G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, c, errors)
+        out[some] = np.stack([np.stack([
             np.linalg.norm(G[:, row] @ matrix, 2, axis=(1, 2)) for row in channels], axis=1)
-            for matrix, radius in problem.parts)
+            for matrix, _ in problem.parts], axis=2)
     return out
 
 
@@ -99,7 +104,7 @@ class Climb:
 
     def __init__(self, problem: SearchProblem, x: np.ndarray, channels: list[slice]):
         self._problem = problem
-        width = problem.values(x[0], np.zeros(2 * problem.size)).shape[-1]
+        width = problem.values(x[0], np.zeros(problem.errors)).shape[-1]
         self._mask = np.zeros((len(x), width))
         for row, channel in zip(self._mask, channels, strict=True):
             row[channel] = 1.0
@@ -110,7 +115,7 @@ class Climb:
         self._scale = declared.scale(problem.model)[:size]
         self._balls = ((slice(size, size + 3), declared.nu1), (slice(size + 3, size + 6),
                        declared.nu2), (slice(size + 6, 2 * size), declared.qdot))
-        self.x, self.error = x, np.zeros((len(x), 2 * size))
+        self.x, self.error = x, np.zeros((len(x), problem.errors))
         self.value = np.zeros(len(x))
         self._reach = np.ones(len(x))
         self._last = np.zeros((len(x), size))
@@ -160,12 +165,12 @@ class Climb:
         At no errors all is zero: there the channel counts along its leading direction.
         """
         problem, size = self._problem, self._problem.size
-        by_x, by_error = np.empty((len(self.x), 3 * size)), np.empty((len(self.x), 2 * size))
+        by_x, by_error = np.empty((len(self.x), 3 * size)), np.empty(self.error.shape)
         some = max(1, BATCH // (3 * size))
         for i in range(0, len(self.x), some):
             x, error, mask = (each[i: i + some, None] for each in (self.x, self.error, self._mask))
             value = problem.values(x, error) * mask
-            moved = problem.values(x + 0j, error + 1j * COMPLEX_STEP * np.eye(2 * size))
+            moved = problem.values(x + 0j, error + 1j * COMPLEX_STEP * np.eye(problem.errors))
             slope = moved.imag / COMPLEX_STEP * mask
             leading = np.linalg.svd(slope, full_matrices=False)[2][:, :1]
             length = np.linalg.norm(value, axis=-1, keepdims=True)

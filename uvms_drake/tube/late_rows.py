@@ -1,4 +1,4 @@
-"""What late actuators make of the rows of `tip first`: the sources of `tube.row_loop`, bounded.
+"""What late thrusters make of the rows of `tip first`: the sources of `tube.row_loop`, bounded.
 
 By (3) there, for blocks b of rows with the G, h and A of `late_loads`; f̄ = Aτ̄ of the plan, asked
 for ℓ ahead, φ what the robot carries besides, w the feedback, ∘ marks norms of blocks:
@@ -26,8 +26,8 @@ of the tip without what pushes it: at most ā(|φ̇| + |ẇ|) and c, with the pa
 late by ā at most, which has a bounded integral: it counts ā|f̄| by the kernel's derivative,
 g∗Δ̇ = ġ∗Δ.
 
-*A budget, and not a proof yet*: it says what eats the tube, and where there is something late the
-certificate is void by that part's assumption. Not counted are
+*A budget, and not a proof yet*: it says what eats the tube, and where there are thrusters the
+certificate is void by their assumption (a clock alone has a proof: `held_rows`). Not counted are
 
 - a wrench that thrusters cut at their limits, if `limits.thrusters` are not declared;
 - (G_v − 1)A M_vq J_sq⁻¹w_s: what the tip feeds back is late on the vehicle, too;

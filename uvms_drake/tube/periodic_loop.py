@@ -10,7 +10,7 @@ discretised but the integral of |K|, whose error is bounded and added.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -75,14 +75,16 @@ class PeriodicLoop:
             return math.inf
         return len(self.A) + math.ceil(math.log(TAIL) / math.log(max(radius, TAIL)))
 
-    def flow_gain(self, B: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
+    def flow_gain(self, B: np.ndarray, D: np.ndarray | float = 0.0,
+                  weight: np.ndarray | None = None) -> np.ndarray:
         """Returns the largest |z| (o,) by an input |w(t)| ≤ 1 that may be anything; inf: unstable.
 
         Args:
             B: How w enters the flow (m,).
             D: How it enters the outputs at once (o,).
+            weight: What |w| is at most instead of 1, see `times` (stretches, points + 1).
         """
-        return self._by_flow(B, self.periods) + np.abs(D)
+        return self._by_flow(B, self.periods, weight=weight) + np.abs(D)
 
     def flow_moment(self, B: np.ndarray) -> np.ndarray:
         """Returns a bound of ∫(t − u)|K(t, u)|du (o,): of |K| by its age, up to two periods more.
@@ -91,6 +93,19 @@ class PeriodicLoop:
             B: How w enters the flow (m,).
         """
         return self._by_flow(B, self.periods, by_age=True)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times since the tick at the points of the quadrature (stretches, points + 1) [s]."""
+        lengths = np.array([stretch.duration for stretch in self.stretches])
+        starts = np.cumsum(lengths) - lengths
+        share = np.linspace(0.0, 1.0, self.points + 1)
+        out: np.ndarray = starts[:, None] + np.multiply.outer(lengths, share)
+        return out
+
+    def repeated(self, count: int) -> "PeriodicLoop":
+        """Returns the same loop with `count` of its periods as one."""
+        return replace(self, stretches=count * self.stretches)
 
     def sample_gain(self, N: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
         """Returns the largest |z| (o,) by samples |v| ≤ 1 that may be anything; inf: unstable.
@@ -206,14 +221,17 @@ class PeriodicLoop:
         rows = np.concatenate([self.C @ until for until in self._until()])
         return self._sum(rows, lambda rows: np.abs(rows @ N), self.periods)
 
-    def _by_flow(self, B: np.ndarray, periods: float, *, by_age: bool = False) -> np.ndarray:
+    def _by_flow(self, B: np.ndarray, periods: float, *, by_age: bool = False,
+                 weight: np.ndarray | None = None) -> np.ndarray:
         steps = [stretch.duration / self.points for stretch in self.stretches]
         pushed = self._flows @ B  # (stretches, points + 1, m), since an impulse
+        weight = np.ones(pushed.shape[:2]) if weight is None else weight
+        whole = pushed * weight[:, ::-1, None]  # read at the end of the stretch
         # An impulse in each stretch as it is after the next tick.
         to_tick = np.eye(len(self.A))
         late: list[np.ndarray] = []
         for stretch, flow, states in zip(
-                self.stretches[::-1], self._flows[::-1], pushed[::-1], strict=True):
+                self.stretches[::-1], self._flows[::-1], whole[::-1], strict=True):
             late.insert(0, to_tick @ stretch.jump @ states.T)
             to_tick = to_tick @ stretch.jump @ flow[-1]
 
@@ -224,8 +242,9 @@ class PeriodicLoop:
         rows = np.concatenate([self.C @ until for until in self._until()])
         total = self._sum(rows, integral, periods, by_age=by_age)
         # Impulses in the period that the output is read in.
-        within = [self._within(i, j, pushed, steps) for i in range(len(steps))
-                  for j in range(0, self.points + 1, self.points // PHASES)]
+        within = [self._within(
+            i, j, pushed[i, : j + 1] * weight[i, : j + 1][::-1, None], whole, steps)
+            for i in range(len(steps)) for j in range(0, self.points + 1, self.points // PHASES)]
         newest = np.concatenate(within) * (self._period if by_age else 1.0)
         return _largest(total + newest, len(self.C))
 
@@ -233,9 +252,18 @@ class PeriodicLoop:
     def _period(self) -> float:
         return sum(stretch.duration for stretch in self.stretches)
 
-    def _within(self, i: int, j: int, pushed: np.ndarray, steps: list[float]) -> np.ndarray:
-        """Returns ∫|K| (o,) of impulses since the last tick, read at point j of stretch i."""
-        total = absolute_integral(self.C @ pushed[i, : j + 1].T, steps[i])
+    def _within(self, i: int, j: int, newest: np.ndarray, pushed: np.ndarray, steps: list[float]
+                ) -> np.ndarray:
+        """Returns ∫|K| (o,) of impulses since the last tick, read at point j of stretch i.
+
+        Args:
+            i: The stretch.
+            j: The point.
+            newest: What impulses in it are (j + 1, m), by their age.
+            pushed: Those in each stretch at its end (stretches, points + 1, m), likewise.
+            steps: Between two points of each stretch [s].
+        """
+        total = absolute_integral(self.C @ newest.T, steps[i])
         rows = self.C @ self._flows[i, j]
         for before in range(i - 1, -1, -1):
             rows = rows @ self.stretches[before].jump

@@ -62,7 +62,7 @@ observer's ÿ_pred, if it has a sampled state, is off likewise.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -113,13 +113,16 @@ class RowLoop:
     """Age of the state that is measured, in periods."""
     ahead: float = 0.0
     """ℓ, by how much f̄ is asked for ahead [s]: lag, dead time, half a period."""
+    drag: float = 0.0
+    """κ, by which a row slows itself, −κė, and the sampled command, κė of its tick, makes up for it
+    [1/s]: a part of h that is linear."""
 
     def __post_init__(self) -> None:
         for key in ("k", "sigma"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("observer", "lag", "period", "dead_time", "ahead"):
+        for key in ("observer", "lag", "period", "dead_time", "ahead", "drag"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
-        for key in ("dead_time", "latency"):
+        for key in ("dead_time", "latency", "drag"):
             late = getattr(self, key)
             require(late == 0 or (self.period > 0.0 and late > 0), key, late,
                     "zero, or positive with a positive period")
@@ -183,6 +186,40 @@ class RowLoop:
             "planned": loop.held_gain(f, f_sampled, early),
             "planned_rate": h * loop.step_gain(f, f_sampled, early) + (
                 max(within, h - within) * loop.flow_gain(f))}
+
+    def grown(self, growth: float) -> np.ndarray:
+        """Returns the gains to e, ė, w and ë (4,) of a δ whose effect grows by e^(growth · t)."""
+        at_once = np.array([0.0, 0.0, 0.0, 1.0])
+        return self._grown(growth).flow_gain(self._system.delta, at_once)
+
+    def held(self, growth: float = 0.0, *, pulses: int = 0, until: float = 0.0) -> np.ndarray:
+        """Returns the gains (4,) of what happens since the sample whose command acts.
+
+        That is a δ of at most its age; or with `pulses` of at most 1 from every so manieth tick
+        until a time after it.
+
+        Args:
+            growth: As of `grown` [1/s].
+            pulses: Number of ticks.
+            until: Where a stretch between ticks and commands ends [s].
+        """
+        loop, h, late = self._grown(growth), self.period, self.dead_time
+        loop = loop.repeated(max(pulses, 1))
+        ends = loop.times.max(axis=1, keepdims=True)  # of stretches
+        if pulses:
+            weight = 1.0 * (ends <= until + EXACT * h) + 0.0 * loop.times
+        else:
+            whole = int(late / h + EXACT)
+            waits = (ends <= late - whole * h + EXACT * h) & (late > (whole + EXACT) * h)
+            weight = loop.times + h * (whole + waits)
+        at_once = np.array([0.0, 0.0, 0.0, np.max(weight)])
+        return loop.flow_gain(self._system.delta, at_once, weight)
+
+    def _grown(self, growth: float) -> PeriodicLoop:
+        """Returns the loop with states e^(growth · t) as large, and with ë as an output, too."""
+        loop = self._system.loop
+        return replace(loop, A=loop.A + growth * np.eye(len(loop.A)),
+                       C=np.append(loop.C, loop.A[RATE: RATE + 1], axis=0))
 
     def wave(self, omega: float) -> Peak:
         """Returns the amplitudes by δ = sin(ωt + φ) of any φ, once they have settled.
@@ -298,7 +335,7 @@ def _sampled(row: RowLoop) -> _System:
     pushed = unit[at["a"] if "a" in at else at["w"]]
 
     A, f, delta = np.zeros((m, m)), np.zeros(m), unit[RATE]
-    A[E, RATE], A[RATE], f[RATE] = 1.0, pushed, -1.0
+    A[E, RATE], A[RATE], f[RATE] = 1.0, pushed - row.drag * unit[RATE], -1.0
     if row.lag > 0.0:
         A[at["a"]] = (unit[at["w"]] - unit[at["a"]]) / row.lag
 
@@ -314,7 +351,7 @@ def _sampled(row: RowLoop) -> _System:
         if row.latency:
             noise[i, at[f"{name}0"]] = 1.0
     first = at["q0"] if waiting else at["w"]
-    jump[first], f_sampled[first] = v, 1.0
+    jump[first], f_sampled[first] = v + row.drag * unit[rate], 1.0
     for i in range(1, waiting):
         jump[at[f"q{i}"]] = unit[at[f"q{i - 1}"]]
     if waiting and not rest:

@@ -16,7 +16,7 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.rests import jacobian_rate_times, rests
 
 Part = tuple[np.ndarray, float]
-"""Matrix (2(6+n), j) and radius: the errors are the sum of matrix · ball of the radius."""
+"""Matrix (errors, j) and radius: the errors are the sum of matrix · ball of the radius."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,17 @@ class SearchProblem(ABC):
     model: ContactModel
     declared: ConstraintSet
     parts: list[Part]
-    """The errors (2(6+n),), a sum."""
+    """The errors (errors,), a sum."""
 
     @property
     def size(self) -> int:
         """6 + n."""
         return self.model.size
+
+    @property
+    def errors(self) -> int:
+        """Number of components of the errors, 2(6+n) if it is not another one."""
+        return 2 * self.size
 
     @property
     @abstractmethod
@@ -40,7 +45,7 @@ class SearchProblem(ABC):
 
     @abstractmethod
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns the values (..., c) of motions (..., 3(6+n)) and errors (..., 2(6+n)).
+        """Returns the values (..., c) of motions (..., 3(6+n)) and errors (..., errors).
 
         Real or complex; zero where there are no errors.
         """

@@ -33,7 +33,7 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
              (slice(6, size), declared.qdot))
 
     def decode(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the motions and the errors of candidates (r, λ, 5(6+n))."""
+        """Returns the motions and the errors of candidates (r, λ, 3(6+n) + errors)."""
         pose, zeta, u, along = (z[..., : size], z[..., size: 2 * size].copy(),
                                 z[..., 2 * size: 3 * size], z[..., 3 * size:])
         pose = start + scale * pose
@@ -58,6 +58,6 @@ def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Gen
         outside = np.max(np.abs(problem.bounded(x[:, :size])), axis=1).reshape(sizes.shape)
         return np.where(outside <= 1.0, sizes, -outside)
 
-    first = 0.3 * rng.normal(size=(runs, 5 * size))
+    first = 0.3 * rng.normal(size=(runs, 3 * size + problem.errors))
     first[:, :size] = 0.0
     return evolve(values, first, GENERATIONS, rng)[0]

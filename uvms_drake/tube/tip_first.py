@@ -20,9 +20,10 @@ m_e = ∫t|g|dt, J̃ = sup‖J̇‖, and alike for ė and w: joints that are pus
 the tip. `tip_first_image` has the rest.
 
 *The real loop.* Clocks, dead times and lags make another loop of each row, whose gains are those of
-`row_loop`; the ones above are its special case. They have sources of their own, which `late_rows`
-bounds: each row of the budget is the sum of gain × bound of all of them, and a radius. What is late
-of the tip is in the joints J_sq⁻¹ times that. A reading is as much older as the actuators are late.
+`row_loop`; the ones above are its special case. They have sources of their own, which `held_rows`
+bounds for a command that is held, with a proof, and `late_rows` for thrusters, without: each row of
+the budget is the sum of gain × bound of all of them, and a radius. What is late of the tip is in
+the joints J_sq⁻¹ times that. A reading is as much older as the actuators are late.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,6 +39,7 @@ from uvms_drake.tube.actuators import Actuators
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.estimate import Check, largest_of, no_estimates, together
+from uvms_drake.tube.held_rows import HeldRows, drags_of, turning_of
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.late_loads import Plans, late_loads
 from uvms_drake.tube.late_rows import Errors, LateRows, least_bounds
@@ -89,6 +91,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     """Returns the tube of the law `tip first`; see the module."""
     model, settings, actuators = basis.model, basis.settings, basis.actuators
     rows = tip_rows(model, tuple(law.rows))
+    is_held = actuators.late and not actuators.thrusters
     loops = _row_loops(law, actuators)
     conditions = [Condition(f"rows of the tip's task, {name} is not among them", 1.0, "<=", 0.0)
                   for i, name in enumerate("xyz") if i not in rows]
@@ -106,6 +109,12 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
            for condition in gone):
         return LawTube(TubeRadii(), tuple(conditions))
 
+    turning, turning_check, in_joints = 0.0, no_estimates, loops[1]
+    if is_held:
+        of_tip, of_joints = drags_of(model, basis.declared, rows)
+        loops, in_joints = (
+            (loops[0], replace(loops[1], drag=of_tip)), replace(loops[1], drag=of_joints))
+        turning, turning_check = turning_of(basis, rows)
     vehicle, tip = (_loop(loop, path.age, basis) for loop, path in zip(
         loops, (actuators.vehicle, actuators.joints), strict=True))
     pushes = _Pushes(basis)
@@ -115,10 +124,14 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         VEHICLE: pushes.of(vehicle, float(np.max(weights[:3])), VEHICLE),
         ATTITUDE: pushes.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
         TIP: pushes.of(tip, tip_norm, TIP), DEPTH: pushes.of(tip, tip_norm, DEPTH),
-        JOINTS: _in_joints(basis, arm, tip, pushes)}
-    late = _Late(law, basis, rows, loops, table) if actuators.late else None
+        JOINTS: _in_joints(basis, arm, _grown(in_joints, tip, turning) if is_held else tip, pushes)}
+    late = _Late(law, basis, rows, loops, table) if actuators.late and not is_held else None
+    held = _held(basis, rows, (*loops, in_joints), table, turning, arm.regular
+                 ) if is_held else None
     if late is not None:
         table = late.table
+    if held is not None:
+        table = held.table
     sums = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
     budget = {name: {source: float(value[0]) for source, value in parts.items()}
               for name, parts in table.items()}
@@ -130,6 +143,8 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     if late is not None:
         conditions.append(Condition(
             "late actuators, part of errors that comes back by loads", late.share, "<", 1.0))
+    if held is not None:
+        conditions.append(held.condition)
     if not all(condition.holds for condition in conditions):
         return LawTube(TubeRadii(), tuple(conditions), budget)
 
@@ -148,7 +163,8 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         depth_speed=float(sums[DEPTH][1]) if felt else None, u=image.u + beside[:size],
         tau=None if image.tau is None else image.tau + beside[size:])
     return LawTube(tube, tuple(conditions), budget, tuple(vars(tube)), together(
-        arm.check, pushes.check, image.check, no_estimates if late is None else late.check,
+        arm.check, turning_check, pushes.check, image.check,
+        *(each.check for each in (late, held) if each is not None),
         lambda: checked_constants(
             model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)))
 
@@ -178,10 +194,37 @@ def _unknown(law: TipFirst, basis: Basis) -> list[str]:
     ticks = basis.time_step / actuators.vehicle.period if actuators.vehicle.period else 0.0
     if abs(ticks - round(ticks)) > KNOTS:
         out.append("a plan whose knots are no ticks")
+    if not actuators.thrusters and 2.0 * actuators.vehicle.age > basis.time_step:
+        out.append("a command that is later than half of the time between two knots of a plan")
+    out += [f"an observer of {key} behind a command that is held" for key in ("vehicle", "tip")
+            if actuators.late and not actuators.thrusters and getattr(law, key).observer > 0.0]
     out += [f"an observer of {key} whose period is not that of its commands" for key, path in (
         ("vehicle", actuators.vehicle), ("tip", actuators.joints))
         if getattr(law, key).observer > 0.0 and not np.isclose(path.period, law.observer_period)]
     return out
+
+
+def _slower(basis: Basis, rows: np.ndarray, table: Mapping[str, Parts]) -> np.ndarray:
+    """Returns what plans may do at most, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
+
+    Less than the robot may by the least that a tube of these parts takes, if they can.
+    """
+    declared, sums = basis.declared, {
+        name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
+    limits = np.array([declared.nu1, declared.nu2, declared.qdot])
+    least = least_speeds(
+        basis.model, declared, rows, _blocks(sums, basis.model.size), basis.settings.seed)
+    return np.where(least < limits, limits - least, limits)
+
+
+def _held(basis: Basis, rows: np.ndarray, loops: tuple[RowLoop, ...],
+          table: Mapping[str, Parts], turning: float, regular: float) -> HeldRows:
+    """Returns what a command that is held adds."""
+    contact = basis.contact
+    assert contact is not None  # or `_unknown`
+    return HeldRows(basis, rows, loops, table, _slower(basis, rows, table),
+                    turning, regular,
+                    (contact.size + contact.error, contact.torque_error))
 
 
 def _loop(loop: RowLoop, age: float, basis: Basis) -> _Loop:
@@ -193,6 +236,12 @@ def _loop(loop: RowLoop, age: float, basis: Basis) -> _Loop:
     if contact is not None and loop.at_once:
         late[:3] = lagged_gains(loop.k, loop.sigma, contact.lag, contact.period)[:3]
     return _Loop(known, late, np.array([*moment, moment.command + age * gains.command]), age)
+
+
+def _grown(loop: RowLoop, of_rows: _Loop, growth: float) -> _Loop:
+    """Returns the gains of a loop whose states grow by e^(growth · t), which counts what turns."""
+    known = loop.grown(growth)
+    return _Loop(known, 2.0 * known, np.zeros(4), of_rows.age)
 
 
 class _Late:
@@ -219,11 +268,7 @@ class _Late:
         model, declared, contact = basis.model, basis.declared, basis.contact
         assert contact is not None  # or `_unknown`
         before = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
-        # Plans are slower than the robot may be by the least that the tube takes, if they can.
-        limits = np.array([declared.nu1, declared.nu2, declared.qdot])
-        least = least_speeds(
-            model, declared, rows, _blocks(before, model.size), basis.settings.seed)
-        slower = np.where(least < limits, limits - least, limits)
+        slower = _slower(basis, rows, table)
         rate = np.minimum(basis.largest_rate, 2.0 / basis.time_step * np.repeat(
             slower, [3, 3, model.num_joints]))
         driven = np.setdiff1d(np.arange(6), law.undriven_rows)
