@@ -1,10 +1,11 @@
 """The rows of the law `tip first` on the robot's full dynamics, behind thrusters that lag."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import LeafSystem
 from support.hovering import Hovering, Lag
 from support.lagging import CONFIG, Motion, run
 from support.transfer import impulse
@@ -12,9 +13,15 @@ from support.transfer import impulse
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.plant.disturbance import SinusoidalDisturbance
+from uvms_drake.plant.disturbance import (
+    DirectedDisturbance,
+    OpenLoopDisturbance,
+    SinusoidalDisturbance,
+)
 from uvms_drake.tube.row_loop import RowLoop
 
 pytestmark = pytest.mark.slow
@@ -66,6 +73,53 @@ def test_an_adversary_takes_every_row_to_its_bound_and_none_beyond(model, lag, r
         vehicle["disturbance"].position * np.max(np.abs(c), axis=0))
     assert np.all(largest[:6] <= line + late_lines)
     assert np.all(late_lines < 0.3 * line)
+
+
+@dataclass
+class Signs(OpenLoopDisturbance):
+    """d = J⁻¹δ, |δᵢ| = `size`ᵢ (10,), of the signs that move each row furthest at the end."""
+
+    end: float = 4.0
+    size: np.ndarray = field(default_factory=lambda: np.repeat([0.03, 0.1], [6, 4]))
+    filters: list = field(default_factory=list)
+    J: np.ndarray = field(default_factory=lambda: np.eye(10))
+
+    def system(self, size: int, seed: int = 0) -> LeafSystem:
+        return DirectedDisturbance(np.ones(size), self.at)
+
+    def at(self, time: float) -> np.ndarray:
+        left = np.array([max(self.end - time, 1e-6)])
+        signs = [np.sign(impulse(*each, left)[0]) for each in self.filters]
+        return np.linalg.solve(self.J, np.repeat(signs, [6, 4]) * self.size)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("lag", "rate"), list(product((0.0, 0.15, 0.3), (0.0, 2.0))))
+def test_on_drakes_plant_the_shipped_law_and_observer_are_taken_to_the_same_bounds(
+        model, lag, rate):
+    """The Diagram of plant, law, observer with its ticks and lag; δ is what J_y makes of d there.
+
+    What the posture feeds forward late has lines of its own, which the test above has: on position
+    and yaw less than 5 %, on roll and pitch, by righting moments, as much as δ.
+    """
+    law = replace(law_of(rate, rate), observer_period=0.01)
+    rows, nominal = tip_rows(model), np.concatenate([CONFIG, np.zeros(10)])
+    adversary = Signs(
+        bound=1.0, J=outputs_of(pair_of(model, nominal, nominal), rows).J[0],
+        filters=[by_disturbance(*VEHICLE, rate, lag), by_disturbance(*TIP, rate, 0.0)])
+    robot = Hovering(model, law, step=0.0125, disturbance=adversary,
+                     actuation=[Lag(lag)] if lag else [])
+
+    def read():
+        out = outputs_of(pair_of(model, robot.read("uvms", "state"), nominal), rows)
+        return np.stack([out.error, out.J[0] @ robot.read("uvms", "disturbance")])
+
+    error, delta = np.max(np.abs(robot.every(0.025, adversary.end, read)), axis=0)
+    gains = np.repeat([RowLoop(*gains, rate, late).gains["disturbance"].position
+                       for gains, late in ((VEHICLE, lag), (TIP, 0.0))], [6, 4])
+    reached = error / (gains * delta)
+    assert np.all((reached[6:] > 0.95) & (reached[6:] < 1.01))
+    assert np.all((reached[[0, 1, 2, 5]] > 0.85) & (reached[[0, 1, 2, 5]] < 1.05))
 
 
 def late(motion: Motion, lag: float) -> tuple[np.ndarray, np.ndarray]:

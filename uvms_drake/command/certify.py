@@ -1,8 +1,10 @@
 """The sub-command `certify`: computes, checks and writes a scenario's certificate."""
 
 import argparse
+import json
 import sys
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +18,14 @@ from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.progress import CERTIFYING, Bar, stream_of
 from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
+from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.output import output_folder
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
 
 BUDGET_FILE = "budget.png"
+MARGINS_FILE = "margins.json"
 
 
 def add_certify(commands: argparse._SubParsersAction) -> None:
@@ -33,6 +37,9 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--output", type=folder, metavar="DIR",
                          help="where to write certificate.json and, with a budget, budget.png "
                               "(default: out/<scenario>)")
+    certify.add_argument("--margins", action="store_true",
+                         help="also print, and write to margins.json, how large each source of "
+                              "error could be by itself: noise, lag, stiffness, mass, current, ...")
     certify.add_argument("--front", action="store_true",
                          help="also print what other gains and disturbance bounds would give")
     certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
@@ -50,6 +57,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.step import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
     from uvms_drake.studies.gain_front import format_front, front
+    from uvms_drake.studies.margins import format_margins, margins
     from uvms_drake.studies.propose_gains import propose_gains
 
     scenario = load_scenario(args.scenario, args.overrides)
@@ -71,6 +79,16 @@ def certify_scenario(args: argparse.Namespace) -> int:
     print(format_certificate(certificate))
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
     # Studies that were asked for.
+    if args.margins and not certificate.certified:
+        print("\nno margins: the certificate is void")
+    elif args.margins:
+        with closing(Bar("computing how large each source could be", stream_of(args))) as progress:
+            found = margins(scenario, model, progress=progress)
+        with output_folder(path, [MARGINS_FILE]) as output:
+            (output.folder / MARGINS_FILE).write_text(json.dumps(jsonable(
+                [asdict(each) for each in found]), indent=2) + "\n", encoding="utf-8")
+        print(f"\n{format_margins(found)}")
+        print(f"written to {path}: {MARGINS_FILE}", file=sys.stderr)
     if args.front:
         with closing(Bar("computing what other gains give", stream_of(args))) as progress:
             points = front(scenario, model, progress=progress)
@@ -110,6 +128,6 @@ def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
 
     if args.front:
         check_front(scenario)
-    for option in ("propose", "laws"):
+    for option in ("propose", "laws", "margins"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
                 "motion", scenario.motion, f"dynamic, for --{option}")

@@ -114,9 +114,7 @@ class Sensed(Dynamic):
         with_tube = replace(scenario, tube=radii)
         margin = front_margin(with_tube)
         reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
-        turned = contact.force * turning_of(scenario) * felt.age * (
-            np.sin(contact.angle) + contact.friction * np.cos(contact.angle))
-        off = felt.error + felt.size * reading.missing(contact.delay) + turned
+        off = largest_reading_error(scenario, felt)
         room = stopping_room(contact.force, contact.force_error, contact.stiffness, margin,
                              retreat=contact.dissipation * fastest_advance(contact))
         return LawTube(radii, (
@@ -179,6 +177,15 @@ def reading_of(scenario: Scenario) -> ForceReading:
             return reading
     raise InvalidParameter("sensing", scenario.sensing, "with a part that measures the force, such "
                            "as !ForceSensor, for a contact that is felt")
+
+
+def largest_reading_error(scenario: Scenario, felt: FeltForce) -> float:
+    """Returns how far the normal force of a reading may be off those of the last `delay` [N]."""
+    contact = sensed_contact(scenario)
+    turned = contact.force * turning_of(scenario) * felt.age * (
+        np.sin(contact.angle) + contact.friction * np.cos(contact.angle))
+    missing = reading_of(scenario).missing(contact.delay)
+    return float(felt.error + felt.size * missing + turned)
 
 
 def turning_of(scenario: Scenario) -> float:

@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 
 from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.tube.held_search import held
 from uvms_drake.tube.search_problem import SearchProblem
 
 LEADERS, ROUNDS, STEPS = 8, 3, 4
@@ -75,11 +76,33 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
         patience: How many times as many steps the climbers take.
         leaders: How many climbers there are for each channel; `LEADERS`, if left out.
     """
+    def search() -> tuple[np.ndarray, np.ndarray]:
+        return _search(problem, x, values, patience, leaders or LEADERS)
+
+    def search_to_hold() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        best, where = search()
+        first = np.max(first_order(problem, where), axis=0, initial=0.0)
+        return best, where, best / np.maximum(first, 1e-300)
+
+    searches = held()
+    if searches is None:
+        return search()[0]
+    (best, where, beyond), new = searches.get("ascent", search_to_hold)
+    if new or len(where) == 0:
+        return best
+    # At the same motions, with errors that may be others: to first order, and by as much beyond.
+    again: np.ndarray = beyond * np.max(first_order(problem, where), axis=0)
+    return again
+
+
+def _search(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int, leaders: int
+            ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest values (c,), and the motions where those that are wanted are."""
     out = np.max(values, axis=0)
     wanted = np.nonzero(out > 0.0)[0]
     if len(wanted) == 0:
-        return out
-    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders or LEADERS].T
+        return out, x[:0]
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T
     climb = Climb(problem, x[worst.ravel()],
                   [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
     first = np.arange(len(wanted))[:, None]
@@ -89,8 +112,9 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
         value = climb.value.reshape(len(wanted), -1)
         better = np.argsort(-value, axis=1, kind="stable")[:, : max(1, value.shape[1] // 2)]
         climb.keep((first * value.shape[1] + better).ravel())
-    out[wanted] = climb.value.reshape(len(wanted), -1)[:, 0]
-    return out
+    climb.keep(first[:, 0] * (len(climb.x) // len(wanted)))  # The best for each channel.
+    out[wanted] = climb.value
+    return out, climb.x
 
 
 class Climb:

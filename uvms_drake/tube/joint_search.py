@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from uvms_drake.tube.held_search import held
+
 GRID_POINTS = 6000
 """Number of points of the grid, about."""
 MOST_AXES = 13
@@ -30,7 +32,21 @@ def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np
         points: Of the grid, or random ones; see `GRID_POINTS` and `MOST_AXES`.
         rounds: See `ROUNDS`.
     """
-    points, rounds = points or GRID_POINTS, ROUNDS if rounds is None else rounds
+    def search() -> tuple[np.ndarray, np.ndarray]:
+        return _search(function, lower, upper, seed, points or GRID_POINTS,
+                       ROUNDS if rounds is None else rounds)
+
+    searches = held()
+    if searches is None:
+        return search()[0]
+    (_, where), _ = searches.get("joints", search)
+    largest: np.ndarray = np.max(function(lower + where * (upper - lower)), axis=0)
+    return largest
+
+
+def _search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upper: np.ndarray,
+            seed: int, points: int, rounds: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest values (c,), and where in the unit cube they are (c, n)."""
     size, rng = len(lower), np.random.default_rng(seed)
     along = max(2, int(points ** (1.0 / max(size, 1))))
     if size > MOST_AXES:
@@ -50,12 +66,14 @@ def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np
         best = np.maximum(best, found.max(axis=0))
         where[better] = near[np.argmax(found, axis=0)[better]]
         reach *= SHRINK
-    return best
+    return best, where
 
 
 def second_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
                        upper: np.ndarray, seed: int = 0, points: int | None = None) -> np.ndarray:
     """Returns the largest values (c,) at random points, many of them on faces and edges of the box.
+
+    While searches are held nobody asks for a second one, and it is made at one point only.
 
     Args:
         function: As of `supremum_over_joints`, as are the others.
@@ -64,6 +82,8 @@ def second_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.n
         seed: Seed of the points.
         points: Number of them.
     """
+    if held() is not None:
+        points = 1
     unit = _points(points or CHECKS, len(lower), np.random.default_rng([seed, 1]))
     return np.max(function(lower + unit * (upper - lower)), axis=0)
 

@@ -26,6 +26,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.ascent import first_order, supremum
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.estimate import Check, Estimate, largest_of, no_estimates, together
+from uvms_drake.tube.held_search import once
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.search_problem import Part, SearchProblem
 from uvms_drake.tube.second_search import second_search
@@ -153,8 +154,9 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
                          for shift, radius in ((0, block.e), (size, block.e_dot))
                          if radius > 0.0 and len(block.rows) > 0]
     problem = TipFirstProblem(model, declared, parts, rows, u_limits, forces, largest_rate)
-    x = problem.draw(settings.tube_samples, np.random.default_rng(settings.seed))
-    values = first_order(problem, x)
+    x = once("draw", lambda: problem.draw(
+        settings.tube_samples, np.random.default_rng(settings.seed)))
+    values = once("samples", lambda: first_order(problem, x))
     claim = factor * supremum(problem, x, values, leaders=LEADERS)
     names = ["ν₁", "ν₂", "q̇", "q", "𝔬", *(f"rest of {name}[{i}]" for name in (
         ("u", "τ") if forces else ("u",)) for i in range(size))]

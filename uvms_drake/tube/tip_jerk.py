@@ -8,6 +8,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.held_search import once
 from uvms_drake.tube.search_problem import SearchProblem
 from uvms_drake.tube.second_search import second_search
 
@@ -20,7 +21,7 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
     """Returns the largest |d³(n·𝔭)/dt³| [m/s³] that was found over the intervals of plans.
 
     In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set: one and its
-    opposite at most, half of the time. A random search: an estimate from below.
+    opposite at most, half of the time. A random search, an estimate from below; see `held_search`.
 
     Args:
         model: The controller's; without contact, which has no part in it.
@@ -30,15 +31,18 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
         samples: Number of intervals looked at.
         seed: Seed of the search.
     """
-    rng = np.random.default_rng(seed)
-    config, before = planned.sample(model, samples, rng)
-    after = planned.sample(model, samples, rng)[1]
-    after = np.where(rng.uniform(size=(samples, 1)) < 0.5, -before, after)
-    share = rng.uniform(size=(samples, 1))
-    off = tool_angle * np.sqrt(rng.uniform(size=samples))
-    about = rng.uniform(-np.pi, np.pi, samples)
-    aside = np.stack([np.cos(about), np.sin(about)], axis=-1)
-    return float(np.max(_jerk(model, step, config, before, after, share, off, aside)))
+    def search() -> float:
+        rng = np.random.default_rng(seed)
+        config, before = planned.sample(model, samples, rng)
+        after = planned.sample(model, samples, rng)[1]
+        after = np.where(rng.uniform(size=(samples, 1)) < 0.5, -before, after)
+        share = rng.uniform(size=(samples, 1))
+        off = tool_angle * np.sqrt(rng.uniform(size=samples))
+        about = rng.uniform(-np.pi, np.pi, samples)
+        aside = np.stack([np.cos(about), np.sin(about)], axis=-1)
+        return float(np.max(_jerk(model, step, config, before, after, share, off, aside)))
+
+    return once("jerk", search)
 
 
 def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,

@@ -40,6 +40,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.ascent import first_order, supremum
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.estimate import Check, Estimate, largest_of, together
+from uvms_drake.tube.held_search import once
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.search_problem import Part, RestProblem, SearchProblem, turning_problem
@@ -162,6 +163,9 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     weights = weights * np.ones(size)
     checks: list[Check] = []
 
+    def sampled(problem: SearchProblem) -> np.ndarray:
+        return once("samples", lambda: first_order(problem, x))
+
     def searched(names: list[str], problem: SearchProblem, values: np.ndarray, patience: int = 1
                  ) -> dict[str, float]:
         """Returns what is claimed of the channels that have any values."""
@@ -179,10 +183,10 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
 
     # How fast J_x turns, and so how far 𝔭 is off 𝔭₀.
     turning = [turning_problem(model, constraint_set, each) for each in (np.ones(size), weights)]
-    x = turning[0].draw(samples, np.random.default_rng(seed))
-    omega = alpha = searched(["ω"], turning[0], first_order(turning[0], x), PATIENCE).get("ω", 0.0)
+    x = once("draw", lambda: turning[0].draw(samples, np.random.default_rng(seed)))
+    omega = alpha = searched(["ω"], turning[0], sampled(turning[0]), PATIENCE).get("ω", 0.0)
     if np.any(weights != 1.0):
-        alpha = searched(["α"], turning[1], first_order(turning[1], x), PATIENCE).get("α", 0.0)
+        alpha = searched(["α"], turning[1], sampled(turning[1]), PATIENCE).get("α", 0.0)
     shift = preimage_shift(k, sigma, d_bound, omega, alpha)
     if np.any(push.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
         drift = omega * float(np.linalg.norm(push.p))
@@ -202,7 +206,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         problems.append(replace(problems[0], parts=errors.of_preimage(), preimage=True))
     names = [f"rest of {name}" for name in (
         "ν₁", "ν₂", "φ", "θ", *(f"{name}[{i}]" for name in ("u", "τ") for i in range(size)))]
-    values = [first_order(problem, x) for problem in problems]
+    values = [sampled(problem) for problem in problems]
     if len(problems) == 1:  # Their proven bounds are hardly larger.
         values[0][:, 2:4] = 0.0
     smaller = np.argmin([np.max(each, axis=0) for each in values], axis=0)
