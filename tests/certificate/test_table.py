@@ -1,5 +1,6 @@
 """Tests of `uvms_drake.certificate.table`; the whole table is looked at in test_certify."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import QUANTITIES, Constant
@@ -53,6 +55,22 @@ def test_a_number_that_is_none_fails_without_an_amount():
 def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
     scenario = load_scenario("girona500_ideal", [override])
     assert verdict(replace(EMPTY, conditions=tuple(assumptions(scenario)))) == line
+
+
+def test_every_step_of_a_mission_has_a_row_and_comes_back_from_a_file():
+    legs = (Leg("Approach", 10.0, None, 1.0, 60.0, ""), Leg("Hold", 10.0, 8.5, 5.0, 60.0, ""),
+            Leg("Slide", 12.0, 9.5, 25.0, 50.0, "mission.steps[2], how fast: 2 <= 1"))
+    certificate = replace(EMPTY, legs=legs)
+    rows = format_certificate(certificate).split("mission:")[1].splitlines()[2:5]
+    assert [row.split()[:6] for row in rows] == [
+        ["0", "Approach", "10", "-", "1", "60"], ["1", "Hold", "10", "8.5", "5", "60"],
+        ["2", "Slide", "12", "9.5", "25", "50"]]
+    assert rows[2].endswith("void: mission.steps[2], how fast: 2 <= 1")
+    data = certificate.to_data()
+    del data["sha256"], data["certified"]
+    assert Certificate.from_data(json.loads(json.dumps(data))).legs == legs
+    assert "mission:" not in format_certificate(EMPTY)
+    assert "legs" not in EMPTY.to_data()
 
 
 def test_the_verdict_says_how_much_is_proven():

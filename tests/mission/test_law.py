@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.mission`: its steps, and the state machine alone."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -96,6 +98,29 @@ def test_a_slide_asks_for_a_place_that_moves_at_its_speed_and_for_a_force_that_s
     assert speeds == pytest.approx(np.broadcast_to([0.03, -0.04], speeds.shape))
     assert forces == pytest.approx(10.0 + 3.0 * np.sin(0.2 * np.pi * spent))
     assert places[-1] == pytest.approx([0.3, -0.4], abs=0.05 * PERIOD)
+
+
+@pytest.mark.parametrize(("change", "reason"), [
+    ({"touched": False, "force": 0.0}, CONTACT_LOST), ({"lost": True}, FORCE_LOST),
+    ({"stop": True}, STOPPED)])
+def test_from_the_middle_of_a_slide_it_goes_straight_back_and_a_copy_does_so_too(change, reason):
+    """The state is all there is to remember: the mission goes on from a copy as if never killed."""
+    mission = Mission(steps=[Approach(), Slide(along=np.array([0.4, 0.0])), Retreat()])
+    run, other = Tip(mission), Tip(mission)
+
+    def wrong(step, t, measured):
+        return measured._replace(**change) if step == 1 and t > 15.0 else measured
+
+    run.go(11.0)
+    other.state, other.tip, other.t = pickle.loads(pickle.dumps((run.state, run.tip, run.t)))
+    for each in (run, other):
+        state = each.go(np.inf, lambda t, measured, at=each: wrong(at.state.step, t, measured))
+        assert (state.reason, state.outcomes) == (reason, (DONE, SKIPPED, DONE))
+    assert other.tip == pytest.approx(run.tip, abs=0.0)
+    back = [now.place for _, step, now, _ in run.asked if step == 2]
+    assert np.ptp(back, axis=0) == pytest.approx(np.zeros(2)), "straight"
+    assert 0.15 < back[0][0] < 0.25, "from where it was on the line"
+    assert all(now.force == 0.0 for _, step, now, _ in run.asked if step == 2)
 
 
 def test_a_wall_that_is_not_there_is_given_up_and_the_next_spot_begun():

@@ -15,6 +15,7 @@ from uvms_drake.report.figures import FIGURES, figures_of
 from uvms_drake.report.inspection import COLUMNS, inspection_table, learned_normals
 from uvms_drake.report.mission import attempts_of
 from uvms_drake.report.summary import format_summary, summarise
+from uvms_drake.station.mission_legs import force_band
 
 MISSION = Mission(steps=[
     Approach(), Hold(force=10.0, tolerance=1.0), Slide(along=np.array([0.0, -0.1]), speed=0.05),
@@ -64,6 +65,23 @@ def test_the_table_has_what_every_step_reached(record):
     assert slide["within"] == 1.0
     assert (slide["off_rms"], slide["off_worst"]) == pytest.approx((OFF, OFF))
     assert slide["behind"] == pytest.approx(0.004)
+
+
+def test_what_is_certified_of_a_step_grows_with_what_its_plans_were_short_of(record):
+    assert summarise(record)["mission"]["steps"][1]["certified"] is None
+    found = []
+    for short in ([0.0, 0.0, 0.0], [0.002, 0.0, 0.0], [-0.002, 0.0, 0.0], [0.0, 0.01, 0.0]):
+        target = record.chi_nominal[:, :3] + short
+        known = replace(record, certified=np.array(True), signals=record.signals | {
+            "target": target})
+        found.append([row["certified"] for row in summarise(known)["mission"]["steps"][1:3]])
+    contact, (there, less, more, beside) = record.scenario.contact, np.array(found)
+    assert there[0] == force_band(contact, record.scenario.tube, 10.0, 0.0)
+    assert there[1] == force_band(contact, record.scenario.tube, 10.0, 0.05)
+    assert less == pytest.approx(more)
+    ratio = contact.walls.tilt * 0.01 / 0.002
+    assert beside - there == pytest.approx(ratio * (less - there))
+    assert np.all(less - there >= 0.002 * contact.stiffness)
 
 
 def test_the_terminal_has_a_line_for_each_step(record):

@@ -65,7 +65,8 @@ def test_a_run_touches_a_surface_of_any_kind(tmp_path, name):
 
 @pytest.mark.parametrize(("override", "expected"), [
     ("surface=!ShapedSurface {geometry: !Sphere {}}",
-     "surface.geometry = '!Sphere': must be a mapping tagged !Plane or !Cylinder or !Bumpy"),
+     "surface.geometry = '!Sphere': must be a mapping tagged !Plane or !Cylinder or !Bumpy or "
+     "!Bead"),
     ("surface=!ShapedSurface {law: !Bilinear {kne: 1}}",
      "surface.law.kne = 1: must be under one of the keys stiffness, transition, ratio, knee (did"),
     ("surface=!ShapedSurface {law: !Hardening {ratio: 0.5}}",

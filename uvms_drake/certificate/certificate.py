@@ -22,6 +22,7 @@ from uvms_drake.common.program import VERSION
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.uvms import model_dir
 from uvms_drake.station.faults import uncovered
+from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
@@ -84,6 +85,8 @@ class Certificate:
     """Parts of some radii by their source; not in the file, if there are none."""
     room: dict[str, float] = field(default_factory=dict)
     """What limits leave of those radii, at most, if there are any."""
+    legs: tuple[Leg, ...] = ()
+    """The steps of a mission; not in the file, if there are none."""
     estimates: tuple[Estimate, ...] = ()
     """What is estimated of the tube, with what a second search found."""
     tightening: int = 0
@@ -124,6 +127,8 @@ class Certificate:
             del data["weights"]
         if not self.budget:
             del data["budget"], data["room"]
+        if not self.legs:
+            del data["legs"]
         return data | {"sha256": _digest(data)}
 
     @staticmethod
@@ -136,6 +141,7 @@ class Certificate:
             "constants": tuple(Constant.from_data(item) for item in data["constants"]),
             "conditions": tuple(Condition(**item) for item in data["conditions"]),
             "estimates": tuple(Estimate(**item) for item in data["estimates"]),
+            "legs": tuple(Leg(**item) for item in data.get("legs", ())),
             "weights": None if weights is None else np.array(weights, dtype=float),
             "tube": None if tube is None else TubeRadii(**_with_arrays(tube)),
             "terminal": None if terminal is None else TerminalResult(**_with_arrays(terminal))}))

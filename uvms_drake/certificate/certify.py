@@ -29,9 +29,11 @@ from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.dynamic import command_paths, lateness_of
 from uvms_drake.station.faults import uncovered
+from uvms_drake.station.mission_legs import legs_of
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import sensed_contact
 from uvms_drake.tube.actuators import actuators_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
@@ -79,6 +81,10 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
                 name: dict(parts) for name, parts in found.budget.items()},
             room=rooms_of_budget(scenario, found, model),
             conditions=(*found.conditions, *assumptions(scenario)))
+        if scenario.mission.steps and np.size(found.radii.u):
+            draft = replace(draft, legs=tuple(legs_of(
+                scenario.mission.checked(), sensed_contact(scenario), found.radii,
+                draft.conditions)))
         if not draft.certified:
             return draft
         tightening, proven = how_many_are_proven(scenario, found, model)

@@ -86,6 +86,7 @@ def format_certificate(certificate: Certificate) -> str:
         *_budget_rows(certificate), *_estimate_rows(certificate),
         "", *_terminal_rows(certificate),
         *_bound_rows(certificate),
+        *_leg_rows(certificate),
         *(["", "the paper's Lemma with these constants"] if certificate.paper else []),
         *(f"  {name:<32}{value:>12.4g} {UNITS[name]}"
           for name, value in certificate.paper.items()),
@@ -150,6 +151,20 @@ def _condition_row(condition: Condition) -> str:
         return f"  {condition!s:<76}  {mark}"
     return (f"  {condition.name:<52}{condition.left:>11.4g} {condition.relation:<2}"
             f"{condition.right:>11.4g}  {mark}")
+
+
+def _leg_rows(certificate: Certificate) -> list[str]:
+    """Returns a row for each step of a mission."""
+    if not certificate.legs:
+        return []
+    rows = ["", "mission: force along n, what it is off at most with the plan at its target",
+            f"  {'step':<14}{'N, at most':>12}{'off, N':>10}{'s, least':>10}{'most':>8}"]
+    for i, leg in enumerate(certificate.legs):
+        band = "-" if leg.band is None else f"{leg.band:.3g}"
+        rows.append(f"  {i:>3} {leg.kind:<10}{leg.force:>12.4g}{band:>10}"
+                    f"{leg.least:>10.3g}{leg.most:>8.3g}"
+                    f"{'  void: ' + leg.void if leg.void else ''}")
+    return rows
 
 
 def _tube_rows(certificate: Certificate) -> list[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from uvms_drake.mission.law import DONE, REASONS, RETREATED, RUNNING, SKIPPED
 from uvms_drake.mission.steps import AnyStep, Hold, Pressing, Slide
 from uvms_drake.mission.system import PROGRESS
+from uvms_drake.station.mission_legs import force_band
 from uvms_drake.station.record import Record
 from uvms_drake.station.sensed import sensed_contact
 
@@ -81,12 +82,27 @@ def force_errors(record: Record, when: slice) -> np.ndarray:
     return errors
 
 
+def certified_error(record: Record, step: Hold | Slide, when: slice) -> float | None:
+    """Returns what the force along n is certified to be off at most [N], as its plans were.
+
+    None without a certificate. See `mission_legs`: b(ℓ), with the largest ℓ of the step.
+    """
+    if not record.certified:
+        return None
+    contact = sensed_contact(record.scenario)
+    short = (record.signals["target"] - record.chi_nominal[:, :3])[when]
+    ways = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
+    return force_band(contact, record.scenario.tube, step.strongest,
+                      step.speed if isinstance(step, Slide) else 0.0, float(np.max(ways)))
+
+
 def summarise_mission(record: Record) -> dict[str, Any]:
     """Returns what became of a mission and of each attempt of its steps; nothing without one.
 
-    Of a hold or slide also: the mean force, rms and largest error of the force along n and the
-    share of the time in which that is within the step's `tolerance`; rms and largest distance from
-    its place or line, and the largest way that it was behind on the line.
+    Of a hold or slide also: the mean force, rms and largest error of the force along n, what that
+    is certified to be at most (None without a certificate), and the share of the time in which it
+    is within the step's `tolerance`; rms and largest distance from its place or line, and the
+    largest way that it was behind on the line.
     """
     if not has_mission(record):
         return {}
@@ -106,6 +122,7 @@ def summarise_mission(record: Record) -> dict[str, Any]:
             row |= {"mean_force": np.mean(record.force[when, :3] @ n),
                     "force_rms": np.sqrt(np.mean(error**2)),
                     "force_worst": np.max(np.abs(error)),
+                    "certified": certified_error(record, step, when),
                     "within": np.mean(np.abs(error) <= step.tolerance),
                     "off_rms": np.sqrt(np.mean(off**2)), "off_worst": np.max(off),
                     "behind": np.max(behind)}
@@ -125,17 +142,18 @@ def format_mission(mission: dict[str, Any]) -> list[str]:
     left = f", {mission['not_begun']} steps not begun" if mission["not_begun"] else ""
     lines = ["", f"{'mission':<14}{mission['outcome']}{when}, "
              f"{mission['failures']} steps failed{left}",
-             f"{'':<14}{'':<10}{'from':>7}{'for':>7}{'mean':>8}{'rms':>7}{'worst':>7}{'within':>8}"
+             f"{'':<14}{'':<10}{'from':>7}{'for':>7}{'mean':>8}{'rms':>7}{'worst':>7}{'cert.':>7}{'within':>8}"
              f"{'off rms':>9}{'worst':>7}{'behind':>8}",
-             f"{'':<14}{'':<10}{'s':>7}{'s':>7}{'N':>8}{'N':>7}{'N':>7}{'%':>8}"
+             f"{'':<14}{'':<10}{'s':>7}{'s':>7}{'N':>8}{'N':>7}{'N':>7}{'N':>7}{'%':>8}"
              f"{'mm':>9}{'mm':>7}{'mm':>8}"]
     for row in mission["steps"]:
         line = f"{row['step']:>12}  {row['kind']:<10}{row['begin_s']:>7.1f}{row['seconds']:>7.1f}"
         line += "" if "within" not in row else (
             f"{row['mean_force']:>8.2f}{row['force_rms']:>7.2f}{row['force_worst']:>7.2f}"
+            + ("      -" if row["certified"] is None else f"{row['certified']:>7.2f}") +
             f"{100.0 * row['within']:>8.1f}{1e3 * row['off_rms']:>9.2f}"
             f"{1e3 * row['off_worst']:>7.2f}{1e3 * row['behind']:>8.1f}")
-        lines.append(f"{line:<85}  {row['ended']}".rstrip())
+        lines.append(f"{line:<92}  {row['ended']}".rstrip())
     return lines
 
 

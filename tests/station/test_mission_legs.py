@@ -1,0 +1,75 @@
+"""Tests of `uvms_drake.station.mission_legs`: what is certified of the steps of a mission."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.model.surface import SensedContact
+from uvms_drake.station.mission_legs import force_band, legs_of
+from uvms_drake.tube.conditions import Condition
+
+CONTACT = SensedContact(angle=0.15, stiffness=900.0, force_error=1.2, dissipation=0.8, delay=0.1)
+TUBE = TubeRadii(e=0.01, z=0.1, position=0.002, depth=0.0012, orientation=0.01, joints=0.01,
+                 nu1=0.01, nu2=0.01, qdot=0.1, tip_speed=0.03, depth_speed=0.02, roll=0.01,
+                 pitch=0.01, u=np.full(10, 0.1))
+
+
+def worst_of(rng, force, speed, short):
+    """Returns the largest |F(t) − F| of drawn walls of the class and histories in the tube.
+
+    Of each wall of slope κ along n and α across it, and whatever was learned of it: a reading of a
+    time up to W ago, in error and with the damping of then; the target by it; the tip as far off
+    its plan as it may be.
+    """
+    n = 200_000
+    kappa, learned = rng.uniform(0.0, CONTACT.stiffness, (2, n))
+    alpha = CONTACT.walls.tilt
+    ends = rng.choice([-1.0, 0.3, 1.0], (6, n))
+    way = np.minimum(2.0 * (TUBE.depth + alpha * TUBE.position),
+                     (TUBE.depth_speed + alpha * (TUBE.tip_speed + speed)) * CONTACT.delay)
+    rate = TUBE.depth_speed + alpha * (TUBE.tip_speed + speed)
+    off = (TUBE.depth + alpha * TUBE.position) * ends[0]
+    # F̂ − F = κ̂(ε − ℓ); F(t) = φ(1 + cδ̇), and the reading is φ'(1 + cδ̇') + its error.
+    read = force + learned * (off - short * ends[5])
+    before = (read + CONTACT.force_error * ends[1]) / (
+        1.0 + CONTACT.dissipation * rate * ends[2])
+    static = np.maximum(before + kappa * way * ends[3], 0.0)
+    now = static * (1.0 + CONTACT.dissipation * rate * ends[4])
+    return float(np.max(np.abs(now - force)))
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.04])
+@pytest.mark.parametrize("short", [0.0, 0.002])
+def test_no_wall_of_the_class_gives_more_and_some_nearly_as_much(speed, short):
+    bound = force_band(CONTACT, TUBE, 10.0, speed, short)
+    worst = worst_of(np.random.default_rng(1), 10.0, speed, short)
+    assert 0.85 * bound < worst <= bound * (1.0 + 1e-12)
+
+
+def test_what_is_left_of_it_when_all_but_one_is_exact():
+    none = replace(CONTACT, force_error=1e-12, dissipation=0.0, angle=0.0)
+    assert force_band(replace(none, delay=0.0), TUBE, 10.0, 0.02) == pytest.approx(900.0 * 0.0012)
+    assert force_band(replace(none, delay=9.0), TUBE, 10.0, 0.02) == pytest.approx(2700.0 * 0.0012)
+    still = replace(TUBE, depth=0.0, position=0.0, depth_speed=0.0, tip_speed=0.0)
+    assert force_band(replace(CONTACT, angle=0.0), still, 10.0, 0.02) == pytest.approx(1.2)
+    assert force_band(replace(CONTACT, dissipation=50.0), TUBE, 10.0, 0.0) == np.inf
+
+
+def test_every_step_has_its_leg_and_the_one_that_is_void_says_so():
+    mission = Mission(steps=[
+        Approach(settle=0.5), Hold(seconds=4.0), Slide(along=np.array([0.3, -0.4]), speed=0.05),
+        Retreat(timeout=20.0)]).checked()
+    name = "mission.steps[2], how fast a plan goes across [m/s]"
+    legs = legs_of(mission, CONTACT, TUBE, [
+        Condition("mission.steps[1], what the front lets it press [N]", 10.0, "<", 15.0),
+        Condition(name, 0.05, "<=", 0.04)])
+    assert [leg.kind for leg in legs] == ["Approach", "Hold", "Slide", "Retreat"]
+    assert [(leg.least, leg.most) for leg in legs] == [
+        (0.5, 60.0), (4.0, 60.0), (10.0, 60.0), (0.0, 20.0)]
+    assert [leg.band is None for leg in legs] == [True, False, False, True]
+    assert legs[2].band > legs[1].band
+    assert [leg.void != "" for leg in legs] == [False, False, True, False]
+    assert legs[2].void.startswith(name)
