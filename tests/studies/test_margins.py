@@ -91,6 +91,7 @@ def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
         "SampledCommand", "Thrusters"]
     assert lag.at(0.3).actuation[1].lag == 0.3
     assert delay.at(0.004).actuation[0].delay == 0.004
+    assert period.at(0.03).actuation[0].period == pytest.approx(0.2 / 7), "a knot is a tick"
     assert np.all(noise.at(0.01).sensing[1].dvl.noise == 0.01)
 
 

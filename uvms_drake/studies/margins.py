@@ -191,7 +191,9 @@ def _late(scenario: Scenario) -> list[_Value]:
     model = load_model(scenario)
     lag = today("actuation", Thrusters, lambda part: part.command_path(model).lag)
     dvl = today("sensing", Navigation, lambda part: float(np.max(part.dvl.noise)))
-    found = [_Value("feedback, period", "s", sampled, lambda value: clock(period=value), 1e-3),
+    step = scenario.mpc.time_step  # A knot of a plan is to be a tick.
+    found = [_Value("feedback, period", "s", sampled,
+                    lambda value: clock(period=step / np.ceil(step / value - 1e-9)), 1e-3),
              _Value("feedback, delay", "s", late, lambda value: clock(delay=value), 1e-3)]
     if model.thrusters is not None:
         found.append(_Value("thrusters, lag", "s", lag, lambda value: thrusters(lag=value), 1e-3))
