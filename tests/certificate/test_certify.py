@@ -235,7 +235,7 @@ def test_the_table_names_everything(certificate):
 
 def test_a_springs_force_bound_is_that_of_its_stiffness(certificate):
     scenario = load_scenario("girona500_bilateral")
-    bound = ultimate_bounds(certificate.tube, scenario.surface, np.zeros(6))["force"]
+    bound = ultimate_bounds(certificate.tube, scenario.surface, *np.zeros((2, 6)))["force"]
     K, rng = np.asarray(scenario.surface.stiffness), np.random.default_rng(0)
     shift = rng.normal(size=(5000, 6))
     for block, radius in ((slice(0, 3), certificate.tube.position),

@@ -15,7 +15,7 @@ from uvms_drake.report.figures import FIGURES, figures_of
 from uvms_drake.report.inspection import COLUMNS, inspection_table, learned_normals
 from uvms_drake.report.mission import attempts_of
 from uvms_drake.report.summary import format_summary, summarise
-from uvms_drake.station.mission_legs import force_band
+from uvms_drake.tube.ultimate_bounds import tip_errors
 
 MISSION = Mission(steps=[
     Approach(), Hold(force=10.0, tolerance=1.0), Slide(along=np.array([0.0, -0.1]), speed=0.05),
@@ -76,8 +76,8 @@ def test_what_is_certified_of_a_step_grows_with_what_its_plans_were_short_of(rec
             "target": target})
         found.append([row["certified"] for row in summarise(known)["mission"]["steps"][1:3]])
     contact, (there, less, more, beside) = record.scenario.contact, np.array(found)
-    assert there[0] == force_band(contact, record.scenario.tube, 10.0, 0.0)
-    assert there[1] == force_band(contact, record.scenario.tube, 10.0, 0.05)
+    assert there[0] == contact.band(10.0, tip_errors(record.scenario.tube))
+    assert there[1] == contact.band(10.0, tip_errors(record.scenario.tube), 0.05)
     assert less == pytest.approx(more)
     ratio = contact.walls.tilt * 0.01 / 0.002
     assert beside - there == pytest.approx(ratio * (less - there))

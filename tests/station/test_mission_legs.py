@@ -8,8 +8,10 @@ import pytest
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.model.surface import SensedContact
-from uvms_drake.station.mission_legs import force_band, legs_of
+from uvms_drake.model.surface.law import TipErrors
+from uvms_drake.station.mission_legs import legs_of
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.ultimate_bounds import tip_errors
 
 CONTACT = SensedContact(angle=0.15, stiffness=900.0, force_error=1.2, dissipation=0.8, delay=0.1)
 TUBE = TubeRadii(e=0.01, z=0.1, position=0.002, depth=0.0012, orientation=0.01, joints=0.01,
@@ -44,18 +46,19 @@ def worst_of(rng, force, speed, short):
 @pytest.mark.parametrize("speed", [0.0, 0.04])
 @pytest.mark.parametrize("short", [0.0, 0.002])
 def test_no_wall_of_the_class_gives_more_and_some_nearly_as_much(speed, short):
-    bound = force_band(CONTACT, TUBE, 10.0, speed, short)
+    bound = CONTACT.band(10.0, tip_errors(TUBE), speed, short)
     worst = worst_of(np.random.default_rng(1), 10.0, speed, short)
     assert 0.85 * bound < worst <= bound * (1.0 + 1e-12)
 
 
 def test_what_is_left_of_it_when_all_but_one_is_exact():
+    off = tip_errors(TUBE)
     none = replace(CONTACT, force_error=1e-12, dissipation=0.0, angle=0.0)
-    assert force_band(replace(none, delay=0.0), TUBE, 10.0, 0.02) == pytest.approx(900.0 * 0.0012)
-    assert force_band(replace(none, delay=9.0), TUBE, 10.0, 0.02) == pytest.approx(2700.0 * 0.0012)
-    still = replace(TUBE, depth=0.0, position=0.0, depth_speed=0.0, tip_speed=0.0)
-    assert force_band(replace(CONTACT, angle=0.0), still, 10.0, 0.02) == pytest.approx(1.2)
-    assert force_band(replace(CONTACT, dissipation=50.0), TUBE, 10.0, 0.0) == np.inf
+    assert replace(none, delay=0.0).band(10.0, off, 0.02) == pytest.approx(900.0 * 0.0012)
+    assert replace(none, delay=9.0).band(10.0, off, 0.02) == pytest.approx(2700.0 * 0.0012)
+    still = TipErrors(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert replace(CONTACT, angle=0.0).band(10.0, still, 0.02) == pytest.approx(1.2)
+    assert replace(CONTACT, dissipation=50.0).band(10.0, off) == np.inf
 
 
 def test_every_step_has_its_leg_and_the_one_that_is_void_says_so():

@@ -21,7 +21,8 @@ def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(mo
     tube = resolved_law_tube(law, basis_of(scenario, model)).radii
     assert all(item.holds for item in room_of(scenario, tube, model))
     chi_des = scenario.surface.pose_for(np.asarray(scenario.task.force), scenario.task.pose)
-    bounds = ultimate_bounds(tube, scenario.surface, chi_des)
+    bounds = ultimate_bounds(
+        tube, scenario.surface, chi_des, np.asarray(scenario.task.force))
     assert bounds["force"] == pytest.approx(error)
 
 

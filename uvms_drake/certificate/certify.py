@@ -287,7 +287,8 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
     worst = min(check.margins.values())
     draft = replace(draft, terminal=terminal,
                     bounds=ultimate_bounds(
-                        found.radii, model.surface, ocp.y_des[:6]))
+                        found.radii, model.surface, ocp.y_des[:6],
+                        np.asarray(scenario.task.force, dtype=float)))
     draft = draft.adding([
         Condition("terminal set, ε", radius, ">", 0.0),
         Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])

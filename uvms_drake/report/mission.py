@@ -7,9 +7,9 @@ import numpy as np
 from uvms_drake.mission.law import DONE, REASONS, RETREATED, RUNNING, SKIPPED
 from uvms_drake.mission.steps import AnyStep, Hold, Pressing, Slide
 from uvms_drake.mission.system import PROGRESS
-from uvms_drake.station.mission_legs import force_band
 from uvms_drake.station.record import Record
 from uvms_drake.station.sensed import sensed_contact
+from uvms_drake.tube.ultimate_bounds import tip_errors
 
 OUTCOMES = {RUNNING: "not over at the end of the run", DONE: "done", SKIPPED: "skipped in part",
             RETREATED: "retreated"}
@@ -85,15 +85,15 @@ def force_errors(record: Record, when: slice) -> np.ndarray:
 def certified_error(record: Record, step: Hold | Slide, when: slice) -> float | None:
     """Returns what the force along n is certified to be off at most [N], as its plans were.
 
-    None without a certificate. See `mission_legs`: b(ℓ), with the largest ℓ of the step.
+    None without a certificate. It is `SensedContact.band`, b(ℓ), with the largest ℓ of the step.
     """
     if not record.certified:
         return None
     contact = sensed_contact(record.scenario)
     short = (record.signals["target"] - record.chi_nominal[:, :3])[when]
     ways = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
-    return force_band(contact, record.scenario.tube, step.strongest,
-                      step.speed if isinstance(step, Slide) else 0.0, float(np.max(ways)))
+    return contact.band(step.strongest, tip_errors(record.scenario.tube),
+                        step.speed if isinstance(step, Slide) else 0.0, float(np.max(ways)))
 
 
 def summarise_mission(record: Record) -> dict[str, Any]:

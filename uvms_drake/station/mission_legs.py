@@ -1,18 +1,7 @@
 """What is certified of each step of a mission before it begins: force, time, and what voids it.
 
-*The force.* The plan steers for 𝔵 with n·𝔵 = x + (F − F̂)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭
-at the last reading F̂ and 𝔲 the place, see `control.contact.target`; the inclination 𝔱 is at most α
-long. With the tip in its tube, x = x̄ + ε, and a plan that is short of 𝔵 by a vector 𝔪 this is
-F̂ − F = κ̂ε', |ε'| ≤ E + ℓ, E = E_n + αE_t, ℓ = |n·𝔪| + α‖P_t 𝔪‖. The reading is of up to a time W
-ago, and off by ν. What it is of is φ(1 + cδ̇) with |cδ̇| ≤ d = c₊s, at a speed s of at most the
-tube's and what the wall recedes on the way, s = Ė_n + αĖ_t + αv for a slide at v. Since then the
-tip has come nearer by at most min(2E, sW), and damping may have another sign. So with κ̂ ≤ κ₊
-
-    |n·𝐅 − F| ≤ b(ℓ) = (1 + d) ((F + ν + κ₊(E + ℓ)) / (1 − d) + κ₊ min(2E, sW)) − F.
-
-How far a plan is short is known while it is followed, not before: at its target ℓ = 0. It is the
-force along n. By tilt and friction that along the wall's own normal is between 1/(cos θ + μ sin θ)
-and 1/(cos θ − μ sin θ) of it.
+*The force.* `SensedContact.band`, at the target: how far a plan is short of it is known while it is
+followed, not before.
 
 *At all times* the static force is at most `contact.force`, whatever the plan is short of.
 """
@@ -20,12 +9,11 @@ and 1/(cos θ − μ sin θ) of it.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from uvms_drake.control.limits import TubeRadii, resolved_radii
+from uvms_drake.control.limits import TubeRadii
 from uvms_drake.mission.steps import AnyStep, Approach, Hold, Mission, Slide
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.ultimate_bounds import tip_errors
 
 
 @dataclass(frozen=True)
@@ -43,27 +31,6 @@ class Leg:
     """Time-out [s]."""
     void: str
     """The condition that fails, or nothing."""
-
-
-def force_band(contact: SensedContact, tube: TubeRadii, force: float, speed: float,
-               short: float = 0.0) -> float:
-    """Returns b [N], see the module; inf if damping may hide any force.
-
-    Args:
-        contact: What is known of the wall.
-        tube: The radii, those of the tip filled in.
-        force: F [N].
-        speed: v [m/s].
-        short: ℓ [m].
-    """
-    radii, tilt, stiffness = resolved_radii(tube), contact.walls.tilt, contact.stiffness
-    E = (radii.depth or 0.0) + tilt * (radii.position or 0.0)
-    s = (radii.depth_speed or 0.0) + tilt * ((radii.tip_speed or 0.0) + speed)
-    d = contact.dissipation * s
-    if d >= 1.0:
-        return np.inf
-    before = (force + contact.force_error + stiffness * (E + short)) / (1.0 - d)
-    return (1.0 + d) * (before + stiffness * min(2.0 * E, s * contact.delay)) - force
 
 
 def least_time(step: AnyStep) -> float:
@@ -94,7 +61,7 @@ def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
                        and each.name.startswith(f"mission.steps[{i}],")), None)
         legs.append(Leg(
             type(step).__name__, step.strongest,
-            force_band(contact, tube, step.strongest, speed)
+            contact.band(step.strongest, tip_errors(tube), speed)
             if isinstance(step, Hold | Slide) else None,
             least_time(step), step.timeout,
             "" if failed is None else str(failed)))

@@ -61,7 +61,8 @@ def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float]
     check_front(scenario)
     law: Any = scenario.ancillary
     tube_of, surface = motion_of(scenario).tubes[type(law)], model.surface
-    chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
+    wrench = np.asarray(scenario.task.force, dtype=float)
+    chi_des = surface.pose_for(wrench, scenario.task.pose)
     basis = basis_of(scenario, model)
     disturbances, gains = tuple(disturbances), tuple(gains)
     points: list[FrontPoint] = []
@@ -79,7 +80,7 @@ def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float]
             rooms, bounds = [], {"force": np.inf}
             if all(item.holds for item in tube.conditions):
                 rooms = room_of(at, tube.radii, model)
-                bounds = ultimate_bounds(tube.radii, surface, chi_des)
+                bounds = ultimate_bounds(tube.radii, surface, chi_des, wrench)
             points.append(FrontPoint(
                 d_bound=at.disturbance.d_bound, k=scaled.k, sigma=scaled.sigma,
                 force=bounds["force"],

@@ -14,6 +14,7 @@ from uvms_drake.certificate.certify import basis_of, room_of
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import TipErrors
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.dynamic import resolved_law_tube
@@ -37,7 +38,8 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
     surface = model.surface
-    chi_des = surface.pose_for(np.asarray(scenario.task.force, dtype=float), scenario.task.pose)
+    wrench = np.asarray(scenario.task.force, dtype=float)
+    chi_des = surface.pose_for(wrench, scenario.task.pose)
     basis = basis_of(scenario, model)
 
     def force_error(law: Resolved) -> float:
@@ -45,7 +47,9 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
         position, orientation = (
             basis.row_norm(block) * basis.d_bound / (law.k * law.sigma)
             for block in ("position", "orientation"))
-        return surface.force_error(chi_des, position, orientation, 2.0 * law.sigma * position)
+        speed = 2.0 * law.sigma * position
+        return surface.force_error(
+            chi_des, wrench, TipErrors(position, position, orientation, speed, speed))
 
     candidates = [Resolved(k=bandwidth * a, sigma=bandwidth * b)
                   for a, b in product(FRACTIONS, FRACTIONS) if b <= a]

@@ -3,22 +3,33 @@
 import numpy as np
 
 from uvms_drake.control.limits import TubeRadii, resolved_radii
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import Surface, TipErrors
 
 
-def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray) -> dict[str, float]:
+def tip_errors(tube: TubeRadii) -> TipErrors:
+    """Returns what a tube says of the tip."""
+    tube = resolved_radii(tube)
+    assert tube.position is not None and tube.orientation is not None  # now they are filled in
+    assert tube.depth is not None  # likewise; a law's tube has a tip_speed
+    assert tube.tip_speed is not None and tube.depth_speed is not None
+    return TipErrors(
+        tube.position, tube.depth, tube.orientation, tube.tip_speed, tube.depth_speed)
+
+
+def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, wrench: np.ndarray
+                    ) -> dict[str, float]:
     """Returns the largest errors once the nominal state has come to the task.
 
     `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
-    ‖force part of 𝔉 − 𝔉_des‖, see `Surface.force_error`.
+    ‖force part of 𝔉 − 𝔉_des‖, of a wall that is felt its component along the direction, see
+    `Surface.force_error`.
 
     Args:
         tube: The radii.
         surface: The surface, as the controller knows it.
         chi_des: Pose of the task (6,), at which the surface gives 𝔉_des.
+        wrench: 𝔉_des (6,) [N, N m].
     """
-    tube = resolved_radii(tube)
-    assert tube.position is not None and tube.orientation is not None  # now they are filled in
-    assert tube.depth is not None and tube.depth_speed is not None  # a law's tube has a tip_speed
-    return {"position": tube.position, "orientation": tube.orientation,
-            "force": surface.force_error(chi_des, tube.depth, tube.orientation, tube.depth_speed)}
+    off = tip_errors(tube)
+    return {"position": off.position, "orientation": off.angle,
+            "force": surface.force_error(chi_des, wrench, off)}

@@ -50,6 +50,21 @@ class StaticForceRows(NamedTuple):
     """Whether value ≤ bound, a half-space (m = 1); else ‖value‖₂ ≤ bound, a cone."""
 
 
+class TipErrors(NamedTuple):
+    """Bounds of how far the tip is off a pose at rest."""
+
+    position: float
+    """Norm of the position's [m]."""
+    depth: float
+    """Along the surface's normal, as far as it is known [m]."""
+    angle: float
+    """Of the attitude [rad]."""
+    speed: float
+    """Norm of its velocity [m/s]."""
+    depth_speed: float
+    """Of that along the normal [m/s]."""
+
+
 class Surface(ABC):
     """A surface that the end-effector presses on; the dataclass of its YAML settings.
 
@@ -161,14 +176,13 @@ class Surface(ABC):
         """Returns about how far the tip can move among the poses of `contact_measure` [m]."""
         raise self._lacks("contact_reach")
 
-    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
+    def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
         """Returns the largest change of the force part of 𝔉 from that at rest at χ (6,) [N].
 
         Args:
             chi: The pose of the task.
-            position: Largest error of the position [m].
-            angle: Largest error of the attitude [rad].
-            speed: Largest speed of the tip [m/s].
+            wrench: 𝔉_des (6,), which the surface gives there [N, N m].
+            off: How far the tip is off.
         """
         raise self._lacks("force_error")
 

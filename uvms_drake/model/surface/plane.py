@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector
-from uvms_drake.model.surface.law import StaticForceRows, Surface
+from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 OUTSIDE = 0.01
 """Distance from a plane up to which a certificate looks [m]; nothing changes further away."""
@@ -154,12 +154,12 @@ class UnilateralPlane(Surface):
         depth = np.where(at_bound, rng.choice(bounds, count), depth)
         return self.point - depth[:, None] * self.normal
 
-    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
-        """Returns the largest over the depth ± `position` and the rates ± `speed` [N]."""
+    def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
+        """Returns the largest over the depths ± `off.depth` and the rates ± `off.depth_speed`."""
         signs = np.array([-1.0, 1.0])
         near, moving = np.tile(chi, (4, 1)), np.zeros((4, 6))
-        near[:, :3] += np.repeat(position * signs, 2)[:, None] * self.normal
-        moving[:, :3] = np.tile(speed * signs, 2)[:, None] * self.normal
+        near[:, :3] += np.repeat(off.depth * signs, 2)[:, None] * self.normal
+        moving[:, :3] = np.tile(off.depth_speed * signs, 2)[:, None] * self.normal
         change = (self.force(near, moving) - self.force(chi, np.zeros(6)))[:, :3]
         return float(np.max(np.linalg.norm(change, axis=1)))
 

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector
-from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEEPEST = 0.5
@@ -96,6 +96,40 @@ class SensedContact:
         """Returns 𝔉 (6,) that presses along n with a force [N]."""
         return np.concatenate([force * np.asarray(self.direction, dtype=float), np.zeros(3)])
 
+    def band(self, force: float, off: TipErrors, recedes: float = 0.0, short: float = 0.0
+             ) -> float:
+        """Returns the largest |n·𝐅 − F| of a tip whose plan steers for F [N]; inf if none is.
+
+        The plan steers for 𝔵 with n·𝔵 = x + (F − F̂)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭 at the
+        last reading F̂ and 𝔲 the place, see `control.contact.target`; the inclination 𝔱 is at most α
+        long. With the tip in its tube, x = x̄ + ε, and a plan that is short of 𝔵 by a vector 𝔪 this
+        is F̂ − F = κ̂ε', |ε'| ≤ E + ℓ, E = E_n + αE_t, ℓ = |n·𝔪| + α‖P_t 𝔪‖. The reading is of up to
+        a time W ago, and off by ν. What it is of is φ(1 + cδ̇) with |cδ̇| ≤ d = c₊s, at a speed s of
+        at most the tube's and what the wall recedes on the way, s = Ė_n + αĖ_t + αv for a slide at
+        v. Since then the tip has come nearer by at most min(2E, sW), and damping may have another
+        sign. So with κ̂ ≤ κ₊
+
+            |n·𝐅 − F| ≤ b(ℓ) = (1 + d) ((F + ν + κ₊(E + ℓ)) / (1 − d) + κ₊ min(2E, sW)) − F.
+
+        How far a plan is short is known while it is followed, not before: at its target ℓ = 0. By
+        tilt and friction the force along the wall's own normal is between 1/(cos θ + μ sin θ) and
+        1/(cos θ − μ sin θ) of that along n.
+
+        Args:
+            force: F [N].
+            off: The tube of the tip.
+            recedes: v [m/s].
+            short: ℓ [m].
+        """
+        tilt = self.walls.tilt
+        E = off.depth + tilt * off.position
+        s = off.depth_speed + tilt * (off.speed + recedes)
+        d = self.dissipation * s
+        if d >= 1.0:
+            return float(np.inf)
+        before = (force + self.force_error + self.stiffness * (E + short)) / (1.0 - d)
+        return (1.0 + d) * (before + self.stiffness * min(2.0 * E, s * self.delay)) - force
+
     def peak(self, force: float, speed: float) -> float:
         """Returns the largest normal force φ (1 + c₊ δ̇) at φ ≤ `force` [N], δ̇ ≤ `speed` [m/s]."""
         return force * (1.0 + self.dissipation * speed)
@@ -171,12 +205,6 @@ class UnmeasuredWall(Surface):
         """Returns 1 m: any length would do."""
         return 1.0
 
-    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
-        """Returns the largest |F_N − F_des| once the target is reached [N], see `PressTarget`.
-
-        ν + 2κ₊E for a planned depth that is off by E either way, and c₊ · `speed` of what the wall
-        then exerts.
-        """
-        moved = 2.0 * self.contact.stiffness * position
-        damped = (self.contact.force + moved) * self.contact.dissipation * speed
-        return self.contact.force_error + moved + damped
+    def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
+        """Returns `SensedContact.band` of the force along n, once the target is reached [N]."""
+        return self.contact.band(float(wrench[:3] @ self.contact.direction), off)

@@ -13,7 +13,7 @@ from uvms_drake.model.euler import (
     wrap_angle,
 )
 from uvms_drake.model.spatial import block_diagonal, in_ball
-from uvms_drake.model.surface.law import StaticForceRows, Surface
+from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 
 @dataclass
@@ -92,9 +92,9 @@ class BilateralSpring(Surface):
         missing = force - self.force(at_rest, np.zeros_like(chi))[:, :3]
         return self.anchor + np.linalg.solve(self.stiffness[:3, :3], missing.T).T
 
-    def force_error(self, chi: np.ndarray, position: float, angle: float, speed: float) -> float:
-        """Returns ‖K_pp‖ `position` + ‖K_po‖ `angle` [N]: there is no damping."""
-        return self.force_radius(position, angle)
+    def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
+        """Returns ‖K_pp‖ `off.position` + ‖K_po‖ `off.angle` [N]: there is no damping."""
+        return self.force_radius(off.position, off.angle)
 
     def stiffened(self, factor: float) -> "BilateralSpring":
         """Returns the spring with `factor` times K."""
