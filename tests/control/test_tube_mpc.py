@@ -25,14 +25,14 @@ def test_it_has_the_documented_ports(short_ocp):
     assert ports_of(make_tube_mpc(short_ocp, Resolved())) == (
         {"state": 20, "measured_force": 6, "vehicle_wrench": 6, "fault": 1},
         {"tau": 10, "u": 10, "lost": 1, "limited": 1, "pair": 0, "nominal_state": 20,
-         "nominal_input": 10, "plan": 0, "report": 7, "solve_seconds": 1})
+         "nominal_input": 10, "plan": 0, "report": 8, "solve_seconds": 1})
 
 
 def test_that_of_kinematic_motion_has_the_documented_ports():
     ocp = make_ocp(load_scenario("paper_kinematic"))
     assert ports_of(make_kinematic_tube_mpc(ocp, Resolved())) == (
         {"configuration": 10, "fault": 1},
-        {"u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 7,
+        {"u": 10, "lost": 1, "nominal_state": 20, "nominal_input": 10, "plan": 0, "report": 8,
          "solve_seconds": 1})
 
 

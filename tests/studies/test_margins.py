@@ -92,6 +92,9 @@ def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
     assert lag.at(0.3).actuation[1].lag == 0.3
     assert delay.at(0.004).actuation[0].delay == 0.004
     assert period.at(0.03).actuation[0].period == pytest.approx(0.2 / 7), "a knot is a tick"
+    assert period.tried(0.03) == pytest.approx(0.2 / 7), "and that is what is told"
+    with pytest.raises(InvalidParameter, match=r"at most mpc\.time_step"):
+        period.at(0.3)
     assert np.all(noise.at(0.01).sensing[1].dvl.noise == 0.01)
 
 
@@ -107,6 +110,10 @@ def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
     need = largest_reading_error(changed, motion_of(changed).contact_force(changed))
     assert changed.contact.force_error == need > felt.contact.force_error
     assert noise.at(noise.today).contact.force_error == felt.contact.force_error
+    exact = replace(felt, sensing=[replace(felt.sensing[0], noise=np.zeros(6))])
+    none = next(value for value in study._values(exact) if "noise" in value.name)
+    assert (none.today, none.start) == (0.0, 1e-3)
+    np.testing.assert_allclose(none.at(0.25).sensing[0].noise, ForceSensor().noise)
     slow = next(value for value in study._values(felt) if "lag" in value.name).at(0.05)
     assert slow.contact.delay == pytest.approx(5.0 * 0.05 + 0.01)
 
@@ -166,6 +173,7 @@ def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatc
     monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: void)
     assert main(command) == 1
     assert "no margins: the certificate is void" in capsys.readouterr().out
+    assert not (tmp_path / "out" / "margins.json").exists(), "those of another certificate"
 
 
 @pytest.mark.long

@@ -39,6 +39,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.estimate import unrefuted
+from uvms_drake.tube.held_search import held
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
@@ -58,6 +59,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
     """
+    assert held() is None, "a certificate searches for itself"
     model = check_inputs(scenario)
     law, weights = scenario.ancillary, weights_of(scenario, model)
     draft = Certificate(

@@ -157,7 +157,7 @@ def _leg_rows(certificate: Certificate) -> list[str]:
     """Returns a row for each step of a mission."""
     if not certificate.legs:
         return []
-    rows = ["", "mission: force along n, what it is off at most with the plan at its target",
+    rows = ["", "mission: force along n, what it is off at most in a hold, the plan at its target",
             f"  {'step':<14}{'N, at most':>12}{'off, N':>10}{'s, least':>10}{'most':>8}"]
     for i, leg in enumerate(certificate.legs):
         band = "-" if leg.band is None else f"{leg.band:.3g}"

@@ -67,7 +67,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
     with reported_in(source):
         _check_studies(args, scenario)
     path = args.output if args.output is not None else Path("out") / scenario.name
-    with output_folder(path, [CERTIFICATE_FILE, BUDGET_FILE]) as output:
+    names = [CERTIFICATE_FILE, BUDGET_FILE, MARGINS_FILE]
+    with output_folder(path, names, replaces=True) as output:
         with reported_in(source):
             model = check_inputs(scenario)  # Before anything is announced.
             note(scenario)
@@ -84,10 +85,10 @@ def certify_scenario(args: argparse.Namespace) -> int:
     elif args.margins:
         with closing(Bar("computing how large each source could be", stream_of(args))) as progress:
             found = margins(scenario, model, progress=progress)
+        print(f"\n{format_margins(found)}")
         with output_folder(path, [MARGINS_FILE]) as output:
             (output.folder / MARGINS_FILE).write_text(json.dumps(jsonable(
                 [asdict(each) for each in found]), indent=2) + "\n", encoding="utf-8")
-        print(f"\n{format_margins(found)}")
         print(f"written to {path}: {MARGINS_FILE}", file=sys.stderr)
     if args.front:
         with closing(Bar("computing what other gains give", stream_of(args))) as progress:

@@ -20,10 +20,12 @@ lasts does so still, and a front that moves loses nothing in reach of the plan (
 all of whose knots count, the committed ones too (`PlanReach`). And as it is said there, the cost
 of the free part falls by h‖ξ‖²_Q of its first knot: it goes where it is asked to, nh later.
 
-*Before the first plan* nothing was planned. There the robot coasts; at rest it hovers.
+*Before the first plan* nothing was planned. There the robot coasts; at rest it hovers. That it does
+so within its limits is assumed of the start, and not looked at.
 
 *Its price* is that what is measured changes the motion nh later. Pressing bears that, whatever n
-(`contact.target`). And problems that start at the measured state move the committed part with it.
+(`contact.target`). And problems that start at the measured state move the committed part with it:
+nothing of the above holds for these.
 """
 
 import math

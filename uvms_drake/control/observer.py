@@ -8,7 +8,7 @@ change with the motion. At the ticks of a period h,
 
 Δ over the period, a bar the mean of both ends: mₖ is the mean of δ over the period, but for what G
 and c are bent in it. For a short h, δ − δ̂ = s/(s + λ) δ: a constant disturbance leaves nothing,
-and |δ̂| ≤ sup|δ| always.
+and |δ̂| ≤ sup|δ| always, but for the same.
 
 *Nothing winds up.* The error of the output is not integrated: (O) does not contain it. ÿ_pred takes
 the forces as they are applied, after every limit, lag and hold that is known, so what they do not

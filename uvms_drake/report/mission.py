@@ -85,7 +85,7 @@ def force_errors(record: Record, when: slice) -> np.ndarray:
 def certified_error(record: Record, step: Hold | Slide, when: slice) -> float | None:
     """Returns what the force along n is certified to be off at most [N], as its plans were.
 
-    None without a certificate. It is `SensedContact.band`, b(ℓ), with the largest ℓ of the step.
+    None without a certificate. It is `SensedContact.band`, b(ℓ), with the largest logged ℓ.
     """
     if not record.certified:
         return None

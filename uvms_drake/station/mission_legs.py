@@ -1,7 +1,7 @@
 """What is certified of each step of a mission before it begins: force, time, and what voids it.
 
-*The force.* `SensedContact.band`, at the target: how far a plan is short of it is known while it is
-followed, not before.
+*The force.* In a hold `SensedContact.band`, with the plan at its target. In a slide it follows the
+target, and how far behind is known then and not before: no number here, see `report.mission`.
 
 *At all times* the static force is at most `contact.force`, whatever the plan is short of.
 """
@@ -24,7 +24,7 @@ class Leg:
     force: float
     """Largest force that it asks for [N]."""
     band: float | None
-    """b(0) of a hold or slide [N]."""
+    """b(0) of a hold [N]."""
     least: float
     """Time that it takes at least, if nothing fails [s]."""
     most: float
@@ -56,13 +56,11 @@ def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
     """
     legs = []
     for i, step in enumerate(mission.steps):
-        speed = step.speed if isinstance(step, Slide) else 0.0
         failed = next((each for each in conditions if not each.holds
                        and each.name.startswith(f"mission.steps[{i}],")), None)
         legs.append(Leg(
             type(step).__name__, step.strongest,
-            contact.band(step.strongest, tip_errors(tube), speed)
-            if isinstance(step, Hold | Slide) else None,
+            contact.band(step.strongest, tip_errors(tube)) if isinstance(step, Hold) else None,
             least_time(step), step.timeout,
             "" if failed is None else str(failed)))
     return legs

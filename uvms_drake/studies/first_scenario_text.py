@@ -128,7 +128,8 @@ def _number(value: float) -> str:
 
 
 def _row(values: Iterable[float], digits: int = 4) -> str:
-    return "[" + ", ".join(f"{float(f'{value:.{digits}g}') + 0.0:.10g}" for value in values) + "]"
+    rounded = (0.0 if abs(value) < 1e-9 else float(f"{value:.{digits}g}") for value in values)
+    return "[" + ", ".join(f"{value:.10g}" for value in rounded) + "]"
 
 
 def _exact(values: Iterable[float]) -> str:

@@ -26,7 +26,7 @@ class Margin:
     today: float
     """In the scenario."""
     largest: float
-    """With which the tube is still certified; NaN if with none."""
+    """With which limits still have room by searches that are held; NaN if with none."""
     ends: str
     """The condition that fails beyond; empty where nobody looked farther."""
     d: tuple[float, ...] = ()

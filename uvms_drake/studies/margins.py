@@ -46,8 +46,10 @@ class _Value:
     unit: str
     today: float
     at: Callable[[float], Scenario]
-    start: float = 0.0
+    start: float = 1e-3
     """What is tried first, if it is zero today."""
+    tried: Callable[[float], float] = float
+    """Which value a scenario really has that is asked for one."""
 
 
 def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent) -> list[Margin]:
@@ -101,7 +103,7 @@ def _margin(value: _Value, searches: Held) -> Margin:
         holds = value.start
     largest_value, failed = bracket(
         lambda size: _worst_failed(partial(value.at, size), searches), holds)
-    return Margin(value.name, value.unit, value.today, largest_value,
+    return Margin(value.name, value.unit, value.today, value.tried(largest_value),
                   failed.name if failed else "")
 
 
@@ -131,23 +133,25 @@ def _values(scenario: Scenario) -> list[_Value]:
                 return _allowed(replace(scenario, sensing=parts))
 
             noise = np.asarray(sensor.noise, dtype=float)
+            shape = noise if np.max(noise[:3]) > 0.0 else ForceSensor().noise
             found += [
                 _Value("force sensor, noise (σ)", "N", float(np.max(noise[:3])),
-                       lambda value, n=noise, at=of_sensor: at(  # type: ignore[misc]
+                       lambda value, n=shape, at=of_sensor: at(  # type: ignore[misc]
                            noise=n * value / np.max(n[:3]))),
                 _Value("force sensor, lag", "s", sensor.lag,
                        lambda value, at=of_sensor: at(lag=value), 1e-3),  # type: ignore[misc]
                 _Value("force sensor, period", "s", 1.0 / sensor.rate,
                        lambda value, at=of_sensor: at(rate=1.0 / value))]  # type: ignore[misc]
-    force = np.asarray(scenario.task.force, dtype=float)
-    size = float(np.linalg.norm(force))
-    return [
-        *found,
+    found += [
         _Value("wall and tool, stiffness", "N/m", contact.stiffness, of_contact("stiffness")),
         _Value("wall, angle of its normal", "rad", contact.angle, of_contact("angle"), 1e-3),
-        _Value("wall, friction", "-", contact.friction, of_contact("friction"), 0.01),
-        _Value("force that is asked for", "N", size, lambda value: replace(
-            scenario, task=replace(scenario.task, force=force * value / size)))]
+        _Value("wall, friction", "-", contact.friction, of_contact("friction"), 0.01)]
+    force = np.asarray(scenario.task.force, dtype=float)
+    size = float(np.linalg.norm(force))
+    if size == 0.0 or scenario.mission.steps:
+        return found  # The steps of a mission ask for their own.
+    return [*found, _Value("force that is asked for", "N", size, lambda value: replace(
+        scenario, task=replace(scenario.task, force=force * value / size)))]
 
 
 def _allowed(scenario: Scenario) -> Scenario:
@@ -191,15 +195,23 @@ def _late(scenario: Scenario) -> list[_Value]:
     model = load_model(scenario)
     lag = today("actuation", Thrusters, lambda part: part.command_path(model).lag)
     dvl = today("sensing", Navigation, lambda part: float(np.max(part.dvl.noise)))
-    step = scenario.mpc.time_step  # A knot of a plan is to be a tick.
+    step = scenario.mpc.time_step
+
+    def with_ticks(period: float) -> float:
+        """Returns the largest period that is not longer and has ticks at the knots of plans."""
+        require(period <= step, "period", period, f"at most mpc.time_step, {step:g} s")
+        return float(step / np.ceil(step / period - 1e-9))
+
     found = [_Value("feedback, period", "s", sampled,
-                    lambda value: clock(period=step / np.ceil(step / value - 1e-9)), 1e-3),
-             _Value("feedback, delay", "s", late, lambda value: clock(delay=value), 1e-3)]
+                    lambda value: clock(period=with_ticks(value)), tried=with_ticks),
+             _Value("feedback, delay", "s", late, lambda value: clock(delay=value))]
     if model.thrusters is not None:
-        found.append(_Value("thrusters, lag", "s", lag, lambda value: thrusters(lag=value), 1e-3))
+        found.append(_Value("thrusters, lag", "s", lag, lambda value: thrusters(lag=value)))
+    own = next((part.dvl for part in scenario.sensing if isinstance(part, Navigation)),
+               Navigation().dvl)
     return [*found, _Value(
         "navigation, noise of a velocity (σ)", "m/s", dvl, lambda value: navigation(
-            dvl=replace(Navigation().dvl, noise=np.full(3, value))), 1e-4)]
+            dvl=replace(own, noise=np.full(3, value))), 1e-4)]
 
 
 def format_margins(found: Sequence[Margin]) -> str:

@@ -104,16 +104,18 @@ class SensedContact:
         last reading F̂ and 𝔲 the place, see `control.contact.target`; the inclination 𝔱 is at most α
         long. With the tip in its tube, x = x̄ + ε, and a plan that is short of 𝔵 by a vector 𝔪 this
         is F̂ − F = κ̂ε', |ε'| ≤ E + ℓ, E = E_n + αE_t, ℓ = |n·𝔪| + α‖P_t 𝔪‖. The reading is of up to
-        a time W ago, and off by ν. What it is of is φ(1 + cδ̇) with |cδ̇| ≤ d = c₊s, at a speed s of
-        at most the tube's and what the wall recedes on the way, s = Ė_n + αĖ_t + αv for a slide at
-        v. Since then the tip has come nearer by at most min(2E, sW), and damping may have another
-        sign. So with κ̂ ≤ κ₊
+        a time W ago, and off by ν. What it is of is a normal force φ(1 + cδ̇) with |cδ̇| ≤ d = c₊s,
+        at a speed s of at most the tube's and what plan and wall go apart on a slide at v, each by
+        αv at most: s = Ė_n + α(Ė_t + 2v). Since then the tip has come nearer by no more than
+        Δ = min(2E + 2αvW, sW), and damping may have another sign. Of a normal force 1 between
+        a₋ = cos θ − μ sin θ and a₊ = cos θ + μ sin θ are along n, by tilt and friction, which may
+        have turned. So with κ̂ ≤ κ₊
 
-            |n·𝐅 − F| ≤ b(ℓ) = (1 + d) ((F + ν + κ₊(E + ℓ)) / (1 − d) + κ₊ min(2E, sW)) − F.
+            |n·𝐅 − F| ≤ b(ℓ) = (1 + d) a₊ ((F + ν + κ₊(E + ℓ)) / (a₋(1 − d)) + κ₊Δ) − F.
 
-        How far a plan is short is known while it is followed, not before: at its target ℓ = 0. By
-        tilt and friction the force along the wall's own normal is between 1/(cos θ + μ sin θ) and
-        1/(cos θ − μ sin θ) of that along n.
+        How far a plan is short is known while it is followed, not before: in a hold, at its target,
+        ℓ = 0; in a slide it follows. The force along the wall's own normal is between 1/a₊ and 1/a₋
+        of that along n.
 
         Args:
             force: F [N].
@@ -123,12 +125,15 @@ class SensedContact:
         """
         tilt = self.walls.tilt
         E = off.depth + tilt * off.position
-        s = off.depth_speed + tilt * (off.speed + recedes)
-        d = self.dissipation * s
-        if d >= 1.0:
+        apart = 2.0 * tilt * recedes
+        s = off.depth_speed + tilt * off.speed + apart
+        d, aside = self.dissipation * s, self.friction * np.sin(self.angle)
+        least, most = np.cos(self.angle) - aside, np.cos(self.angle) + aside
+        if d >= 1.0 or least <= 0.0:
             return float(np.inf)
-        before = (force + self.force_error + self.stiffness * (E + short)) / (1.0 - d)
-        return (1.0 + d) * (before + self.stiffness * min(2.0 * E, s * self.delay)) - force
+        before = (force + self.force_error + self.stiffness * (E + short)) / (least * (1.0 - d))
+        nearer = min(2.0 * E + apart * self.delay, s * self.delay)
+        return float((1.0 + d) * most * (before + self.stiffness * nearer) - force)
 
     def peak(self, force: float, speed: float) -> float:
         """Returns the largest normal force φ (1 + c₊ δ̇) at φ ≤ `force` [N], δ̇ ≤ `speed` [m/s]."""
