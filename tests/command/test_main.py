@@ -140,6 +140,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     assert header.split() == ["scenario", "motion", "law", "description"]
     assert [line.split()[:3] for line in lines] == [
         ["bluerov2_ceiling", "dynamic", "resolved"],
+        ["bluerov2_contact", "dynamic", "resolved"],
         ["bluerov2_ideal", "dynamic", "resolved"],
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
@@ -147,6 +148,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_ideal", "dynamic", "resolved"],
         ["girona500_inspection", "dynamic", "resolved"],
         ["girona500_real_loop", "dynamic", "tip-first"],
+        ["girona500_sampled", "dynamic", "tip-first"],
         ["girona500_slope", "dynamic", "resolved"],
         ["girona500_stiff", "dynamic", "resolved"],
         ["girona500_tip_first", "dynamic", "tip-first"],
@@ -292,8 +294,8 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["--set", 'name="a\\0b"'], "name = 'a\\x00b': must be usable as the name of a folder"),
     (["--set", "name="], "name = None: must be text (in quotes, if"),
     (["--set", 'name=""'], "name = '': must be usable as the name of a folder"),
-    (["n" * 300], "must be one of bluerov2_ceiling, bluerov2_ideal"),
-    (["a\0b"], "must be one of bluerov2_ceiling, bluerov2_ideal"),
+    (["n" * 300], "must be one of bluerov2_ceiling, bluerov2_contact"),
+    (["a\0b"], "must be one of bluerov2_ceiling, bluerov2_contact"),
     (["--set", "task.force=[-5, 0, 0, 0, 0, 0]"], "task.force = [-5., 0., 0., 0., 0., 0.]: must"),
 ])
 def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_path):
