@@ -8,7 +8,7 @@ import numpy as np
 
 from uvms_drake.command.files import folder
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.uvms import model_dir, shipped_robots
 
 
@@ -40,7 +40,12 @@ def new_scenario(args: argparse.Namespace) -> int:
     shipped = args.robot in shipped_robots()
     # A path, though it may be that of a folder with the name of a shipped robot.
     model = args.robot if shipped else os.path.join(".", os.path.relpath(robot, file.parent))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(format_first_scenario(found, model, robot.name), encoding="utf-8")
+    text = format_first_scenario(found, model, robot.name)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidParameter("--new", str(file),
+                               f"a file that can be written ({error.strerror})") from None
     print(f"written to {file}; '{PROGRAM} certify {file}' says whether it holds")
     return 0
