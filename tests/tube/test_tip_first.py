@@ -22,9 +22,10 @@ from uvms_drake.tube.row_gains import moments
 from uvms_drake.tube.row_loop import RowLoop
 from uvms_drake.tube.sensed import FeltForce, reading_input
 from uvms_drake.tube.settings import CertificateSettings
-from uvms_drake.tube.tip_first import _in_joints, _loop, _Pushes, tip_first_law_tube
+from uvms_drake.tube.tip_first import tip_first_law_tube
 from uvms_drake.tube.tip_first_image import arm_of
 from uvms_drake.tube.tip_first_rests import configuration_of, output_jacobian, tip_first_rests
+from uvms_drake.tube.tip_pushes import Pushes, in_joints, loop_gains
 
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.2, 1.0, 0.2, -0.3]), q_upper=np.array([0.2, 1.2, 0.45, 0.3]), roll=0.1,
@@ -176,7 +177,7 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
     data = basis(model, constants={"J_dot_max": Constant(
         "J_dot_max", turning, "proven", 1, {}, 1.0, turning)})
     arm = arm_of(model, BOUNDS, rows, FEW)
-    claim = _in_joints(data, arm, _loop(RowLoop(k, sigma), 0.0, data), _Pushes(data))["d"]
+    claim = in_joints(data, arm, loop_gains(RowLoop(k, sigma), 0.0, data), Pushes(data))["d"]
     inverse = np.linalg.inv(J_s[-1, :, 6:])
     answer, age = np.linalg.norm(v @ inverse @ J_s, axis=1), t[-1] - t
     slow, fast = np.exp(-sigma * age), np.exp(-k * age)
@@ -198,7 +199,7 @@ def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
         given.append((force, torque))
         return (len(given) - 1.0) * np.arange(20.0), np.zeros(20)
 
-    monkeypatch.setattr("uvms_drake.tube.tip_first.reading_input", reading)
+    monkeypatch.setattr("uvms_drake.tube.tip_pushes.reading_input", reading)
     monkeypatch.setattr("uvms_drake.tube.tip_first_image.supremum",
                         lambda problem, x, values, leaders: np.max(values, axis=0))
     monkeypatch.setattr("uvms_drake.tube.joint_search.GRID_POINTS", 16)

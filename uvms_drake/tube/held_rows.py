@@ -99,6 +99,8 @@ class HeldRows:
     """That errors do not make more of ρ than was counted with."""
     check: Check
     """Makes the second searches."""
+    beside = 0.0
+    """What is to be added to the tube in u and τ: nothing."""
 
     def __init__(self, basis: Basis, rows: np.ndarray, loops: Sequence[RowLoop],
                  table: Mapping[str, Parts], slower: np.ndarray, turning: float,
