@@ -72,9 +72,10 @@ def main() -> None:
         axis.axvspan(push.start, push.start + push.length, color="0.9")
     for axis in panels[:2]:
         axis.set_ylim(bottom=0.05)
+    panels[-1].axhline(scenario.task.force[0], color="0.4", linestyle=":", linewidth=1.0)
     panels[0].legend(ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     panels[-1].set_xlabel(f"time [s]; thrusters: dead time {DEAD_TIME:g} s, lag "
-                          f"{arguments.lag:g} s; grey: a push")
+                          f"{arguments.lag:g} s; grey: a push; dotted: desired")
     if arguments.figure:
         figure.savefig(arguments.figure, dpi=200)
 

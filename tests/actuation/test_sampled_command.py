@@ -87,6 +87,8 @@ def test_the_law_is_asked_once_a_period_and_its_command_held(monkeypatch):
         if k % 10:  # At 0.2 s the plan is made anew after the log.
             np.testing.assert_array_equal(held[2 * k + 2], tau[2 * k])
     assert np.all(np.any(np.diff(held[2::2], axis=0) != 0.0, axis=1))
+    # What the clock leaves of the command is no disturbance.
+    np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
 
 
 def test_at_the_logs_instants_alone_it_is_asked_once_a_period(monkeypatch):

@@ -26,6 +26,7 @@ def test_a_new_robot_is_sound_and_has_the_name_of_its_folder(tmp_path, capsys):
     (["--new", "my-robot"], "--new = 'my-robot': must be a folder by the name of the robot"),
     (["--new", "."], "--new = '.': must be a folder by the name of the robot"),
     (["--new", "there"], "--new = 'there': must be a folder that is not there yet"),
+    (["--new", "/dev/null/mine"], "--new = '/dev/null/mine': must be a path that can be written"),
     (["box_uvms", "--new", "mine"], "ROBOT = 'box_uvms': must be a robot's name or folder; or"),
     ([], "ROBOT = None: must be a robot's name or folder"),
     (["--new", "mine", "--output", "out"], "--output = 'out': must be left out, with --new"),

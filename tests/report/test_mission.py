@@ -165,3 +165,15 @@ def test_the_figure_has_the_force_over_time_and_line(record):
     (line,) = off.get_lines()
     assert np.asarray(line.get_ydata()) == pytest.approx(np.full(100, 1e3 * OFF))
     assert [text.get_text() for text in over_time.texts] == ["approach", "hold", "slide", "retreat"]
+
+
+def test_places_are_those_of_the_navigation(record):
+    def table(state):
+        return inspection_table(
+            replace(record, signals={**record.signals, "measured_state": state}))
+
+    drifted = record.state.copy()
+    drifted[:, 1] += 0.02
+    shift = table(drifted) - table(record.state)
+    assert shift[:, COLUMNS.index("y_m")] == pytest.approx(0.02)
+    assert np.delete(shift, COLUMNS.index("y_m"), axis=1) == pytest.approx(0.0, abs=1e-9)

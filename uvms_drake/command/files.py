@@ -1,13 +1,15 @@
 """The files of a run, which several commands write."""
 
 import argparse
+import contextlib
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.common.errors import shortened
+from uvms_drake.common.errors import InvalidParameter, shortened
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, save_record
 
 MAIN_SCENARIO = "girona500_contact"
@@ -28,6 +30,16 @@ def folder(text: str) -> Path:
     if not text or "\0" in text or not fits:
         raise argparse.ArgumentTypeError(f"{shortened(text)!r}: must be the name of a folder")
     return Path(text)
+
+
+@contextlib.contextmanager
+def new_at(path: Path) -> Iterator[None]:
+    """Raises `InvalidParameter` if what --new names cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidParameter("--new", str(path),
+                               f"a path that can be written to ({error.strerror})") from None
 
 
 def take_scenario(command: argparse.ArgumentParser) -> None:

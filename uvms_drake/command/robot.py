@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from uvms_drake.command.files import folder
+from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.output import output_folder
@@ -83,13 +83,14 @@ def write_template(robot: Path) -> None:
     """Writes a copy of the template, by the name of the folder, which must not be there yet.
 
     Raises:
-        InvalidParameter: The folder is there, or its name is none for a robot.
+        InvalidParameter: The folder is there, cannot be written, or its name is none for a robot.
     """
     name, source = robot.name, model_dir(TEMPLATE)
     require(name.isidentifier() and name.isascii(), "--new", str(robot),
             "a folder by the name of the robot: letters, digits and _")
     require(not robot.exists(), "--new", str(robot), "a folder that is not there yet")
-    robot.mkdir(parents=True)
-    for file in sorted(source.iterdir()):
-        text = file.read_text(encoding="utf-8").replace(TEMPLATE, name)
-        (robot / file.name.replace(TEMPLATE, name)).write_text(text, encoding="utf-8")
+    with new_at(robot):
+        robot.mkdir(parents=True)
+        for file in sorted(source.iterdir()):
+            text = file.read_text(encoding="utf-8").replace(TEMPLATE, name)
+            (robot / file.name.replace(TEMPLATE, name)).write_text(text, encoding="utf-8")

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.command.files import folder
+from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.errors import require
 from uvms_drake.model.uvms import model_dir, shipped_robots
 
 
@@ -41,11 +41,8 @@ def new_scenario(args: argparse.Namespace) -> int:
     # A path, though it may be that of a folder with the name of a shipped robot.
     model = args.robot if shipped else os.path.join(".", os.path.relpath(robot, file.parent))
     text = format_first_scenario(found, model, robot.name)
-    try:
+    with new_at(file):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InvalidParameter("--new", str(file),
-                               f"a file that can be written ({error.strerror})") from None
     print(f"written to {file}; '{PROGRAM} certify {file}' says whether it holds")
     return 0

@@ -11,7 +11,7 @@ that the sensor's noise is small. At rest friction may point anywhere: n̂ ∝ �
 atan μ, 17° at μ = 0.3, and by no more than the declared angle if the direction itself is taken. An
 error of the force across n̂ that is b of F_N, such as a bias of the sensor, turns n̂ by atan b.
 
-Places are true ones, as of a survey from outside: what a navigation is off by is not in them.
+Places are those of the navigation, with what it is off by; true ones if there is none.
 """
 
 import io
@@ -57,17 +57,21 @@ def inspection_table(record: Record) -> np.ndarray:
     """Returns the rows of `COLUMNS` (m, 11): the logged samples at which the mission presses."""
     pressing, step = pressing_samples(record), progress_of(record)["step"]
     force, n = record.signals["felt_force"][:, :3], sensed_contact(record.scenario).direction
+    tip = record.chi[:, :3]
+    if "measured_state" in record.signals:
+        config = record.signals["measured_state"][:, : record.model.size]
+        tip = record.model.task_pose(config)[:, :3]
     normals = np.full((len(pressing), 3), np.nan)
     changes = np.diff(np.where(pressing, step, -1), prepend=-1, append=-1) != 0
     edges = np.flatnonzero(changes)
     for begin, end in pairwise(edges):
         if pressing[begin]:
             part = slice(begin, end)
-            normals[part] = learned_normals(record.time[part], record.chi[part, :3], force[part])
+            normals[part] = learned_normals(record.time[part], tip[part], force[part])
     slid = np.isfinite(normals[:, 0])
     normals[~slid] = n
     rows = np.column_stack([
-        record.time, step, record.chi[:, :3], normals, slid, np.sum(force * normals, axis=1),
+        record.time, step, tip, normals, slid, np.sum(force * normals, axis=1),
         record.desired_force[:, :3] @ n])
     return rows[pressing]
 

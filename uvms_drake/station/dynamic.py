@@ -110,7 +110,8 @@ class Dynamic(Motion[DynamicOcp]):
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the effective disturbance."""
         return logs | {"effective_disturbance": effective_disturbance(
-            model, logs["state"], logs["u"], logs["acceleration"], logs.get("felt_force"))}
+            model, logs["state"], sent_input(model, logs), logs["acceleration"],
+            logs.get("felt_force"))}
 
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
@@ -186,7 +187,8 @@ def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
 
     The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
     the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
-    else. 𝔲 is what is sent: what a limit cuts off the law's command is not in it.
+    else. 𝔲 is what is sent: neither what a limit cuts off the law's command is in it, nor what a
+    clock leaves of it, which d̃ is not for either; see `sent_input`.
 
     Args:
         model: The controller's.
@@ -197,3 +199,12 @@ def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
     """
     config, zeta = np.split(state, 2, axis=1)
     return acceleration - model.drift(config, zeta, contact) - u
+
+
+def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns 𝔲 as it is sent (T, 6+n): M⁻¹τ of what a clock holds, the law's if there is none."""
+    if "held_command" not in logs:
+        return logs["u"]
+    M = model.mass_matrix(model.kinematics(logs["state"][:, : model.size]))
+    sent: np.ndarray = np.linalg.solve(M, logs["held_command"][..., None])[..., 0]
+    return sent

@@ -61,8 +61,9 @@ class Record:
     acceleration: np.ndarray
     """Acceleration ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
     effective_disturbance: np.ndarray
-    """Residual ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f: d and all that the
-    controller does not know about; w (T, 6) [m/s, rad/s] if the motion is kinematic."""
+    """Residual ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f and the 𝔲 that is
+    sent: d and all that the controller does not know about, but for what a clock holds; w (T, 6)
+    [m/s, rad/s] if the motion is kinematic."""
     joint_lower: np.ndarray
     """Smallest joint angles allowed (n,) [rad]: the robot's, or the scenario's if narrower."""
     joint_upper: np.ndarray

@@ -20,7 +20,13 @@ from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import ForceReading
 from uvms_drake.model.surface import SensedContact
-from uvms_drake.station.dynamic import Dynamic, command_limits, effective_disturbance, lateness_of
+from uvms_drake.station.dynamic import (
+    Dynamic,
+    command_limits,
+    effective_disturbance,
+    lateness_of,
+    sent_input,
+)
 from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
@@ -159,7 +165,7 @@ class Sensed(Dynamic):
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with the effective disturbance, which the sensor's errors are not in."""
         return logs | {"effective_disturbance": effective_disturbance(
-            model, logs["state"], logs["u"], logs["acceleration"], logs["force"])}
+            model, logs["state"], sent_input(model, logs), logs["acceleration"], logs["force"])}
 
 
 def sensed_contact(scenario: Scenario) -> SensedContact:

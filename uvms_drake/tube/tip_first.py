@@ -83,13 +83,17 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         return LawTube(TubeRadii(), tuple(conditions))
 
     turning, turning_check, of_joints = 0.0, no_estimates, loops[1]
+    ages = actuators.vehicle.age, actuators.joints.age
     if is_held:
         tip_drag, joint_drag = drags_of(model, basis.declared, rows)
         loops, of_joints = (
             (loops[0], replace(loops[1], drag=tip_drag)), replace(loops[1], drag=joint_drag))
         turning, turning_check = turning_of(basis, rows)
-    vehicle, tip = (loop_gains(loop, path.age, basis) for loop, path in zip(
-        loops, (actuators.vehicle, actuators.joints), strict=True))
+        vehicle, tip = (grown_gains(*each) for each in zip(loops, ages, strict=True))
+        joints = grown_gains(of_joints, ages[1], turning)
+    else:
+        vehicle, tip = (loop_gains(*each, basis) for each in zip(loops, ages, strict=True))
+        joints = tip
     pushes = Pushes(basis)
     stretch, weights = euler_stretch(basis.declared.pitch), basis.weights
     tip_norm = basis.row_norm("position")
@@ -97,8 +101,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         VEHICLE: pushes.of(vehicle, float(np.max(weights[:3])), VEHICLE),
         ATTITUDE: pushes.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
         TIP: pushes.of(tip, tip_norm, TIP), DEPTH: pushes.of(tip, tip_norm, DEPTH),
-        JOINTS: in_joints(
-            basis, arm, grown_gains(of_joints, tip, turning) if is_held else tip, pushes)}
+        JOINTS: in_joints(basis, arm, joints, pushes)}
     late: LateTube | HeldRows | None = None
     if is_held:
         late = held_rows(basis, rows, (*loops, of_joints), table, turning, arm.regular)

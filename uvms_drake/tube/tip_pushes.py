@@ -55,10 +55,10 @@ def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
     return LoopGains(known, late, np.array([*moment, moment.command + age * gains.command]), age)
 
 
-def grown_gains(loop: RowLoop, of_rows: LoopGains, growth: float) -> LoopGains:
+def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
     """Returns the gains of a loop whose states grow by e^(growth · t), which counts what turns."""
     known = loop.grown(growth)
-    return LoopGains(known, 2.0 * known, np.zeros(4), of_rows.age)
+    return LoopGains(known, 2.0 * known, np.zeros(4), age)
 
 
 class Pushes:

@@ -45,6 +45,7 @@ class SurfaceClass:
     def __post_init__(self):
         n = vector("direction", self.direction, 3)
         require(bool(abs(np.linalg.norm(n) - 1.0) < 1e-6), "direction", n, "a unit vector")
+        n.setflags(write=False)
         object.__setattr__(self, "direction", n)
         require(0.0 < self.stiffness < np.inf, "stiffness", self.stiffness, "positive")
         require(0.0 <= self.angle < 0.5 * np.pi, "angle", self.angle, "from 0 to below π/2")
@@ -71,7 +72,9 @@ class SurfaceClass:
         n = self.direction
         first = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
         first = first / np.linalg.norm(first)
-        return np.array([n, first, np.cross(n, first)])
+        axes = np.array([n, first, np.cross(n, first)])
+        axes.setflags(write=False)
+        return axes
 
     @cached_property
     def facets(self) -> np.ndarray:
@@ -81,7 +84,9 @@ class SurfaceClass:
         """
         n, first, second = self.axes
         signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] if self.tilt else [(0.0, 0.0)]
-        return np.array([n + self.tilt * (a * first + b * second) for a, b in signs])
+        facets = np.array([n + self.tilt * (a * first + b * second) for a, b in signs])
+        facets.setflags(write=False)
+        return facets
 
     def around(self, motion: np.ndarray) -> np.ndarray:
         """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `aside`."""
