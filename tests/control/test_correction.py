@@ -14,7 +14,7 @@ from uvms_drake.control.tracking_plan import TrackingPlan
 @pytest.fixture(scope="module")
 def ocp() -> TrackingOcp:
     """Whose tip has far to go, and is soon as fast as it may be."""
-    return tracking_ocp().aimed(Aim(POSITION + 0.6 * DIRECTION, POSITION[0] + 0.5, 0.06))
+    return tracking_ocp().aimed(Aim(POSITION + 0.6 * DIRECTION, POSITION[0] + 0.5))
 
 
 @pytest.fixture(scope="module")

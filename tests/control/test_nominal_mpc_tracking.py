@@ -14,7 +14,7 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 
 H = 0.2  # s
-PORTS = {"target": 3, "safe_depth": 1, "approach_speed": 1}
+PORTS = {"target": 3, "safe_depth": 1}
 
 
 @pytest.fixture(scope="module")
@@ -65,14 +65,13 @@ def test_without_an_aim_it_stays_at_the_reference(ocp):
 def test_every_plan_is_that_of_the_problem_for_what_is_given_at_the_sample(ocp):
     """From the last plan continued, with the iterations of a sample."""
     loop = Loop(ocp, at_rest(ocp, POSITION), target=POSITION + 0.1,
-                safe_depth=POSITION[0] + 0.05, approach_speed=0.05)
+                safe_depth=POSITION[0] + 0.05)
     loop.simulator.Initialize()
     plan = loop.read("plan")
-    for k, (target, depth, speed) in enumerate([
-            (POSITION - 0.1, 0.05, 0.05), (POSITION + 0.3, 0.05, 0.06),
-            (POSITION + 0.3, 0.1, np.inf)], start=1):
-        aim = Aim(target, POSITION[0] + depth, speed)
-        loop.give(target=target, safe_depth=aim.safe_depth, approach_speed=speed)
+    for k, (target, depth) in enumerate([
+            (POSITION - 0.1, 0.05), (POSITION + 0.3, 0.05), (POSITION + 0.3, 0.1)], start=1):
+        aim = Aim(target, POSITION[0] + depth)
+        loop.give(target=target, safe_depth=aim.safe_depth)
         loop.simulator.AdvanceTo((k + 0.5) * H)
         problem = ocp.aimed(aim)
         expected = SequentialConvexSolver(problem).solve(problem.continued(plan), 2)

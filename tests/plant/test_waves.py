@@ -23,7 +23,6 @@ from uvms_drake.plant.waves import (
     WaterMotion,
     Wave,
     check_waves,
-    largest_acceleration,
     largest_speed,
     water_motion,
 )
@@ -78,12 +77,11 @@ def test_water_goes_round_in_deep_water_and_to_and_fro_on_the_floor():
     assert down == 0.0 < along
 
 
-def test_no_water_is_faster_than_the_bounds():
+def test_no_water_is_faster_than_the_bound():
     waves = [SLANTED, DEEP, replace(DEEP, period=3.1, direction=-2.0, amplitude=0.1)]
     motions = [water_motion(np.zeros(3), waves, t) for t in np.linspace(0.0, 400.0, 4000)]
-    speeds, rates = np.max(np.linalg.norm(motions, axis=2), axis=0)
-    assert 0.75 * largest_speed(waves) < speeds <= largest_speed(waves)
-    assert 0.75 * largest_acceleration(waves) < rates <= largest_acceleration(waves)
+    fastest = np.max(np.linalg.norm(motions, axis=2), axis=0)[0]
+    assert 0.75 * largest_speed(waves) < fastest <= largest_speed(waves)
 
 
 @pytest.mark.parametrize(("change", "key"), [

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_drake.control.contact.approach import approach_speed, stopping_room
 from uvms_drake.control.contact.front import apex, replaces, safe_depth
 from uvms_drake.control.contact.slope import (
     NOTHING,
@@ -57,7 +56,7 @@ def random_walls_in_line(stiffness, count, rng, furthest, dissipation=2.5):
 
 
 def stop(speed):
-    """`stopping_distance`, of arrays, as the interpolation that it is."""
+    """The shortest way to rest from speeds at a knot: v²/(2a) at multiples of ah, else between."""
     quanta = np.arange(12) * ACCELERATION * STEP
     return np.interp(speed, quanta, quanta**2 / (2.0 * ACCELERATION))
 
@@ -79,8 +78,7 @@ def next_speed(x, v, bound, cap):
     return np.where(end(x, v, high) <= bound, high, np.maximum(low, least))
 
 
-def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_front=False,
-            speed=None):
+def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
     """Presses, and returns what came of it, one entry for each wall.
 
     Args:
@@ -91,14 +89,9 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         noise: Function of the time: error of the reading [N].
         duration: Of the simulation [s].
         margin: E [m].
-        with_front: Whether the front limits plans before the first touch, and not the speed.
-        speed: Largest speed before the first touch [m/s]; v_app if None.
     """
     surface = SurfaceClass(ALONG, stiffness, dissipation=2.5)
     count = len(walls.place)
-    if speed is None:
-        room = stopping_room(FORCE_MAX, NOISE, stiffness, margin)
-        speed = approach_speed(room, STEP, ACCELERATION, PERIOD)
     x, v, a, begun = np.zeros((4, count))
     tip = np.full((count, 3), np.nan)
     belief = Belief(*(np.broadcast_to(part, (count, *part.shape)) for part in NOTHING))
@@ -127,11 +120,9 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         again = (t >= STEP - 1e-9) | (touched & ~was_touched) | (time == 0.0)
         first = np.where(touched & np.isnan(first), time, first)
         was_touched = touched
-        searches = np.isnan(first) & (not with_front)
-        w = next_speed(x_now, v_now, np.where(searches, target, np.minimum(target, safe)),
-                       np.where(searches, speed, CRUISE))
+        w = next_speed(x_now, v_now, np.minimum(target, safe), CRUISE)
         left = safe - end(x_now, v_now, w)
-        slack = np.where(again & ~searches & (w > 0.0), np.minimum(slack, left), slack)
+        slack = np.where(again & (w > 0.0), np.minimum(slack, left), slack)
         x, v = np.where(again, x_now, x), np.where(again, v_now, v)
         a, begun = np.where(again, (w - v_now) / STEP, a), np.where(again, time, begun)
         # The verdict.
@@ -139,7 +130,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin, with_f
         off = np.abs(static - desired) > SLACK * (NOISE + stiffness * margin)
         late = np.where(off, time, late)
     return {"share": largest / FORCE_MAX, "slack": slack, "first": first, "settled": late - first,
-            "slope": kappa, "largest_v": speed}
+            "slope": kappa}
 
 
 def random_errors(margin, count, rng):

@@ -14,9 +14,9 @@ from uvms_drake.tube.push import Push
 from uvms_drake.tube.row_gains import instant_gains
 from uvms_drake.tube.sensed import (
     FeltForce,
-    contact_gain,
     contact_input_rest,
     push_of,
+    tip_jacobian_and_gain,
 )
 
 LOWER, UPPER = np.array([-0.4, 0.6, -0.1, -0.8]), np.array([0.4, 1.3, 0.72, 0.8])
@@ -44,7 +44,7 @@ def test_the_gain_is_that_of_the_inverse_dynamics(model):
     contact = np.random.default_rng(2).normal(size=(40, 6))
     wrench = (contact[:, None, :] @ model.kinematics(config).A_E)[:, 0]
     expected = acceleration_for(model, config, contact)
-    found = (contact_gain(model, config[:, 6:]) @ wrench[..., None])[..., 0]
+    found = (tip_jacobian_and_gain(model, config[:, 6:])[1] @ wrench[..., None])[..., 0]
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
@@ -123,7 +123,7 @@ def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_s
     for q in rng.uniform(LOWER, UPPER, (20, 4)):
         config = np.concatenate([np.zeros(6), q])
         J_E = model.kinematics(config).J_links[-1]
-        A = (J_E @ contact_gain(model, q))[:3, :3]
+        A = (J_E @ tip_jacobian_and_gain(model, q)[1])[:3, :3]
         off, about = FORCE.tool_angle * np.sqrt(rng.uniform()), rng.uniform(0.0, 2.0 * np.pi)
         n = np.array([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)])
         e, speed, _ = rows_after(adversarial(A, n, n @ A) @ A.T)
@@ -137,7 +137,7 @@ def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_s
 def test_the_joints_are_pushed_as_far_as_their_own_bounds_say(model, push):
     rng, worst = np.random.default_rng(8), np.zeros(3)
     for q in rng.uniform(LOWER, UPPER, (8, 4)):
-        B = contact_gain(model, q)[6:, :3]
+        B = tip_jacobian_and_gain(model, q)[1][6:, :3]
         row = B[2]
         e, speed, r = rows_after(adversarial(B[:3], np.array([1.0, 0.0, 0.0]), row) @ B.T)
         worst = np.maximum(worst, [np.max(np.linalg.norm(each, axis=1)) for each in (e, speed, r)])

@@ -7,24 +7,23 @@ position rows of y = (𝔭, 𝔬, q), a plan has an artificial translation a ∈
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R) + ‖ξ_N‖²_P + V_o(E ᵀy_des + a − target) + ρ s,
          ξ = (y − y_des − E a, ζ)                                             (Limon et al. 2018)
     s.t. what `DynamicOcp` asks for, inputs for all contact forces if the limits are `UnderContact`,
-         N·𝔭 ≤ x_N for all facets N, and n·𝔭̇ ≤ v, at all times                (see `limits.front`)
-         ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, v/r_v, min_N (x_N − N·(E ᵀy_des + a))/r_x).
+         N·𝔭 ≤ x_N for all facets N, at all times                             (see `limits.front`)
+         ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
-The x_N, v and the target, the `Aim`, may be others at every sample; the facets are n alone, or the
+The x_N and the target, the `Aim`, may be others at every sample; the facets are n alone, or the
 sides of a pyramid whose apex may move (`contact.front`), which is why the x_N may fall where no
-plan goes. r_x and r_v are such that in F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at
-most r_x‖ξ‖_P beyond the reference along each N, and not faster than r_v‖ξ‖_P
-(`tube.terminal_set` looks for a ξ where that is not so).
+plan goes. r_x is such that in F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at most
+r_x‖ξ‖_P beyond the reference along each N (`tube.terminal_set` looks for a ξ where it is not).
 
 *Every problem is feasible.* Let the last plan keep all limits and end within ρ(a), and continue it
 by the terminal controller with the same a. F is what `tube.terminal_set` makes it: there the inputs
 are within limits on the whole next interval, for all forces; so is the state; and ‖ξ‖_P does not
 grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖ξ_{N+1}‖_P ≤ ‖ξ_N‖_P ≤ ρ(a), and
-N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval ahead, and
-n·𝔭̇_{N+1} ≤ r_v‖ξ_{N+1}‖_P ≤ v. So it is feasible for this `Aim`. The target is in no limit: it is
-feasible for every later `Aim` that leaves room for it, as a v that does not fall does, x_N that do
-not, and a pyramid that takes another's place by `front.replaces`: within ℓ of the tip it has all of
-the old one, with the reference, for that is in reach. A fixed set,
+N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval ahead. So it is
+feasible for this `Aim`. The target is in no limit: it is
+feasible for every later `Aim` that leaves room for it, as x_N that do not fall do, and a pyramid
+that takes another's place by `front.replaces`: within ℓ of the tip it has all of the old one, with
+the reference, for that is in reach. A fixed set,
 kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
 could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
 
@@ -57,7 +56,7 @@ from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.limits.front import Approach, Front
+from uvms_drake.control.limits.front import Front, FrontAhead
 from uvms_drake.control.ocp import Evaluation, MpcConfig
 from uvms_drake.control.placed_program import with_place
 from uvms_drake.control.plan import DynamicPlan
@@ -67,7 +66,7 @@ from uvms_drake.control.tracking_plan import TrackingPlan
 from uvms_drake.model.uvms_model import UvmsModel
 
 HEADROOM = 1.05
-"""r_x and r_v over those of the linearisation at the reference."""
+"""r_x over that of the linearisation at the reference."""
 FAR = 1000.0
 """Distance over which model and limits are looked at for being the same everywhere [m]."""
 
@@ -80,8 +79,6 @@ class Aim:
     """Where the end-effector is to be, 𝔭 (3,) in Σ_I [m]."""
     safe_depth: np.ndarray | float = np.inf
     """x_N, largest N·𝔭 of each facet (m,) [m], less what the tube takes; see `TrackingOcp`."""
-    speed: float = np.inf
-    """v > 0, largest n·𝔭̇ [m/s], less what the tube takes; it must never fall."""
 
 
 class TrackingOcp(DynamicOcp):
@@ -117,7 +114,7 @@ class TrackingOcp(DynamicOcp):
         self.offset.check()
         self._require_the_same_everywhere()
         self._lasting = limits
-        self.depth_reach, self.speed_reach = self._reaches()
+        self.depth_reach = self._reach()
         self.aim = Aim(y_des[:3])
 
     def _require_the_same_everywhere(self) -> None:
@@ -136,48 +133,42 @@ class TrackingOcp(DynamicOcp):
                         f"limits.{limit.name}", type(limit).__name__,
                         "left out, or the same everywhere, for the reference moves")
 
-    def _reaches(self) -> tuple[float, float]:
-        """Returns r_x [m] and r_v [m/s]."""
+    def _reach(self) -> float:
+        """Returns r_x [m]."""
         size = self.model.size
         J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
-        rows = np.concatenate([self.direction[None], self.facets])
-        depths = np.pad(rows, ((0, 0), (0, 2 * size - 3)))
-        speeds = np.pad(rows @ J_x[:3], ((0, 0), (size, 0)))
+        here = np.pad(self.facets, ((0, 0), (0, 2 * size - 3)))
+        ahead = here + 0.5 * self.time_step * np.pad(self.facets @ J_x[:3], ((0, 0), (size, 0)))
         inverse = np.linalg.inv(self.terminal.P)
-        here, ahead, speed = (
-            HEADROOM * np.sqrt(np.sum(each @ inverse * each, axis=1))
-            for each in (depths, depths + 0.5 * self.time_step * speeds, speeds))
-        return float(np.max([here[1:], ahead[1:]])), float(speed[0])
+        return HEADROOM * max(float(np.sqrt(np.max(np.sum(each @ inverse * each, axis=1))))
+                              for each in (here, ahead))
 
     @property
     def inputs_given(self) -> dict[str, int]:
         """Sizes of the parts of an `Aim`, by the names of ports."""
-        return {"target": 3, "safe_depth": len(self.facets), "approach_speed": 1}
+        return {"target": 3, "safe_depth": len(self.facets)}
 
     @property
     def reach_names(self) -> tuple[str, ...]:
-        """Those of `Front` and `Approach`."""
+        """Those of `Front` and `FrontAhead`."""
         count = len(self.facets)
         parts = [""] if count == 1 else [f"[{i}]" for i in range(count)]
-        return (*(f"{name}{part}" for name in ("front", "front_ahead") for part in parts),
-                "approach")
+        return tuple(f"{name}{part}" for name in ("front", "front_ahead") for part in parts)
 
     def aimed(self, aim: Aim) -> Self:
         """Returns the problem of another aim; it shares all that does not depend on it."""
-        require(aim.speed > 0.0, "speed", aim.speed, "positive")
-        out, n = copy(self), self.direction
+        out = copy(self)
         out.aim = aim
         depths = np.broadcast_to(np.asarray(aim.safe_depth, dtype=float), (len(self.facets),))
         out.limits = {
             **self._lasting, "front": Front(self.facets, depths),
-            "approach": Approach(n, self.facets, depths, aim.speed, self.time_step)}
+            "front_ahead": FrontAhead(self.facets, depths, self.time_step)}
         return out
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
-        """Returns the problem of what is asked for: target, safe depth and approach speed."""
-        speed = values.get("approach_speed", np.array([np.inf]))
+        """Returns the problem of what is asked for: target and safe depth."""
         return self.aimed(Aim(values.get("target", self.aim.target),
-                              values.get("safe_depth", np.inf), float(speed[0])))
+                              values.get("safe_depth", np.inf)))
 
     @property
     def lasting_limits(self) -> dict[str, Limit]:
@@ -185,12 +176,12 @@ class TrackingOcp(DynamicOcp):
         return self._lasting
 
     def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Returns how deep the tip is, here and half an interval ahead, and how fast; r_x, r_v."""
+        """Returns how deep the tip is, here and half an interval ahead, and r_x of each."""
         here, nowhere = self.facets @ self.y_des[:3], np.full(len(self.facets), np.inf)
         depth = Front(self.facets, nowhere).values(at) - here
-        ahead = Approach(self.direction, self.facets, nowhere, np.inf, self.time_step).values(at)
-        return (np.concatenate([depth, ahead - np.append(here, 0.0)], axis=-1),
-                np.append(np.full(2 * len(here), self.depth_reach), self.speed_reach))
+        ahead = FrontAhead(self.facets, nowhere, self.time_step).values(at) - here
+        return (np.concatenate([depth, ahead], axis=-1),
+                np.full(2 * len(here), self.depth_reach))
 
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> TrackingPlan:
         """Returns a first guess: coast, then come to rest, with the reference there."""
@@ -209,12 +200,7 @@ class TrackingOcp(DynamicOcp):
 
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns ρ(a)."""
-        return float(min(self._largest_radius, *self._rooms(plan)))
-
-    @property
-    def _largest_radius(self) -> float:
-        """min(ε, v/r_v)."""
-        return min(self.terminal.radius, self.aim.speed / self.speed_reach)
+        return float(min(self.terminal.radius, *self._rooms(plan)))
 
     def _rooms(self, plan: DynamicPlan) -> np.ndarray:
         """Returns (x_N − N·(E ᵀy_des + a))/r_x of each facet (m,)."""
@@ -235,7 +221,7 @@ class TrackingOcp(DynamicOcp):
     def staged_program(self, plan: DynamicPlan) -> StagedProgram:
         """Returns the convex program about a plan; its w are the changes of a and of ζ̄̇."""
         program, room = super().staged_program(plan), None
-        program = replace(program, terminal=program.terminal._replace(radius=self._largest_radius))
+        program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
         if np.any(np.isfinite(self.aim.safe_depth)):
             rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (2 * self.model.size, 0)))
             room = Room(self._rooms(plan), rows)

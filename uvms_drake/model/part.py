@@ -74,21 +74,6 @@ class ForceReading(NamedTuple):
         return float(np.exp(-max(delay - self.period, 0.0) / self.lag))
 
 
-class StateReading(NamedTuple):
-    """What is known of a measured state: x̂(t) = x(s) + ε, with an s of its own per component.
-
-    t − `latency` − `period` ≤ s ≤ t − `latency`. A gap over which a value is held makes its period
-    longer, one over which it is propagated its error.
-    """
-
-    error: np.ndarray
-    """Bound of each component of ε (2(6+n),) [m, rad, m/s, rad/s]."""
-    latency: np.ndarray
-    """(2(6+n),) [s]."""
-    period: np.ndarray
-    """(2(6+n),) [s]."""
-
-
 class Lateness(NamedTuple):
     """How much later than it is commanded a force acts, as the controller believes [s].
 
@@ -155,15 +140,6 @@ class Part(Component, ABC):
         Args:
             time: The end [s].
             turning: Bound of the angular velocity of the end-effector [rad/s].
-        """
-        return None
-
-    def state_reading(self, time: float, size: int) -> StateReading | None:
-        """Returns what is known of the state that it measures; None, as by default: nothing.
-
-        Args:
-            time: The end [s].
-            size: 6 + n.
         """
         return None
 

@@ -110,11 +110,6 @@ def largest_speed(waves: Sequence[Wave]) -> float:
     return sum(wave.speeds[0] for wave in waves)
 
 
-def largest_acceleration(waves: Sequence[Wave]) -> float:
-    """Returns a bound of the acceleration of the water by waves [m/s²]."""
-    return sum(wave.frequency * wave.speeds[0] for wave in waves)
-
-
 def water_motion(current: np.ndarray, waves: Sequence[Wave], time: float
                  ) -> tuple[np.ndarray, np.ndarray]:
     """Returns v_c (3,) [m/s] and v̇_c (3,) [m/s²] of a steady current with waves at a time [s]."""

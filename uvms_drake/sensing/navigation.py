@@ -35,7 +35,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.model.part import Part, Signals, StateReading
+from uvms_drake.model.part import Part, Signals
 from uvms_drake.model.sampled import Clock, SampledVector
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -194,23 +194,6 @@ class Navigation(Part):
         """Returns the assumption that it breaks."""
         return "the proofs take the state for known at all times"
 
-    def state_reading(self, time: float, size: int) -> StateReading:
-        """Returns the bounds of its errors up to a time; see `Part`.
-
-        The growth of the velocity's error over the longest gap is in them. What is propagated is
-        no older than now.
-        """
-        error, latency, period = np.zeros((3, 2 * size))
-        for key, rows in _rows(size).items():
-            channel: Channel = getattr(self, key)
-            error[rows] = self.noise_multiple * channel.noise
-            if not channel.propagated:
-                latency[rows], period[rows] = channel.latency, 1.0 / channel.rate
-        error[:3] += min(self.drift.bound, self.drift.rate * time)
-        error[size: size + 3] += (self.noise_multiple * np.asarray(self.dvl.noise)
-                                  + self.dvl.growth * self.dvl.most / self.dvl.rate)
-        return StateReading(error, latency, period)
-
     def imperfection(self, seed: int) -> Imperfection:
         """Returns what the navigation of a seed is off by, uniform within its bounds."""
         drift, bias = _generator(seed, 0).uniform(-1.0, 1.0, (2, 3))
@@ -247,7 +230,7 @@ class Navigation(Part):
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `SampledVector` with a clock for each channel; see `Part`."""
         clocks = []
-        for key, rows in _rows(model.size).items():
+        for key, rows in channel_rows(model.size).items():
             channel: Channel = getattr(self, key)
             clocks.append(Clock(rows, 1.0 / channel.rate, channel.latency,
                                 partial(self.error, key, len(rows), seed),
@@ -262,7 +245,7 @@ CHANNELS = ("position", "attitude", "joints", "velocity", "turning", "joint_rate
 """Keys of the channels, in the order of the state."""
 
 
-def _rows(size: int) -> dict[str, range]:
+def channel_rows(size: int) -> dict[str, range]:
     """Returns the indices of each channel in (𝔮, ζ) of 2 `size` components."""
     ends = 0, 3, 6, size, size + 3, size + 6, 2 * size
     return {key: range(*span) for key, span in zip(CHANNELS, pairwise(ends), strict=True)}

@@ -30,16 +30,11 @@ SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "th
 """Sources of the terms of (3)."""
 
 
-def contact_gain(model: UvmsModel, q: np.ndarray) -> np.ndarray:
-    """Returns M⁻¹J_Eᵀ (..., 6+n, 6) at joint angles (..., n), real or complex.
+def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns J_E (..., 6, 6+n) and M⁻¹J_Eᵀ (..., 6+n, 6) at joint angles (..., n), maybe complex.
 
-    It takes a wrench of the tip in the tip's own axes, (force, torque), to an acceleration.
+    The latter takes a wrench of the tip in the tip's own axes, (force, torque), to an acceleration.
     """
-    return _tip_jacobian_and_gain(model, q)[1]
-
-
-def _tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns J_E (..., 6, 6+n) and M⁻¹J_Eᵀ (..., 6+n, 6)."""
     config = np.concatenate([np.zeros((*q.shape[:-1], 6), dtype=q.dtype), q], axis=-1)
     kinematics = model.kinematics(config)
     J_E = kinematics.J_links[..., -1, :, :]
@@ -217,7 +212,7 @@ def sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: flo
 
     def matrices(q: np.ndarray, n: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Returns the matrices (..., rows, 6), and J_ω,q (..., 3, n)."""
-        J_E, gain = _tip_jacobian_and_gain(model, q)
+        J_E, gain = tip_jacobian_and_gain(model, q)
         at_tip = J_E @ gain
         return [n[..., None, :] @ at_tip[..., :3, :], at_tip[..., :3, :], at_tip[..., 3:, :],
                 *(gain[..., block, :] for block in blocks),
@@ -278,7 +273,7 @@ def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force:
         seed: Seed of the search.
     """
     def sizes(q: np.ndarray) -> np.ndarray:
-        J_E, gain = _tip_jacobian_and_gain(model, q)
+        J_E, gain = tip_jacobian_and_gain(model, q)
         rows = np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)
         size: np.ndarray = (force * np.linalg.norm(rows[..., :3], axis=-1)
                             + torque * np.linalg.norm(rows[..., 3:], axis=-1))
@@ -318,7 +313,7 @@ def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, f
 
     def rows(q: np.ndarray) -> np.ndarray:
         """Returns all aᵢ (..., 2(6+n), 3)."""
-        J_E, gain = _tip_jacobian_and_gain(model, q)
+        J_E, gain = tip_jacobian_and_gain(model, q)
         return np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)[..., :3]
 
     def rest(q: np.ndarray) -> np.ndarray:

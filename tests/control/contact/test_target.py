@@ -5,14 +5,12 @@ import pytest
 from support.pressing import (
     FORCE_MAX,
     NOISE,
-    PERIOD,
     Walls,
     pressed,
     random_errors,
     random_walls_in_line,
 )
 
-from uvms_drake.control.contact.approach import stopping_room
 from uvms_drake.control.contact.target import retreat_depth, target_depth
 
 NOWHERE = np.nan
@@ -85,8 +83,8 @@ def test_without_readings_it_goes_back_from_the_wall_or_from_where_it_felt_last(
 
 
 @pytest.mark.parametrize(("stiffness", "furthest", "duration"), [
-    (800.0, 0.4, 12.0), pytest.param(2000.0, 0.4, 13.0, marks=pytest.mark.long),
-    pytest.param(6000.0, 0.3, 14.0, marks=pytest.mark.long), (20000.0, 0.1, 14.0)])
+    (800.0, 0.4, 12.0), pytest.param(2000.0, 0.25, 13.0, marks=pytest.mark.long),
+    pytest.param(6000.0, 0.08, 14.0, marks=pytest.mark.long), (20000.0, 0.04, 14.0)])
 def test_it_presses_on_any_wall_without_ever_pressing_too_hard(stiffness, furthest, duration):
     """Fifty walls each: place, slopes, damping, noise, error of the tip, desired force, all random.
 
@@ -111,8 +109,7 @@ def stiffest(stiffness, count):
     return Walls(0.1 + 2e-4 * np.arange(count), kappa, kappa, np.zeros(count), np.zeros(count))
 
 
-@pytest.mark.parametrize("with_front", [False, True])
-def test_the_limit_of_the_force_is_reached_by_an_adversary(with_front):
+def test_the_limit_of_the_force_is_reached_by_an_adversary():
     """The stiffest wall, a sensor that shows too little, and a tip that leaps ahead at the end.
 
     The desired force is above the limit, so the front alone holds the tip.
@@ -121,25 +118,6 @@ def test_the_limit_of_the_force_is_reached_by_an_adversary(with_front):
     result = pressed(
         stiffness, stiffest(stiffness, count), FORCE_MAX + 20.0,
         lambda time, touched: (np.where(time < 14.0, -margin, margin) + 0.0 * touched, 0.0),
-        lambda time: -NOISE, duration=15.0, margin=margin, with_front=with_front)
+        lambda time: -NOISE, duration=15.0, margin=margin)
     assert 0.97 < np.max(result["share"]) <= 1.0 + 1e-9
     assert np.min(result["slack"]) > -1e-9
-
-
-def test_the_approach_speed_leaves_nothing():
-    """The planned tip E ahead of the real one and a sensor that shows too much.
-
-    The plan after the touch just stops in time; from a speed one tenth larger it does not.
-    """
-    stiffness, count, margin = 2000.0, 30, 2.4e-3
-
-    def approach(speed):
-        return pressed(
-            stiffness, stiffest(stiffness, count), 20.0,
-            lambda time, touched: (-margin * np.ones(count), 0.0), lambda time: NOISE,
-            duration=6.0, margin=margin, speed=speed)
-
-    exact = approach(None)
-    assert 0.0 <= np.min(exact["slack"]) < 0.1 * stopping_room(FORCE_MAX, NOISE, stiffness, margin)
-    assert exact["largest_v"] * PERIOD < 2e-3
-    assert np.min(approach(1.1 * exact["largest_v"])["slack"]) < 0.0

@@ -14,7 +14,6 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
-from uvms_drake.control.contact.approach import approach_speed, stopping_room
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
 from uvms_drake.control.contact.target import PressTarget
@@ -38,7 +37,6 @@ WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)
 SENSING = ForceSensing(force_max=20.0, noise=0.2, period=0.02, window=0.02, tare=0.0)
 MARGIN = 1e-4  # m, how far the robot may be off the plan here
 DESIRED = 12.0  # N
-DECELERATION = 0.15  # m/s²
 H = 0.2  # s
 
 
@@ -112,10 +110,6 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
                                       desired_force=desired.get_output_port())
     builder.Connect(target.get_output_port(), mpc.GetInputPort("target"))
     builder.Connect(front.GetOutputPort("front"), mpc.GetInputPort("safe_depth"))
-    room = stopping_room(SENSING.force_max, SENSING.noise, WALLS.stiffness, MARGIN)
-    speed = builder.AddSystem(ConstantVectorSource([approach_speed(
-        room, H, DECELERATION, SENSING.period + H)]))
-    builder.Connect(speed.get_output_port(), mpc.GetInputPort("approach_speed"))
     logs = [LogVectorOutput(robot.GetOutputPort("state"), builder, SENSING.period),
             LogVectorOutput(front.GetOutputPort("force_lost"), builder, SENSING.period),
             LogVectorOutput(mpc.GetOutputPort("report"), builder, H)]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.control.limits.front import Approach, Front
+from uvms_drake.control.limits.front import Front, FrontAhead
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.points import Points, slopes
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -24,7 +24,7 @@ def points(model, states) -> Points:
 
 
 @pytest.mark.parametrize("limit", [
-    Front(FACETS, DEPTHS), Approach(DIRECTION, FACETS, DEPTHS, 0.1, H)])
+    Front(FACETS, DEPTHS), FrontAhead(FACETS, DEPTHS, H)])
 def test_slopes_are_those_of_complex_steps(limit, points):
     found, expected = limit.slopes(points), slopes(limit.values, points, limit.about)
     np.testing.assert_allclose(np.broadcast_to(found.y, expected.y.shape), expected.y, atol=1e-9)
@@ -32,17 +32,15 @@ def test_slopes_are_those_of_complex_steps(limit, points):
         np.testing.assert_allclose(found.zeta, expected.zeta, atol=1e-9)
 
 
-def test_values_are_depth_half_an_interval_ahead_and_speed(model, points):
+def test_values_are_depths_now_and_half_an_interval_ahead(model, points):
     depth = Front(FACETS, DEPTHS).values(points)
-    values = Approach(DIRECTION, FACETS, DEPTHS, 0.1, H).values(points)
-    ahead, speed = values[:, :-1], values[:, -1]
+    ahead = FrontAhead(FACETS, DEPTHS, H).values(points)
     still = np.zeros((1, 10))
     for k in range(len(depth)):
         plans = [DynamicPlan.from_accelerations(
             0.0, 1e-6, points.config[k], sign * points.zeta[k], still) for sign in (1, -1)]
         after, before = (model.task_pose(plan.config[1])[:3] for plan in plans)
         velocity = (after - before) / 2e-6
-        assert speed[k] == pytest.approx(velocity @ DIRECTION, abs=1e-8)
         assert ahead[k] == pytest.approx(depth[k] + 0.5 * H * FACETS @ velocity, abs=1e-8)
     np.testing.assert_allclose(depth, points.y[:, :3] @ FACETS.T, atol=1e-15)
 
@@ -52,7 +50,7 @@ def test_they_are_one_sided(points):
     far = points.y - np.pad(100.0 * DIRECTION, (0, 7))
     deep = Points(points.model, points.config, far, points.zeta)
     assert np.all(Front(FACETS, DEPTHS).excess(deep) < 0.0)
-    assert np.all(Approach(DIRECTION, FACETS, NONE, np.inf, H).excess(points) < 0.0)
+    assert np.all(FrontAhead(FACETS, NONE, H).excess(points) < 0.0)
 
 
 def test_a_parabola_lies_below_the_largest_of_its_control_points():

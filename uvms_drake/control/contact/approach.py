@@ -1,4 +1,4 @@
-"""How fast to approach a wall that may be anywhere: as fast as the plan's own grid can stop.
+"""How far to go towards a wall that may be anywhere, and what a plan does between its knots.
 
 *Assumption.* The tip's acceleration along n is constant in each interval h. A plan has constant ζ̄̇
 instead; the tip's turns with the robot. With j = sup|x⃛| over the interval, x is at most (2/81) h³j
@@ -9,11 +9,8 @@ does not know them to be small adds them to the margin E, the latter once for ea
 *A touch between two samples needs no plan of its own.* The plan that is followed keeps x ≤ x_safe
 with the front of its instant, to the end of its horizon and beyond, and a front never shrinks: from
 the touch on φ ≤ F_max as before it, and the next sample has a solution (`tracking_ocp`). A plan at
-the instant could only go on sooner, by less than h, and come faster: with the same front it stops
-from `approach_speed(L, h, a, T_r)`, and not from `approach_speed(L, h, a, T_r + h)`. Either is
-beyond what plans make of the room: one of duration T that ends at the front goes at about 2L/T. On
-the Girona's main wall, with L = 31 mm, T = 3 s, h = 0.2 s, a = 0.17 m/s² and T_r = 0.14 s, that is
-21 mm/s; the others are 80 and 59 mm/s.
+the instant could only go on sooner, by less than h, and none has to be slower than its front makes
+it: one of duration T that ends at the front, L away, goes at about 2L/T.
 
 *Across n.* Depth x and speed v are along n. If the wall is tilted, α > 0, a motion m uses up
 ⟨m⟩ = n·m + α‖P_t m‖ of the room: what is said here holds if the tip does not move across n on its
@@ -23,29 +20,6 @@ approach, or if v is a bound of ⟨v̄⟩ of the planned velocity and the way is
 import math
 
 import numpy as np
-
-
-def stopping_distance(speed: float, step: float, deceleration: float) -> float:
-    """Returns D(v), the shortest way from speed v at a knot to rest at one, never back [m].
-
-    The acceleration is constant in each interval h and at most a. Then D is piecewise linear, and
-    equal to v²/(2a) at the multiples of ah: with v = (m + ρ)ah, 0 ≤ ρ < 1,
-
-        D = ah² (m²/2 + (m + ½)ρ).
-
-    *Proof.* The way is h Σ (v_k + v_{k+1})/2, v_0 = v, v_k ≥ 0. Every v_k ≥ (v − k ah)₊, and full
-    braking with the remainder in the last interval has equality in all of them at once, so no other
-    way is shorter. Its sum is h (v/2 + Σ_{k=1}^{m} (v − k ah)) = ah² ((m + ρ)/2 + mρ + m²/2 − m/2).
-
-    Args:
-        speed: v ≥ 0 [m/s].
-        step: h [s].
-        deceleration: a [m/s²].
-    """
-    quantum = deceleration * step
-    m = math.floor(speed / quantum)
-    rest = speed / quantum - m
-    return quantum * step * (0.5 * m * m + (m + 0.5) * rest)
 
 
 def between_knots(depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarray:
@@ -72,16 +46,16 @@ def off_parabola(jerk: float, step: float) -> float:
 
 
 def stopping_room(force_max: float, noise: float, stiffness: float, margin: float,
-                  touch: float | None = None, retreat: float = 0.0) -> float:
+                  retreat: float = 0.0) -> float:
     """Returns L [m], how far the planned tip may still go from where nothing has been felt yet.
 
-    A reading is up to ν off. Below the threshold F_t ≥ ν of a touch it bounds the force by F_t + ν,
+    A reading is up to ν off. Below the threshold of a touch, which is ν, it bounds the force by 2ν,
     not by ν. A real tip that swings back in the tube, however steadily the planned one goes ahead,
-    hides c₊⟨−v⟩ of the static force: φ⁺ ≤ (F_t + ν)/(1 − c₊⟨−v⟩). So the front of the last reading
+    hides c₊⟨−v⟩ of the static force: φ⁺ ≤ 2ν/(1 − c₊⟨−v⟩). So the front of the last reading
     before the touch is (F_max − φ⁺)/κ₊ ahead of the real tip. The planned one may be E ahead of the
     real one, and is kept E behind the front:
 
-        L = (F_max − (F_t + ν)/(1 − c₊⟨−v⟩))/κ₊ − 2E,    F_t = ν at least.
+        L = (F_max − 2ν/(1 − c₊⟨−v⟩))/κ₊ − 2E.
 
     Below zero there is no approach at all: the tube is thicker than what the wall forgives.
 
@@ -90,40 +64,9 @@ def stopping_room(force_max: float, noise: float, stiffness: float, margin: floa
         noise: ν [N].
         stiffness: κ₊ [N/m].
         margin: E, of the planned tip [m].
-        touch: F_t [N]; ν if None.
         retreat: c₊ times a bound of ⟨−v⟩ of the real tip [1]: what the tube leaves it of speed
             beside the planned one. From 1 on a reading says nothing, and L = −∞.
     """
     if retreat >= 1.0:
         return -math.inf
-    felt = noise if touch is None else touch
-    return (force_max - (felt + noise) / (1.0 - retreat)) / stiffness - 2.0 * margin
-
-
-def approach_speed(room: float, step: float, deceleration: float, reaction: float) -> float:
-    """Returns v_app [m/s], the largest v with D(v) + v T_r ≤ L; zero for L ≤ 0.
-
-    From the instant of the last reading without a touch to the first instant of a plan that knows
-    of the touch, T_r, the planned tip goes v T_r at most; then D(v), at whose end it is at rest. So
-    the new plan has a solution, and until then nothing is beyond the front: φ ≤ F_max all the time.
-    T_r is the sensor's period and its W (see `front`), the time that a plan takes, and the wait for
-    the next plan, if a touch does not start one. With the *front alone*, x ≤ x_safe from the start
-    and plans on their own clock, a steady speed v has a solution at each plan iff one more interval
-    at v and D(v) fit in: `approach_speed(L, h, a, T_r + h)`.
-
-    D(v) + v T_r is increasing and linear between multiples of ah: m is the last of them that fits.
-
-    Args:
-        room: L, see `stopping_room` [m].
-        step: h [s].
-        deceleration: a [m/s²], one that a plan has along n wherever it is, whatever else limits it.
-        reaction: T_r [s].
-    """
-    if room <= 0.0:
-        return 0.0
-    quantum = deceleration * step
-    wait = reaction / step
-    units = room / (quantum * step)  # m²/2 + m wait ≤ units
-    m = math.floor(2.0 * units / (wait + math.hypot(wait, math.sqrt(2.0 * units))))
-    rest = (units - 0.5 * m * m - m * wait) / (m + 0.5 + wait)
-    return quantum * (m + rest)
+    return (force_max - 2.0 * noise / (1.0 - retreat)) / stiffness - 2.0 * margin

@@ -150,18 +150,6 @@ class TipFirst(AncillaryLaw):
         return Command(u=cache(lambda: np.linalg.solve(M, tau)), tau=lambda: tau, M=lambda: M)
 
 
-def generalised_jacobian(M: np.ndarray, J_s: np.ndarray) -> np.ndarray:
-    """Returns J_g = J_sq − J_sv M_vv⁻¹ M_vq (..., n, n): the tip's rows by q̇, the vehicle free.
-
-    Args:
-        M: Mass matrix (..., 6+n, 6+n).
-        J_s: The tip's rows of J_x (..., n, 6+n).
-    """
-    carried = np.linalg.solve(M[..., :6, :6], M[..., :6, 6:])
-    J_g: np.ndarray = J_s[..., 6:] - J_s[..., :6] @ carried
-    return J_g
-
-
 def _solve(A: np.ndarray, right: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Returns A⁻¹ right, or refuses the joint angles q (n,) as a singular posture."""
     try:
