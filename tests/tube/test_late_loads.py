@@ -8,7 +8,7 @@ from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.late_loads import LateLoads, Plans, _motions, _named, values_at
 from uvms_drake.tube.row_loads import row_loads
-from uvms_drake.tube.tip_first_image import input_within
+from uvms_drake.tube.search_problem import input_within
 from uvms_drake.tube.tip_first_rests import (
     configuration_of,
     output_bias,

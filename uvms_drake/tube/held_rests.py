@@ -23,8 +23,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.tube.rests import jacobian_rate_times
-from uvms_drake.tube.search_problem import SearchProblem
-from uvms_drake.tube.tip_first_image import input_within
+from uvms_drake.tube.search_problem import SearchProblem, input_within
 from uvms_drake.tube.tip_first_rests import (
     configuration_of,
     output_bias,

@@ -86,6 +86,28 @@ NEAREST_TO_A_JUMP = 0.9
 """Share of the angle at which a contact's law jumps up to which attitudes count."""
 
 
+def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, share: np.ndarray,
+                 u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
+    """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both.
+
+    A share of the looser one alone, cut to the tighter, is the same set; but of the light joints,
+    whose ζ̄̇ is cut long before, a search would have no slope to climb by.
+    """
+    rates = largest_rate * np.ones(model.size)
+    slow = rates < u_limits
+    u = u_limits * share
+    if np.any(slow):
+        f = model.drift(config, zeta)
+        u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - f, u), u_limits)
+        u = _within(u + f, rates) - f
+    return u
+
+
+def _within(x: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Returns real or complex x, cut to ± limit."""
+    return np.where(np.abs(x.real) > limit, np.sign(x.real) * limit, x)
+
+
 @dataclass(frozen=True)
 class RestProblem(SearchProblem):
     """The rests of the law `resolved`; see `rests`."""
@@ -110,11 +132,8 @@ class RestProblem(SearchProblem):
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the rests (..., 3(6+n) + 2)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
-        config, u = self.config(pose), self.u_limits * share
-        if np.any(np.isfinite(self.largest_rate)):
-            f = self.model.drift(config, zeta)
-            rate, limit = u + f, self.largest_rate * np.ones(self.size)
-            u = np.where(np.abs(rate.real) > limit, np.sign(rate.real) * limit, rate) - f
+        config = self.config(pose)
+        u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
         e_y, r = error[..., : self.size], error[..., self.size:]
         if self.preimage:  # J_x at the real configuration, to second order.
             y, J = self.model.task_pose(config), self.model.task_jacobian(config)

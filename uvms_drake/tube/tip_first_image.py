@@ -28,7 +28,7 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.estimate import Check, Estimate, largest_of, no_estimates, together
 from uvms_drake.tube.held_search import once
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
-from uvms_drake.tube.search_problem import Part, SearchProblem
+from uvms_drake.tube.search_problem import Part, SearchProblem, input_within
 from uvms_drake.tube.second_search import second_search
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.tube.tip_first_rests import output_jacobian, tip_first_rests
@@ -67,24 +67,6 @@ class TipFirstProblem(SearchProblem):
             self.model, config, zeta, share, self.u_limits, self.largest_rate)
         return tip_first_rests(self.model, self.rows, config, zeta, u, error[..., : self.size],
                                error[..., self.size:])
-
-
-def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, share: np.ndarray,
-                 u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
-    """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both."""
-    rates = largest_rate * np.ones(model.size)
-    slow = rates < u_limits
-    u = u_limits * share
-    if np.any(slow):
-        f = model.drift(config, zeta)
-        u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - f, u), u_limits)
-        u = _within(u + f, rates) - f
-    return u
-
-
-def _within(x: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Returns real or complex x, cut to ± limit."""
-    return np.where(np.abs(x.real) > limit, np.sign(x.real) * limit, x)
 
 
 class BlockBounds(NamedTuple):
