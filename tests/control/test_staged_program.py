@@ -159,30 +159,54 @@ def test_both_relaxations_and_more_than_one_conic_program_occur():
     assert max(solution.cone_programs for solution in found) > 1
 
 
-def both_forms(program: StagedProgram) -> bool:
+def both_forms(program: StagedProgram, *, softened: bool) -> bool:
     """Checks that both forms of the conic program have one solution; returns if there is one."""
     regulator = riccati(program)
     z = motion(program, regulator)
     kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program, 0.03)
-    condensed, sparse = (shortest(program, regulator, z, kept, sparse=sparse)
-                         for sparse in (False, True))
+    condensed, sparse = (
+        shortest(program, regulator, z, kept, sparse=sparse, softened=softened)
+        for sparse in (False, True))
     assert (condensed is None) == (sparse is None)
-    if condensed is None:
+    if condensed is None or sparse is None:
         return False
-    r, *relaxed = condensed
-    np.testing.assert_allclose(sparse[0], r, atol=1e-3 * max(1.0, np.max(np.abs(r))))
-    np.testing.assert_allclose(sparse[1:], relaxed, atol=1e-4)
-    lengths = [0.5 * np.sum(each**2) + program.slack_penalty * slack
-               + program.excess_penalty * excess for each, slack, excess in (condensed, sparse)]
+    r, *others = condensed
+    np.testing.assert_allclose(sparse.r, r, atol=1e-3 * max(1.0, np.max(np.abs(r))))
+    np.testing.assert_allclose(sparse[1:], others, atol=1e-4 * max(1.0, condensed.price))
+    lengths = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
+               + program.excess_penalty * each.excess for each in (condensed, sparse)]
     assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
     return True
 
 
 def test_the_condensed_and_the_sparse_conic_program_have_one_solution(short_ocp, start_plans):
     """For few limits and for many, without solution too."""
-    solved = [both_forms(random_program(seed, room)) for room in (0.03, 1.0) for seed in range(6)]
-    assert 0 < sum(solved) < len(solved)
-    assert all(both_forms(short_ocp.staged_program(guess)) for guess in start_plans["off"][:3])
+    for softened in (False, True):
+        solved = [both_forms(random_program(seed, room), softened=softened)
+                  for room in (0.03, 1.0) for seed in range(6)]
+        assert 0 < sum(solved) < len(solved)
+        assert all(both_forms(short_ocp.staged_program(guess), softened=softened)
+                   for guess in start_plans["off"][:3])
+
+
+def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
+    """Checked by widening the soft rows a little."""
+    seen = []
+    for seed in range(20):
+        program = random_program(seed, 0.3)
+        regulator, wide = riccati(program), 1e-4 * program.linear.soft
+        z = motion(program, regulator)
+        kept = WorkingSet.broken(program, z, 0.0)
+        widened = replace(program, linear=program.linear._replace(
+            lower=program.linear.lower - wide, upper=program.linear.upper + wide))
+        here, there = (shortest(each, regulator, z, kept, sparse=True, softened=False)
+                       for each in (program, widened))
+        if here is not None and there is not None:
+            saved = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
+                     for each in (here, there)]
+            assert (saved[0] - saved[1]) / 1e-4 == pytest.approx(here.price, rel=0.05, abs=1e-2)
+            seen.append(here.price)
+    assert max(seen) > program.excess_penalty > min(seen)
 
 
 def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):
@@ -190,10 +214,10 @@ def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_p
     seen = []
     solve = staged_solver.shortest
 
-    def watched(program, regulator, z, kept, *, sparse):
+    def watched(program, regulator, z, kept, *, sparse, softened):
         seen.append((kept.rows(program) > 0.75 * program.B.shape[0] * program.B.shape[2], sparse,
                      kept.at_all_stages(program).rows(program) == kept.rows(program)))
-        return solve(program, regulator, z, kept, sparse=sparse)
+        return solve(program, regulator, z, kept, sparse=sparse, softened=softened)
 
     monkeypatch.setattr(staged_solver, "shortest", watched)
     for ocp in (short_ocp, with_limits(short_ocp, nu1=0.03, nu2=0.02, qdot=0.05)):

@@ -11,7 +11,7 @@ There are two forms of the conic program, with the same solution; y is what it i
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, MathematicalProgramResult
+from pydrake.solvers import Binding, ClarabelSolver, MathematicalProgram, MathematicalProgramResult
 
 from uvms_drake.control.regulator import Regulator, responses
 from uvms_drake.control.staged_program import StagedProgram
@@ -37,9 +37,22 @@ class Form(NamedTuple):
         return np.asarray(self.r_y @ result.GetSolution(self.r))
 
 
+class Shortest(NamedTuple):
+    """The solution."""
+
+    r: np.ndarray
+    """r (N, nw)."""
+    slack: float
+    """Slack s of the terminal set."""
+    excess: float
+    """Excess v of the softened limits."""
+    price: float
+    """Sum of the multipliers of the soft rows: what one unit of v would save."""
+
+
 def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
-             *, sparse: bool) -> tuple[np.ndarray, float, float] | None:
-    """Returns the r (N, nw) of least cost that keeps some limits, with its s and v.
+             *, sparse: bool, softened: bool) -> Shortest | None:
+    """Returns the r of least cost that keeps some limits.
 
     Args:
         program: The program.
@@ -47,6 +60,7 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
         z: The motion for r = 0 (N+1, nx+nw).
         kept: The limits.
         sparse: Which form of the conic program is solved.
+        softened: Whether there is a v; without one, soft rows are as the others.
 
     Returns:
         None if there is no solution.
@@ -55,10 +69,11 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
     form = (_sparse(program, regulator) if sparse
             else _condensed(program, responses(program, regulator), kept))
     prog = form.prog
-    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(1, "v")
-    prog.AddLinearCost([program.slack_penalty, program.excess_penalty], np.concatenate([s, v]))
+    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(int(softened), "v")
+    prog.AddLinearCost(
+        [program.slack_penalty, program.excess_penalty][: 1 + len(v)], np.concatenate([s, v]))
     prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
-    _add_linear_limits(form, program, z, kept, v)
+    soft = _add_linear_limits(form, program, z, kept, v)
     for limit, stages in zip(program.norms, kept.norms, strict=True):
         for k in np.flatnonzero(stages):
             # ‖value + C z‖ ≤ bound
@@ -75,23 +90,32 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
     r = form.solution(result)
     if not np.all(np.isfinite(r)):
         return None
-    return r.reshape(N, nw), float(result.GetSolution(s)[0]), float(result.GetSolution(v)[0])
+    price = -sum(float(np.sum(result.GetDualSolution(row)[mask])) for row, mask in soft)
+    return Shortest(r.reshape(N, nw), float(result.GetSolution(s)[0]),
+                    float(np.sum(result.GetSolution(v))), price)
 
 
 def _add_linear_limits(form: Form, program: StagedProgram, z: np.ndarray, kept: WorkingSet,
-                       v: np.ndarray) -> None:
-    """Adds ± (value + C z) − v ≤ ± bound, v in the soft rows only."""
-    linear = program.linear
+                       v: np.ndarray) -> list[tuple[Binding, np.ndarray]]:
+    """Adds ± (value + C z) − v ≤ ± bound, v in the soft rows only, if there is one.
+
+    Returns:
+        What is added, and which of its rows are soft.
+    """
+    linear, out = program.linear, []
     for k in np.flatnonzero(np.any(kept.upper | kept.lower, axis=1)):
         above, below = np.flatnonzero(kept.upper[k]), np.flatnonzero(kept.lower[k])
         rows = np.concatenate([above, below])
         sign = np.repeat([1.0, -1.0], [len(above), len(below)])
         bound = np.concatenate([linear.upper[k, above], linear.lower[k, below]])
         C = linear.C[k, rows]
-        by_y = np.column_stack([sign[:, None] * (C @ form.Z[k]), -linear.soft[rows].astype(float)])
-        form.prog.AddLinearConstraint(
+        soft = linear.soft[rows]
+        by_y = np.hstack([sign[:, None] * (C @ form.Z[k]), -1.0 * soft[:, None][:, : len(v)]])
+        out.append((form.prog.AddLinearConstraint(
             by_y, np.full(len(rows), -np.inf),
-            sign * (bound - linear.value[k, rows] - C @ z[k]), np.concatenate([form.y[k], v]))
+            sign * (bound - linear.value[k, rows] - C @ z[k]), np.concatenate([form.y[k], v])),
+            soft))
+    return out
 
 
 def _add_terminal_limit(form: Form, program: StagedProgram, z: np.ndarray, s: np.ndarray) -> None:

@@ -10,6 +10,11 @@ solved again. A solution that keeps all limits while carrying some is the soluti
 Where so many matter that the program is made in its sparse form, a limit that matters at one stage
 is put in at all of them, and so are those that are less nearly reached: there a row costs little,
 and to solve again costs as much as before.
+
+Where the plan keeps its soft limits, so does a solution nearly always, and v is left out at first:
+a third of the conic solver's iterations went into bringing a v to zero that costs far more than all
+else. A solution without v whose multipliers of soft rows sum up to at most ρ_v is one with v = 0;
+where it is not, or there is none, v comes back.
 """
 
 import numpy as np
@@ -40,21 +45,23 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
     if not kept.any():
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
     kept |= WorkingSet.near(program, NEAR)
-    cone_programs = 0
+    softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
     while True:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:
             kept = (kept | WorkingSet.near(program, LESS_NEAR)).at_all_stages(program)
-        found = shortest(program, regulator, z, kept, sparse=sparse)
+        found = shortest(program, regulator, z, kept, sparse=sparse, softened=softened)
         cone_programs += 1
+        if not softened and (found is None or found.price > program.excess_penalty):
+            softened = True
+            continue
         if found is None:
             return None
-        r, slack, excess = found
-        best = motion(program, regulator, r)
-        broken = WorkingSet.broken(program, best, excess).without(kept)
+        best = motion(program, regulator, found.r)
+        broken = WorkingSet.broken(program, best, found.excess).without(kept)
         if not broken.any():
             return StagedSolution(
-                best[:-1, nx:], slack, excess, cone_programs, kept.rows(program))
+                best[:-1, nx:], found.slack, found.excess, cone_programs, kept.rows(program))
         kept |= broken
 
 

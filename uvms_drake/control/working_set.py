@@ -28,6 +28,10 @@ class WorkingSet:
         """Returns whether there are any."""
         return bool(self.terminal or self.upper.any() or self.lower.any() or self.norms.any())
 
+    def soft(self, program: StagedProgram) -> bool:
+        """Returns whether one of them is soft."""
+        return bool(np.any((self.upper | self.lower) & program.linear.soft))
+
     def __or__(self, other: "WorkingSet") -> "WorkingSet":
         return WorkingSet(self.upper | other.upper, self.lower | other.lower,
                           self.norms | other.norms, self.terminal or other.terminal)
