@@ -11,7 +11,7 @@ There are two forms of the conic program, with the same solution; y is what it i
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.solvers import Binding, ClarabelSolver, MathematicalProgram, MathematicalProgramResult
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from uvms_drake.control.regulator import Regulator, responses
 from uvms_drake.control.staged_program import StagedProgram
@@ -19,22 +19,27 @@ from uvms_drake.control.working_set import WorkingSet
 
 
 class Form(NamedTuple):
-    """A conic program with the cost ½‖r‖², and what the motion is in it: z_k changes by Z_k y_k."""
+    """What a conic program is in: z_k changes by Z_k y_k, where y_k is a part of y."""
 
-    prog: MathematicalProgram
-    """With what else its variables have to fulfil."""
-    y: list[np.ndarray]
-    """The variables y_k of each stage."""
+    motion: np.ndarray
+    """Rows that are zero at y (m, size of y)."""
+    y: list[slice]
+    """Where y_k is, of each stage."""
     Z: list[np.ndarray]
     """∂z_k/∂y_k (nx+nw, size of y_k)."""
     r: np.ndarray
-    """The variables that r is in."""
+    """Where what r is in is; the cost is half its square."""
     r_y: np.ndarray
-    """r (N nw,) is this matrix times them."""
+    """r (N nw,) is this matrix times that."""
 
-    def solution(self, result: MathematicalProgramResult) -> np.ndarray:
-        """Returns r (N nw,)."""
-        return np.asarray(self.r_y @ result.GetSolution(self.r))
+
+class Rows(NamedTuple):
+    """A x ≤ b, x all variables of the conic program."""
+
+    A: np.ndarray
+    b: np.ndarray
+    soft: np.ndarray
+    """Whether v relaxes a row."""
 
 
 class Shortest(NamedTuple):
@@ -54,6 +59,8 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
              *, sparse: bool, softened: bool) -> Shortest | None:
     """Returns the r of least cost that keeps some limits.
 
+    All rows are added at once: a call costs as much as a hundred of them.
+
     Args:
         program: The program.
         regulator: Its regulator.
@@ -68,12 +75,19 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
     N, _, nw = program.B.shape
     form = (_sparse(program, regulator) if sparse
             else _condensed(program, responses(program, regulator), kept))
-    prog = form.prog
-    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(int(softened), "v")
-    prog.AddLinearCost(
-        [program.slack_penalty, program.excess_penalty][: 1 + len(v)], np.concatenate([s, v]))
-    prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
-    soft = _add_linear_limits(form, program, z, kept, v)
+    # Variables (y, s), then v and t, if there are: t is the least of what bounds the end, less s.
+    s = form.motion.shape[1]
+    v, t = s + softened, s + softened + kept.terminal
+    prog = MathematicalProgram()
+    x = prog.NewContinuousVariables(t + 1)
+    prog.AddQuadraticCost(np.eye(len(form.r)), np.zeros(len(form.r)), x[form.r], is_convex=True)
+    prog.AddLinearCost([program.slack_penalty, program.excess_penalty][: 1 + softened], x[s: v + 1])
+    prog.AddBoundingBoxConstraint(0.0, np.inf, x[s: v + 1])
+    if len(form.motion):
+        prog.AddLinearEqualityConstraint(form.motion, np.zeros(len(form.motion)), x[:s])
+    rows = _linear_rows(form, program, z, kept, len(x))
+    if softened:
+        rows.A[rows.soft, v] = -1.0
     for limit, stages in zip(program.norms, kept.norms, strict=True):
         for k in np.flatnonzero(stages):
             # ‖value + C z‖ ≤ bound
@@ -81,61 +95,48 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
             used = np.any(by_y, axis=0)
             prog.AddLorentzConeConstraint(
                 np.pad(by_y[:, used], ((1, 0), (0, 0))),
-                np.append(limit.bound[k], limit.value[k] + limit.C @ z[k]), form.y[k][used])
+                np.append(limit.bound[k], limit.value[k] + limit.C @ z[k]), x[form.y[k]][used])
+    A, b = rows.A, rows.b
     if kept.terminal:
-        _add_terminal_limit(form, program, z, s)
+        # ‖value + T x_N‖ ≤ t
+        end, Z_x = z[-1, : program.A.shape[-1]], form.Z[-1][: program.A.shape[-1]]
+        terminal, room = program.terminal, program.terminal.room_at(end)
+        prog.AddLorentzConeConstraint(
+            np.block([[np.zeros((1, Z_x.shape[1])), np.ones((1, 1))],
+                      [terminal.T @ Z_x, np.zeros((len(terminal.T), 1))]]),
+            np.append(0.0, terminal.value + terminal.T @ end), np.append(x[form.y[-1]], x[t]))
+        bounds = np.zeros((len(room.size), len(x)))
+        bounds[:, form.y[-1]], bounds[:, s], bounds[:, t] = -room.rows @ Z_x, -1.0, 1.0
+        A, b = np.concatenate([A, bounds]), np.append(b, room.size)
+    limits = prog.AddLinearConstraint(A, np.full(len(b), -np.inf), b, x) if len(b) else None
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None
-    r = form.solution(result)
-    if not np.all(np.isfinite(r)):
+    found = result.GetSolution(x)
+    if not np.all(np.isfinite(found)):
         return None
-    price = -sum(float(np.sum(result.GetDualSolution(row)[mask])) for row, mask in soft)
-    return Shortest(r.reshape(N, nw), float(result.GetSolution(s)[0]),
-                    float(np.sum(result.GetSolution(v))), price)
+    multipliers = np.zeros(0) if limits is None else -result.GetDualSolution(limits)
+    return Shortest(
+        (form.r_y @ found[form.r]).reshape(N, nw), float(found[s]),
+        float(found[v]) if softened else 0.0,
+        float(np.sum(multipliers[: len(rows.soft)][rows.soft])))
 
 
-def _add_linear_limits(form: Form, program: StagedProgram, z: np.ndarray, kept: WorkingSet,
-                       v: np.ndarray) -> list[tuple[Binding, np.ndarray]]:
-    """Adds ± (value + C z) − v ≤ ± bound, v in the soft rows only, if there is one.
-
-    Returns:
-        What is added, and which of its rows are soft.
-    """
-    linear, out = program.linear, []
+def _linear_rows(form: Form, program: StagedProgram, z: np.ndarray, kept: WorkingSet, width: int
+                 ) -> Rows:
+    """Returns ± (value + C z) ≤ ± bound of the linear limits, in `width` variables."""
+    linear, A, b, soft = program.linear, [np.zeros((0, width))], [np.zeros(0)], [np.zeros(0, bool)]
     for k in np.flatnonzero(np.any(kept.upper | kept.lower, axis=1)):
         above, below = np.flatnonzero(kept.upper[k]), np.flatnonzero(kept.lower[k])
-        rows = np.concatenate([above, below])
+        each = np.concatenate([above, below])
         sign = np.repeat([1.0, -1.0], [len(above), len(below)])
         bound = np.concatenate([linear.upper[k, above], linear.lower[k, below]])
-        C = linear.C[k, rows]
-        soft = linear.soft[rows]
-        by_y = np.hstack([sign[:, None] * (C @ form.Z[k]), -1.0 * soft[:, None][:, : len(v)]])
-        out.append((form.prog.AddLinearConstraint(
-            by_y, np.full(len(rows), -np.inf),
-            sign * (bound - linear.value[k, rows] - C @ z[k]), np.concatenate([form.y[k], v])),
-            soft))
-    return out
-
-
-def _add_terminal_limit(form: Form, program: StagedProgram, z: np.ndarray, s: np.ndarray) -> None:
-    """Adds ‖value + T x_N‖ ≤ t, where t is at most each of the bounds, radius and rooms, + s."""
-    terminal, x = program.terminal, z[-1, : program.A.shape[-1]]
-    x_y = form.Z[-1][: len(x)]
-    t = form.prog.NewContinuousVariables(1, "t")
-    A = np.zeros((1 + len(terminal.T), 1 + x_y.shape[1]))
-    A[0, 0], A[1:, 1:] = 1.0, terminal.T @ x_y
-    form.prog.AddLorentzConeConstraint(
-        A, np.append(0.0, terminal.value + terminal.T @ x), np.concatenate([t, form.y[-1]]))
-    most, rows = np.array([terminal.radius]), np.zeros((1, len(x)))
-    if terminal.room is not None:
-        most = np.append(most, terminal.room.size + terminal.room.rows @ x)
-        rows = np.concatenate([rows, terminal.room.rows])
-    bounded = np.isfinite(most)
-    ones = np.ones((np.count_nonzero(bounded), 1))
-    form.prog.AddLinearConstraint(
-        np.hstack([ones, -ones, -rows[bounded] @ x_y]), np.full(len(ones), -np.inf),
-        most[bounded], np.concatenate([t, s, form.y[-1]]))
+        C, rows = sign[:, None] * linear.C[k, each], np.zeros((len(each), width))
+        rows[:, form.y[k]] = C @ form.Z[k]
+        A.append(rows)
+        b.append(sign * (bound - linear.value[k, each]) - C @ z[k])
+        soft.append(linear.soft[each])
+    return Rows(np.concatenate(A), np.concatenate(b), np.concatenate(soft))
 
 
 def _condensed(program: StagedProgram, response: np.ndarray, kept: WorkingSet) -> Form:
@@ -150,26 +151,24 @@ def _condensed(program: StagedProgram, response: np.ndarray, kept: WorkingSet) -
             ends = np.concatenate([ends, program.terminal.room.rows])
         gradients.append(ends @ response[-1, :nx])
     basis = np.linalg.qr(np.concatenate(gradients).T)[0]
-    prog = MathematicalProgram()
-    y = prog.NewContinuousVariables(basis.shape[1], "y")
-    prog.AddQuadraticCost(np.eye(len(y)), np.zeros(len(y)), y, is_convex=True)
-    return Form(prog, [y] * len(response), list(response @ basis), y, basis)
+    size = basis.shape[1]
+    return Form(np.zeros((0, size)), [slice(size)] * len(response), list(response @ basis),
+                np.arange(size), basis)
 
 
 def _sparse(program: StagedProgram, regulator: Regulator) -> Form:
-    """Returns the sparse form; x_0 does not change."""
+    """Returns the sparse form, in r_0, x_1, r_1, ..., x_N; x_0 does not change."""
     N, nx, nw = program.B.shape
     Z = np.zeros((N + 1, nx + nw, nx + nw))
     Z[:, :nx, :nx], Z[:-1, nx:, :nx], Z[:-1, nx:, nx:] = np.eye(nx), regulator.K, regulator.W
     ahead = np.concatenate([program.A, program.B], axis=2) @ Z[:-1]
-    prog = MathematicalProgram()
-    x = [np.empty(0), *prog.NewContinuousVariables(N, nx, "x")]
-    r = prog.NewContinuousVariables(N, nw, "r")
-    prog.AddQuadraticCost(np.eye(r.size), np.zeros(r.size), r.ravel(), is_convex=True)
-    y = [*(np.concatenate([x[k], r[k]]) for k in range(N)), x[N]]
-    by_y = [Z[0, :, nx:], *Z[1:-1], Z[N, :, :nx]]
+    y = [slice(max(k * (nx + nw) - nx, 0), (k + 1) * (nx + nw) - nx) for k in range(N)]
+    y.append(slice(y[-1].stop, y[-1].stop + nx))
+    motion = np.zeros((N, nx, y[-1].stop))
     for k in range(N):
-        by_now = ahead[k, :, -len(y[k]):]
-        prog.AddLinearEqualityConstraint(
-            np.hstack([by_now, -np.eye(nx)]), np.zeros(nx), np.concatenate([y[k], x[k + 1]]))
-    return Form(prog, y, by_y, r.ravel(), np.eye(r.size))
+        now = y[k]
+        motion[k, :, now] = ahead[k, :, now.start - now.stop:]
+        motion[k, :, now.stop: now.stop + nx] = -np.eye(nx)
+    r = np.concatenate([np.arange(now.stop - nw, now.stop) for now in y[:-1]])
+    return Form(motion.reshape(N * nx, -1), y, [Z[0, :, nx:], *Z[1:-1], Z[N, :, :nx]], r,
+                np.eye(len(r)))

@@ -67,6 +67,15 @@ class TerminalLimit(NamedTuple):
     room: Room | None = None
     """None if there is room everywhere."""
 
+    def room_at(self, x: np.ndarray) -> Room:
+        """Returns all that bounds the norm, less s, about x_N (nx,); what is infinite does not."""
+        size, rows = np.array([self.radius]), np.zeros((1, len(x)))
+        if self.room is not None:
+            size = np.append(size, self.room.size + self.room.rows @ x)
+            rows = np.concatenate([rows, self.room.rows])
+        finite = np.isfinite(size)
+        return Room(size[finite], rows[finite])
+
     def excess(self, x: np.ndarray) -> float:
         """Returns how far the end is outside for x_N (nx,); negative inside."""
         room = np.inf if self.room is None else np.min(self.room.size + self.room.rows @ x)
