@@ -27,7 +27,7 @@ they span most."""
 
 
 class Excesses(NamedTuple):
-    """How far all limits are exceeded, and how that changes with z; negative inside."""
+    """How far limits are exceeded, and how that changes with z; negative inside."""
 
     value: np.ndarray
     """Excesses (N+1, m); −∞ where there is no limit."""
@@ -36,8 +36,8 @@ class Excesses(NamedTuple):
 
 
 def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
-    """Returns what the program says of the limits after a motion z (N+1, nx+nw)."""
-    (N, nx, nw), linear, end = program.B.shape, program.linear, program.terminal
+    """Returns what the program says after a motion z (N+1, nx+nw), of all but the terminal set."""
+    (N, nx, nw), linear = program.B.shape, program.linear
     z = np.broadcast_to(z, (N + 1, nx + nw))
     value = linear.value + times(linear.C, z)
     values, rows = [value - linear.upper, linear.lower - value], [linear.C, -linear.C]
@@ -46,19 +46,14 @@ def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
         size = np.linalg.norm(vector, axis=1, keepdims=True)
         values.append(size - limit.bound[:, None])
         rows.append((vector / np.maximum(size, INSIDE) @ limit.C)[:, None])
-    vector = end.value + end.T @ z[-1, :nx]
-    last, by_last = np.full((N + 1, 1), -np.inf), np.zeros((N + 1, 1, nx + nw))
-    last[-1] = end.excess(z[-1, :nx])
-    by_last[-1, 0, :nx] = vector @ end.T / max(float(np.linalg.norm(vector)), INSIDE)
-    if end.room is not None:
-        sizes = end.room.size + end.room.rows @ z[-1, :nx]
-        if np.min(sizes) < end.radius:
-            by_last[-1, 0, :nx] -= end.room.rows[np.argmin(sizes)]
-    return Excesses(np.concatenate([*values, last], axis=1), np.concatenate([*rows, by_last], 1))
+    return Excesses(np.concatenate(values, axis=1), np.concatenate(rows, axis=1))
 
 
 def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> np.ndarray:
     """Returns the change of the decision (N, nw) that takes the second-order rest of the limits.
+
+    Where the end is outside of the terminal set, all of value + T x_N is given back what the program
+    predicted, not its norm alone: where there is room for next to nothing, the norm has a kink.
 
     Args:
         program: The program that the step is the solution of.
@@ -76,15 +71,28 @@ def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> n
     response = responses(ahead, riccati(ahead))
     predicted = excesses(program, z).value
     wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
-    held, r = predicted > -REACHED, np.zeros(N * nw)
+    end, end_r = ahead.terminal, response[-1, :nx]
+    goal = program.terminal.value + program.terminal.T @ z[-1, :nx]
+    least, room = np.linalg.norm(goal) + INSIDE, end.room_at(np.zeros(nx))
+    held, r = np.zeros(wanted.shape, dtype=bool), np.zeros(N * nw)
+    ends, tight = False, np.zeros(len(room.size), dtype=bool)
     for _ in range(ROUNDS):
         # Norms are not linear: their gradients are taken where the last round came to.
         value, C = excesses(ahead, response @ r)
-        held |= value > 0.0
-        if np.max(np.abs(value - wanted)[held], initial=0.0) < INSIDE:
+        held |= value > wanted
+        x = end_r @ r
+        ends = ends or end.excess(x) > -INSIDE
+        size = room.size + room.rows @ x
+        tight |= ends & (size < least)
+        rest = np.concatenate([
+            (wanted - value)[held], (least - size)[tight],
+            goal - end.value - end.T @ x if ends else []])
+        if np.max(np.abs(rest), initial=0.0) < INSIDE:
             break
-        F = np.concatenate([C[k, held[k]] @ response[k] for k in range(N + 1)])
-        sizes, rest = np.linalg.norm(F, axis=1), (wanted - value)[held]
+        F = np.concatenate([
+            *(C[k, held[k]] @ response[k] for k in range(N + 1)), room.rows[tight] @ end_r,
+            end.T @ end_r if ends else end.T[:0] @ end_r])
+        sizes = np.linalg.norm(F, axis=1)
         moves = sizes > 0.0
         F, rest = F[moves] / sizes[moves, None], rest[moves] / sizes[moves]
         r = np.linalg.lstsq(F, rest + F @ r, rcond=DEPENDENT)[0]
