@@ -52,7 +52,7 @@ def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
 def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> np.ndarray:
     """Returns the change of the decision (N, nw) that takes the second-order rest of the limits.
 
-    Where the end is outside of the terminal set, all of value + T x_N is given back what the program
+    Where the end is outside of the terminal set, all of value + T x_N is made what the program
     predicted, not its norm alone: where there is room for next to nothing, the norm has a kink.
 
     Args:
