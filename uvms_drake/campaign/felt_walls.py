@@ -5,7 +5,6 @@ class and in a quarter of the draws at them. What is drawn is shown to be in the
 `ShapedSurface.membership`, in a ball with every place where the tip may touch it.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ import numpy as np
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.spatial import cross
 from uvms_drake.model.surface import SensedContact, ShapedSurface
-from uvms_drake.model.surface.geometry import AnyGeometry, Bumpy, Cylinder, Plane
+from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.normal_law import AnyNormalLaw, Bilinear, Hardening, Linear
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -142,9 +141,6 @@ def ball_about(point: np.ndarray, contact: SensedContact, law: AnyNormalLaw, sta
 def across(n: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Returns the part across n (..., 3) of a vector (..., 3)."""
     return vector - (vector @ n)[..., None] * n
-
-
-Shape = Callable[[np.ndarray, np.ndarray, float, float, float, np.random.Generator], AnyGeometry]
 
 
 def _plane(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,

@@ -37,7 +37,6 @@ ROWS = {"all": slice(None), "position": slice(0, 3), "orientation": slice(3, 6),
 Kind = Literal[
     "along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
     "per_channel"]
-Rows = Literal["all", "position", "orientation", "joints"]
 
 
 @dataclass

@@ -42,7 +42,6 @@ grows linearly leaves nothing. If the lag is not ℓ but ℓ − ΔT, ΔT s/Δ f
 
 - `disturbance`: δ that may be anything, at most ‖(J_yW)ᵢ‖ d̃. In it are M⁻¹Jᵀ(𝔉_s − 𝔉) of a force
   sensor, M⁻¹(ε, 0) of thrusters that give τ_v + ε, and c.
-- `disturbance_rate`: δ̇, of a δ of any level, which an observer makes finite.
 - `feed_forward`: f, if it changes at ticks only, where there are any. A constant leaves nothing: f
   may be taken less any constant, so half of its range counts.
 - `free_feed_forward`: f that may be anything, at a tick and beside it.
@@ -50,8 +49,6 @@ grows linearly leaves nothing. If the lag is not ℓ but ℓ − ΔT, ΔT s/Δ f
 - `planned`, `planned_rate`: likewise of f̄, the part of f that is asked for `ahead`. What
   `feed_forward` and its rate then move a row by is f − f̄; without it there is no difference. In a
   sampled loop `planned_rate` is a bound: that of f̄ held from tick to tick, and of the rest.
-- `position`, `velocity`: errors of y and ẏ as they are measured, per sample. A latency t_L is one
-  too, ȳ(t − t_L) − ȳ(t) and its rate, beside what it does to the loop.
 
 Their parts add up to the radius of a row, with what is left of the error at the start. Rows of the
 same gains share a kernel, which is a scalar: bounds of the norm of their δ give one of the norm of
@@ -90,7 +87,7 @@ class Peak(NamedTuple):
     velocity: float
     """Of ė."""
     command: float
-    """Of the feedback −(k + σ)ė − kσe − δ̂, with the errors of what is measured."""
+    """Of the feedback −(k + σ)ė − kσe − δ̂."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +106,6 @@ class RowLoop:
     """h, time between two commands [s]; zero for a continuous feedback."""
     dead_time: float = 0.0
     """From a tick to where the command comes to the actuator [s], of a sampled feedback."""
-    latency: int = 0
-    """Age of the state that is measured, in periods."""
     ahead: float = 0.0
     """ℓ, by how much f̄ is asked for ahead [s]: lag, dead time, half a period."""
     drag: float = 0.0
@@ -122,9 +117,8 @@ class RowLoop:
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("observer", "lag", "period", "dead_time", "ahead", "drag"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
-        for key in ("dead_time", "latency", "drag"):
-            late = getattr(self, key)
-            require(late == 0 or (self.period > 0.0 and late > 0), key, late,
+        for key in ("dead_time", "drag"):
+            require(getattr(self, key) == 0.0 or self.period > 0.0, key, getattr(self, key),
                     "zero, or positive with a positive period")
 
     @property
@@ -139,19 +133,11 @@ class RowLoop:
         loop, delta, f, f_sampled = system.loop, system.delta, system.f, system.f_sampled
         gains = {
             "disturbance": self._exact or loop.flow_gain(delta),
-            "disturbance_rate": loop.rate_gain(delta),
             "feed_forward": (loop.held_gain(f, f_sampled) if self.period > 0.0
                              else loop.flow_gain(f)),
             "feed_forward_rate": loop.rate_gain(f, f_sampled),
             "free_feed_forward": loop.flow_gain(f) + loop.sample_gain(f_sampled)}
         gains |= self._planned(gains)
-        for i, name in enumerate(("position", "velocity")):
-            D = np.array([0.0, 0.0, -(self.k * self.sigma, self.k + self.sigma)[i]])
-            if self.period > 0.0:
-                gains[name] = loop.sample_gain(system.noise[i], D)
-            else:
-                D[2] -= self.observer * i
-                gains[name] = loop.flow_gain(system.noise[i], D)
         return {name: Peak(*map(float, values[:3])) for name, values in gains.items()}
 
     @property
@@ -244,16 +230,14 @@ class _System(NamedTuple):
     """f, into the flow (m,)."""
     f_sampled: np.ndarray
     """f, at a tick (m,)."""
-    noise: np.ndarray
-    """Errors of y and of ẏ (2, m), at a tick or into the flow."""
     asked: np.ndarray
     """What is asked for in f (m,), a part of `f` or `f_sampled`."""
 
 
-def _feedback(row: RowLoop, m: int, e: int, rate: int, estimate: int | None) -> np.ndarray:
-    """Returns −(k + σ)ė − kσe − δ̂ as a row (m,) of states with these indices."""
+def _feedback(row: RowLoop, m: int, estimate: int | None) -> np.ndarray:
+    """Returns −(k + σ)ė − kσe − δ̂ as a row (m,) of states, δ̂ by its index."""
     v = np.zeros(m)
-    v[rate], v[e] = -(row.k + row.sigma), -row.k * row.sigma
+    v[RATE], v[E] = -(row.k + row.sigma), -row.k * row.sigma
     if estimate is not None:
         v[estimate] = -1.0
     return v
@@ -262,28 +246,25 @@ def _feedback(row: RowLoop, m: int, e: int, rate: int, estimate: int | None) -> 
 def _continuous(row: RowLoop) -> _System:
     """Returns the loop of a feedback and an observer in continuous time.
 
-    The states are e, ė, the lagged acceleration a if there is a lag, and x = δ̂ − λn of an observer,
-    ẋ = λ(δ − x − λn) with the error n of ẏ.
+    The states are e, ė, the lagged acceleration a if there is a lag, and the δ̂ of an observer.
     """
     m = 2 + (row.lag > 0.0) + (row.observer > 0.0)
-    a, x, k, sigma, rate = 2, m - 1, row.k, row.sigma, row.observer
-    v = _feedback(row, m, E, RATE, x if rate else None)
-    from_noise = np.array([-k * sigma, -(k + sigma) - rate])
-    A, noise, asked, delta = np.zeros((m, m)), np.zeros((2, m)), np.zeros(m), np.eye(m)[RATE]
+    a, x, rate = 2, m - 1, row.observer
+    v = _feedback(row, m, x if rate else None)
+    A, asked, delta = np.zeros((m, m)), np.zeros(m), np.eye(m)[RATE]
     A[E, RATE] = 1.0
     if row.lag > 0.0:
         A[RATE, a], A[a] = 1.0, v / row.lag
         A[a, a] -= 1.0 / row.lag
-        noise[:, a] = from_noise / row.lag
         asked[a] = 1.0 / row.lag
     else:
-        A[RATE], noise[:, RATE], asked[RATE] = v, from_noise, 1.0
+        A[RATE], asked[RATE] = v, 1.0
     if rate:
-        A[x, x], delta[x], noise[1, x] = -rate, rate, -(rate**2)
+        A[x, x], delta[x] = -rate, rate
     period = FRACTION / float(np.max(np.abs(np.linalg.eigvals(A))))
     loop = PeriodicLoop(A, np.array([np.eye(m)[E], np.eye(m)[RATE], v]),
                         (Stretch(period, np.eye(m)),))
-    return _System(loop, delta, asked - np.eye(m)[RATE], np.zeros(m), noise, asked)
+    return _System(loop, delta, asked - np.eye(m)[RATE], np.zeros(m), asked)
 
 
 def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, ahead: float
@@ -318,9 +299,8 @@ def _sampled(row: RowLoop) -> _System:
     """Returns the loop of a held feedback.
 
     The states are e and ė; a, if there is a lag; the command w that acts; those that are under way,
-    the youngest first; e and ė as they were measured, the youngest first, as old as the latency;
-    and of an observer δ̂, the last ė that it has seen, and ∫(ÿ_pred − ÿ̄) since the last tick. At a
-    tick the law has the estimate of the tick before.
+    the youngest first; and of an observer δ̂, the last ė that it has seen, and ∫(ÿ_pred − ÿ̄) since
+    the last tick. At a tick the law has the estimate of the tick before.
     """
     h = row.period
     whole = int(row.dead_time / h + EXACT)
@@ -328,7 +308,6 @@ def _sampled(row: RowLoop) -> _System:
     rest = rest if rest > EXACT * h else 0.0
     waiting = whole + (rest > 0.0)
     names = ["e", "rate", *["a"] * (row.lag > 0.0), "w", *(f"q{i}" for i in range(waiting)),
-             *(f"{name}{i}" for i in range(row.latency) for name in ("e", "rate")),
              *["estimate", "seen", "predicted"] * (row.observer > 0.0)]
     at, m = {name: i for i, name in enumerate(names)}, len(names)
     unit = np.eye(m)
@@ -340,37 +319,26 @@ def _sampled(row: RowLoop) -> _System:
         A[at["a"]] = (unit[at["w"]] - unit[at["a"]]) / row.lag
 
     # A tick: what is measured, commanded and estimated.
-    jump, noise, f_sampled = unit.copy(), np.zeros((2, m)), np.zeros(m)
-    late = row.latency - 1
-    e, rate = (at["e"], at["rate"]) if late < 0 else (at[f"e{late}"], at[f"rate{late}"])
+    jump, f_sampled = unit.copy(), np.zeros(m)
     estimate = at.get("estimate")
-    v = _feedback(row, m, e, rate, estimate)
-    for name, index, i in (("e", E, 0), ("rate", RATE, 1)):
-        for age in range(row.latency):
-            jump[at[f"{name}{age}"]] = unit[index if age == 0 else at[f"{name}{age - 1}"]]
-        if row.latency:
-            noise[i, at[f"{name}0"]] = 1.0
+    v = _feedback(row, m, estimate)
     first = at["q0"] if waiting else at["w"]
-    jump[first], f_sampled[first] = v + row.drag * unit[rate], 1.0
+    jump[first], f_sampled[first] = v + row.drag * unit[RATE], 1.0
     for i in range(1, waiting):
         jump[at[f"q{i}"]] = unit[at[f"q{i - 1}"]]
     if waiting and not rest:
         jump[at["w"]] = unit[at[f"q{waiting - 1}"]]
-    if not row.latency:
-        noise[:, first] = -row.k * row.sigma, -(row.k + row.sigma)
     if estimate is not None:
         share = -np.expm1(-row.observer * h)
         A[at["predicted"]], f[at["predicted"]] = pushed, -1.0
-        mean = (unit[rate] - unit[at["seen"]] - unit[at["predicted"]]) / h
+        mean = (unit[RATE] - unit[at["seen"]] - unit[at["predicted"]]) / h
         jump[estimate] = (1.0 - share) * unit[estimate] + share * mean
-        jump[at["seen"]], jump[at["predicted"]] = unit[rate], 0.0
-        if not row.latency:
-            noise[1, estimate], noise[1, at["seen"]] = share / h, 1.0
+        jump[at["seen"]], jump[at["predicted"]] = unit[RATE], 0.0
 
     stretches: tuple[Stretch, ...] = (Stretch(h, jump),)
     if rest:
         arrives = unit.copy()
         arrives[at["w"]] = unit[at[f"q{waiting - 1}"]]
         stretches = (Stretch(rest, arrives), Stretch(h - rest, jump))
-    C = np.array([unit[E], unit[RATE], _feedback(row, m, E, RATE, estimate)])
-    return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled, noise, f_sampled)
+    C = np.array([unit[E], unit[RATE], v])
+    return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled, f_sampled)
