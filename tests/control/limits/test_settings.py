@@ -109,7 +109,7 @@ def test_a_block_without_a_radius_of_its_own_takes_the_total():
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_radius_of_its_own_counts_even_if_it_is_zero(block):
     assert getattr(resolved_radii(replace(TUBE, **{block: 0.0})), block) == 0.0
-    assert resolved_radii(TUBE) == TUBE
+    assert vars(resolved_radii(TUBE)) == vars(TUBE)
 
 
 # Joints ------------------------------------------------------------------------------------------

@@ -4,7 +4,9 @@ An arm of n joints can hold n rows. Where they are not named they are chosen for
 position, from six joints on the whole pose, and then the rows which the arm can hold best, that is
 with the largest geometric mean, over postures within its joint ranges, of the smallest singular
 value of J_sq, the derivative of s by q. The vehicle is level there: then nothing depends on where
-it is and heads. An arm of one or two joints cannot hold a position; its joints are held.
+it is and heads. Of rows that differ by rounding alone, as the tip's roll and a wrist that turns the
+tool about itself, the later are taken: a joint's angle. An arm of one or two joints cannot hold a
+position; its joints are held.
 """
 
 from functools import lru_cache
@@ -19,6 +21,8 @@ POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 """Names of the rows of χ: position in Σ_I and ZYX Euler angles of the end-effector."""
 POSTURES = 400
 """Postures at which rows are compared."""
+DIGITS = 6
+"""Decimals of the mean logarithm by which rows are compared; what is beyond is rounding."""
 SINGULAR = 1e-9
 """Smallest singular value of a J_sq that is regular; less is rounding."""
 
@@ -65,4 +69,5 @@ def best_rows(model: UvmsModel) -> np.ndarray:
         return float(np.mean(np.log(np.maximum(smallest, SINGULAR))))
 
     return max((np.array([*range(first), *more])
-                for more in combinations(range(first, 6 + n), n - first)), key=quality)
+                for more in combinations(range(first, 6 + n), n - first)),
+               key=lambda rows: (round(quality(rows), DIGITS), *rows))
