@@ -40,7 +40,7 @@ def step_time(scenario: Scenario) -> float:
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.parametrize("n", [3, 4])
+@pytest.mark.parametrize("n", [3, 4, 6, 7])
 def test_an_arm_of_other_numbers_of_joints_is_certified_at_once(n, tmp_path):
     scenario = load_scenario(str(write_press(tmp_path, n)))
     start = time.process_time()

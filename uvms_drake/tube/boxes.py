@@ -1,15 +1,15 @@
-"""Upper bounds of ‖J_x Ŵ‖ and of its parts over boxes of configurations: proof and computation.
+"""Upper bounds of ‖J Ŵ‖ and of its parts over boxes of configurations: proof and computation.
 
 Ŵ is diagonal; it only scales columns. What follows has Ŵ = I, and then what Ŵ changes.
 
-*Coordinates.* ‖J_x‖ does not change if the rows of position are turned, so position and yaw of the
+*Coordinates.* ‖J‖ does not change if the rows of position are turned, so position and yaw of the
 vehicle do not matter. E' is the frame of the end-effector before its roll: R_WE' = R_z(ψ)R_y(θ),
 R_WE = R_WE' R_x(φ). With the rows of position, like the columns of ν₁ and ν₂, in the vehicle's
 frame B, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ = aᵢ × lever,
 
-    J_x ~ [ I  −S(p)  c₁ … c_n ]            A(θ) = [ 1  0  t ]    t = tan θ: the Euler rates
-          [ 0  A(θ)C [I  a₁ … a_n] ]               [ 0  1  0 ]    are T(φ, θ)ω_E = A(θ)R_x(φ)ω_E,
-          [ 0   0    I ]                           [ 0  0  √(1+t²) ]      ‖A‖² = 1/(1 − sin|θ|).
+    J ~ [ I  −S(p)  c₁ … c_n ]              A(θ) = [ 1  0  t ]    t = tan θ: the Euler rates
+        [ 0  A(θ)C [I  a₁ … a_n] ]                 [ 0  1  0 ]    are T(φ, θ)ω_E = A(θ)R_x(φ)ω_E,
+                                                   [ 0  0  √(1+t²) ]      ‖A‖² = 1/(1 − sin|θ|).
 
 C = R_E'B = R_x(−φ)ᵀR_EB. So −φ is the angle of one more joint, whose axis w_{n+1} is the tool's x
 axis and through the tip, c_{n+1} = 0: the coordinates are (q₁ … q_n, −φ, θ). The vehicle's roll and
@@ -63,8 +63,8 @@ LARGEST_MULTIPLIER = 1e3
 """Largest multiplier μ_k: with it, rounding in Σ μ_k g_k stays below what `covering` adds."""
 SWEEPS = 2
 """Sweeps of coordinate descent for the multipliers."""
-BLOCKS = ("position", "attitude", "task", "extended")
-"""Rows of J_x: the tip's velocity, its Euler rates, both (J), all."""
+BLOCKS = ("position", "attitude", "task")
+"""Rows of J: the tip's velocity, its Euler rates, all."""
 
 
 class BoxBounds(NamedTuple):
@@ -90,13 +90,13 @@ class _Constraints(NamedTuple):
 
 
 class JacobianBoxes:
-    """Bounds the norm of one block of rows of J_x Ŵ over boxes of (q, −φ, θ); see above.
+    """Bounds the norm of one block of rows of J Ŵ over boxes of (q, −φ, θ); see above.
 
     Args:
         model: Any serial arm.
         constraint_set: Which configurations count.
         block: One of `BLOCKS`.
-        weights: Diagonal of Ŵ (6+n,), positive; 1 for J_x itself.
+        weights: Diagonal of Ŵ (6+n,), positive; 1 for J itself.
     """
 
     def __init__(self, model: ContactModel, constraint_set: ConstraintSet, block: str,
@@ -125,8 +125,7 @@ class JacobianBoxes:
     @property
     def work(self) -> int:
         """Number of norms of matrices that a box takes, times their rows."""
-        rows = {"position": 3, "attitude": 3, "task": 6, "extended": self._model.size}
-        return len(self._vertices) * rows[self._block]
+        return len(self._vertices) * (6 if self._block == "task" else 3)
 
     def _last_joint_turns_the_tool(self) -> bool:
         if self._model.num_joints == 0:
@@ -210,19 +209,14 @@ class JacobianBoxes:
         return self._rows(P, Q, theta) * self._weights
 
     def _rows(self, P: np.ndarray, Q: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Returns the block of J_x and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
+        """Returns the block of J and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
         if self._block == "position":
             return P
         A = np.tile(np.eye(3), (len(theta), 1, 1, 1))
         A[:, 0, 0, 2], A[:, 0, 2, 2] = np.tan(theta), 1.0 / np.cos(theta)
         if self._block == "attitude":
             return A @ Q
-        if self._block == "task":
-            return np.concatenate([P, A @ Q], axis=-2)
-        n = self._model.num_joints
-        still = np.zeros((*P.shape[:2], n, 6 + n))
-        still[:, 0, range(n), range(6, 6 + n)] = 1.0
-        return np.concatenate([P, A @ Q, still], axis=-2)
+        return np.concatenate([P, A @ Q], axis=-2)
 
     def _second_derivatives(self, columns: np.ndarray,
                             h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,14 @@ largest bounds are halved until the largest is within `rel_gap` of a value that 
 the budget is used up. The largest bound over a covering is a bound over the set at every stage, so
 that a small budget gives a larger bound, never a wrong one. "Proven" is up to rounding: the
 arithmetic is floating-point, not interval, and `ROUNDING` is added for it.
+
+*All of J_x by J.* With J_x = [J; 0 I], D = diag(0, Ŵ_q²) and any λ above its entries,
+
+    ‖J_x Ŵ‖² ≤ λ  ⇔  ŴJᵀJŴ + D ⪯ λI  ⇔  ‖J Ŵ (λI − D)^(−½)‖ ≤ 1.
+
+If the right-hand norm is at most b ≥ 1 for one λ₀, it is at most 1 for λ = b²λ₀, as then each entry
+of λI − D is at least b² times that of λ₀I − D. So ‖J_x Ŵ‖ ≤ max(√λ₀, ‖J Ŵ(I − D/λ₀)^(−½)‖), with
+equality where √λ₀ is reached: norms of six rows take the place of those of 6+n.
 """
 
 from typing import NamedTuple
@@ -25,8 +33,8 @@ more joint has twice the vertices. An arm of four joints is below it at 40 000 b
 ROUNDING = 1e-9
 """Relative allowance for rounding: a few thousand operations of relative error 1e-16."""
 PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",
-            "Jx_max": "extended"}
-"""The constants that can be proven, with their blocks of rows of J_x."""
+            "Jx_max": "task"}
+"""The constants that can be proven, with their blocks of rows of J."""
 
 
 class Covering(NamedTuple):
@@ -73,7 +81,10 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
         weights=weights)
     proven = {}
     for name, estimate in estimates.items():
-        boxes = JacobianBoxes(model, constraint_set, PROVABLE[name], weights)
+        scale = weights * np.ones(model.size)
+        if name == "Jx_max":  # λ₀ is the largest that was seen; above D, as no column of J is zero.
+            scale[6:] /= np.sqrt(1.0 - (scale[6:] / estimate.sampled_value) ** 2)
+        boxes = JacobianBoxes(model, constraint_set, PROVABLE[name], scale)
         affordable = min(max_boxes, MOST_WORK // boxes.work)
         covering = cover(boxes, estimate.sampled_value, rel_gap, affordable)
         proven[name] = Constant(
