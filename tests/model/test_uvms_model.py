@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
 from support import dh
-from support.tiny_robots import drill, oblique, turret
+from support.tiny_robots import drill, oblique, telescope, turret
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
@@ -264,7 +264,8 @@ def test_the_derivatives_of_f_are_those_of_complex_steps(uvms, model, states, ki
             value, expected, rtol=1e-9, atol=1e-10 * np.max(np.abs(expected)))
 
 
-@pytest.mark.parametrize("robot", [turret(0.4), drill(), oblique()])
+@pytest.mark.parametrize("robot", [
+    turret(0.4), drill(), oblique(), telescope(0), telescope(1), telescope(2)])
 def test_robots_with_other_joints_have_their_derivatives_too(robot):
     rng = np.random.default_rng(12)
     config, zeta = rng.uniform(-1.0, 1.0, size=(2, 4, robot.size))

@@ -22,7 +22,7 @@ TIP = '<frame name="tip" attached_to="forearm">'
 END = "</model>"
 BODY = ("<inertial><mass>0.2</mass><inertia><ixx>1e-4</ixx><iyy>1e-4</iyy><izz>1e-4</izz></inertia>"
         "</inertial>")
-ELBOW = '<joint name="elbow" type="revolute">'
+SHOULDER, ELBOW = (f'<joint name="{name}" type="revolute">' for name in ("shoulder", "elbow"))
 
 
 def link(name: str, joint: str = "") -> tuple[str, str, str]:
@@ -96,8 +96,8 @@ BROKEN = {
     "two arms": ([link("left", '<joint name="second" type="revolute"><parent>vehicle</parent>'
                                "<child>left</child><axis><xyz>0 0 1</xyz></axis></joint>")],
                  "joint = 'second': must be carried by 'forearm': the arm must be a serial chain"),
-    "a slider": ([(".sdf", ELBOW, ELBOW.replace("revolute", "prismatic"))],
-                 "joint elbow = 'prismatic': must be revolute or a weld"),
+    "a ball joint": ([(".sdf", ELBOW, ELBOW.replace("revolute", "ball"))],
+                     "joint elbow = 'ball_rpy': must be revolute, prismatic or a weld"),
     "a joint without a motor": ([(".sdf", "<effort>30", "<effort>0")],
                                 "sdf: joint shoulder: actuator = None: must be there"),
     "a loop": ([(".sdf", END, """<drake:ball_constraint name="loop">
@@ -135,6 +135,8 @@ LEGAL = {
     "a gripper that is fixed": [gripper("fixed")],
     "no limits": [(".sdf", "<lower>-1.5</lower> <upper>0.5</upper> <!-- [rad] -->", ""),
                   (".sdf", "<lower>0.1</lower> <upper>2.2</upper>", "")],
+    "an arm that slides": [(".sdf", ELBOW, ELBOW.replace("revolute", "prismatic"))],
+    "a vehicle's slide": [(".sdf", SHOULDER, SHOULDER.replace("revolute", "prismatic"))],
     "no gears": [(".sdf", "<drake:gear_ratio>100", "<drake:gear_ratio>1")],
 }
 
@@ -163,6 +165,16 @@ def test_model_and_plant_alone_would_show_it(change, seen, tmp_path):
     complaints = model_complaints(read_uvms(str(altered(tmp_path, change))))
     assert seen <= {complaint.key.removeprefix("model of the controller, ")
                     for complaint in complaints}
+
+
+@pytest.mark.parametrize("joints", [(SHOULDER,), (ELBOW,), (SHOULDER, ELBOW)])
+def test_joints_that_slide_are_those_of_the_plant_to_rounding(joints, tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_drake.plant.model_check.AGREEMENT", 1e-12)
+    monkeypatch.setattr("uvms_drake.plant.model_check.STATES", 5)
+    robot = read_uvms(str(altered(tmp_path, *(
+        (".sdf", joint, joint.replace("revolute", "prismatic")) for joint in joints))))
+    assert [joint.type_name() for joint in robot.joints].count("prismatic") == len(joints)
+    assert model_complaints(robot) == []
 
 
 @pytest.mark.parametrize(("part", "factor"), [

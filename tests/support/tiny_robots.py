@@ -1,9 +1,15 @@
-"""Robots of a vehicle and a few revolute joints, small enough for closed forms."""
+"""Robots of a vehicle and a few joints, small enough for closed forms."""
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    PrismaticJoint,
+    RevoluteJoint,
+    SpatialInertia,
+    UnitInertia,
+)
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters
@@ -14,8 +20,8 @@ from uvms_drake.model.uvms import Uvms
 INERTIA = SpatialInertia(mass=2.0, p_PScm_E=np.zeros(3), G_SP_E=UnitInertia.SolidSphere(0.2))
 
 
-def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0, 0.0)
-               ) -> ContactModel:
+def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0, 0.0),
+               sliding: tuple[int, ...] = ()) -> ContactModel:
     """Returns the model of an arm with the given joint axes and anchors, each in its inner link.
 
     Args:
@@ -23,6 +29,7 @@ def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0
         anchors: Of each joint in its inner link [m]; the first link is the vehicle.
         tip: Position of the tip in the last link [m].
         tip_rpy: Attitude of the tip in the last link [rad].
+        sliding: Which joints slide along their axes instead of turning about them.
     """
     plant = MultibodyPlant(time_step=0.1)
     instance = plant.AddModelInstance("tiny")
@@ -32,7 +39,8 @@ def tiny_robot(axes: list, anchors: list, tip: tuple, tip_rpy: tuple = (0.0, 0.0
         outer = plant.AddRigidBody(f"link{i + 1}", instance, INERTIA)
         place = plant.AddFrame(FixedOffsetFrame(
             f"place{i + 1}", link.body_frame(), RigidTransform(anchor), instance))
-        joints.append(plant.AddJoint(RevoluteJoint(
+        kind = PrismaticJoint if i in sliding else RevoluteJoint
+        joints.append(plant.AddJoint(kind(
             f"joint{i + 1}", place, outer.body_frame(), axis, -np.pi, np.pi)))
         link = outer
     frame = plant.AddFrame(FixedOffsetFrame(
@@ -68,3 +76,11 @@ def oblique() -> ContactModel:
     return tiny_robot(
         [[0.0, 0.6, 0.8], [0.8, 0.0, 0.6]], [[0.3, 0.1, 0.2], [0.4, 0.0, -0.1]],
         (0.3, 0.1, 0.05), (0.2, -0.3, 0.4))
+
+
+def telescope(sliding: int) -> ContactModel:
+    """Three skew joints, of which one slides, and a tip on none of their axes."""
+    return tiny_robot(
+        [[0.0, 0.6, 0.8], [0.8, 0.0, 0.6], [0.48, 0.6, 0.64]],
+        [[0.3, 0.1, 0.2], [0.4, 0.0, -0.1], [0.2, -0.1, 0.1]],
+        (0.3, 0.1, 0.05), (0.2, -0.3, 0.4), (sliding,))

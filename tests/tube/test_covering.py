@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.tiny_robots import drill, drill_attitude_norm, oblique, turret
+from support.tiny_robots import drill, drill_attitude_norm, oblique, telescope, turret
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
@@ -61,6 +61,8 @@ def arm_and_bounds(robot: str, model) -> tuple[ContactModel, ConstraintSet]:
     return {
         "girona": lambda: (model, BOUNDS),
         "oblique": lambda: (oblique(), SKEW),
+        **{f"slide {i + 1}": lambda i=i: (telescope(i), replace(
+            SKEW, q_lower=-np.ones(3), q_upper=np.ones(3))) for i in range(3)},
         "turret": lambda: (turret(0.8), replace(SKEW, q_lower=-np.ones(1), q_upper=np.ones(1))),
         "drill": lambda: (drill(), replace(SKEW, q_lower=-np.ones(1), q_upper=np.ones(1))),
     }[robot]()
@@ -93,7 +95,8 @@ def assert_bounded(boxes: JacobianBoxes, centre: np.ndarray, half: np.ndarray,
 
 
 @pytest.mark.parametrize("block", BLOCKS)
-@pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill"])
+@pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill", *(
+    pytest.param(f"slide {i}", marks=[pytest.mark.slow, pytest.mark.long]) for i in (1, 2, 3))])
 def test_the_bound_of_a_box_holds_at_the_states_in_it(model, block, robot):
     check_boxes_about_states(*arm_and_bounds(robot, model), block, seed=9)
 
@@ -172,7 +175,8 @@ def only(k: int) -> Callable:
 
 
 @pytest.mark.parametrize("weights", [np.ones(10), WEIGHTS], ids=["ball", "weighted"])
-@pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill"])
+@pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill", *(
+    pytest.param(f"slide {i}", marks=[pytest.mark.slow, pytest.mark.long]) for i in (1, 2, 3))])
 @pytest.mark.parametrize("block", ["attitude", "task"])
 def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block, weights):
     """Of position rows, attitude rows and constraints, at states about a centre."""

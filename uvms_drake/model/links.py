@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import Frame, PrismaticJoint, RevoluteJoint, RigidBody
 
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, added_mass_about_origin
 from uvms_drake.model.spatial import cross_force, force_matrix, motion_matrix, skew, times
-from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms import Uvms, slides
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,10 @@ class Links:
     X_BV: np.ndarray
     """(4, 4) pose of the first link's frame in the vehicle's, B: the same frame unless n = 0."""
     step: np.ndarray
-    """(3, n, 4, 4): pose of a link in the one before, step[0] + sin q step[1] + cos q step[2]."""
+    """(4, n, 4, 4): pose of a link in the one before, step[0] + sin q step[1] + cos q step[2]
+    + q step[3]; the last is zero of a revolute joint, the two before of a prismatic one."""
+    slides: np.ndarray
+    """(n,) whether a joint is prismatic; its axis is then a direction, about no point."""
     joint_axis: np.ndarray
     """(n, 4, 2): a joint's axis and a point on it [m] in the link before, homogeneous."""
     inertia: np.ndarray
@@ -44,9 +47,9 @@ class Links:
     drag_squares: np.ndarray
     """(r, 36(n+1)): h hᵀ of every column h of `drag_points`, link by link."""
     joint_damping: np.ndarray
-    """(n,) viscous damping of the joints [N m s/rad]."""
+    """(n,) viscous damping of the joints [N m s/rad, N s/m]."""
     rotor_inertia: np.ndarray
-    """(n,) inertia of the motors, reflected to the joints [kg m²]."""
+    """(n,) inertia of the motors, reflected to the joints [kg m², kg]."""
 
     def links_force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Returns f (..., n+1, 6) that moves the links so in still water.
@@ -112,6 +115,7 @@ def read_links(uvms: Uvms) -> Links:
     return Links(
         X_BV=_pose(plant, uvms.vehicle.body_frame(), frames[0]).GetAsMatrix4(),
         step=_steps(uvms, frames),
+        slides=np.array([slides(joint) for joint in uvms.joints], dtype=bool),
         joint_axis=_joint_axes(uvms, frames),
         inertia=np.array(inertia),
         weight=np.array(weight),
@@ -140,15 +144,21 @@ def _velocity_map(X_AB: RigidTransform) -> np.ndarray:
 
 
 def _steps(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
-    """Returns `Links.step`: X_LF R_FM(q) X_MC, R_FM = I + sin q S(a) + (1 − cos q) S(a)²."""
-    steps = np.zeros((3, len(uvms.joints), 4, 4))
+    """Returns `Links.step`: X_LF X_FM(q) X_MC.
+
+    R_FM = I + sin q S(a) + (1 − cos q) S(a)²; of a joint that slides p_FM = q a.
+    """
+    steps = np.zeros((4, len(uvms.joints), 4, 4))
     for i, joint in enumerate(uvms.joints):
-        S = np.zeros((4, 4))
-        S[:3, :3] = skew(joint.revolute_axis())
+        S, slide = np.zeros((2, 4, 4))
+        if slides(joint):
+            slide[:3, 3] = joint.translation_axis()
+        else:
+            S[:3, :3] = skew(joint.revolute_axis())
         before = _pose(uvms.plant, frames[i], joint.frame_on_parent()).GetAsMatrix4()
         after = _pose(uvms.plant, joint.frame_on_child(), frames[i + 1]).GetAsMatrix4()
-        for k, turn in enumerate((np.eye(4) + S @ S, S, -S @ S)):
-            steps[k, i] = before @ turn @ after
+        for k, part in enumerate((np.eye(4) + S @ S, S, -S @ S, slide)):
+            steps[k, i] = before @ part @ after
     return steps
 
 
@@ -156,7 +166,8 @@ def _joint_axes(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
     """Returns `Links.joint_axis`."""
     columns = np.zeros((len(uvms.joints), 4, 2))
     for i, joint in enumerate(uvms.joints):
-        columns[i, :3, 0] = joint.revolute_axis()
+        columns[i, :3, 0] = (
+            joint.translation_axis() if slides(joint) else joint.revolute_axis())
         columns[i, 3, 1] = 1.0
         columns[i] = _pose(uvms.plant, frames[i], joint.frame_on_parent()
                            ).GetAsMatrix4() @ columns[i]
@@ -183,8 +194,8 @@ def _weight(uvms: Uvms, body: RigidBody) -> np.ndarray:
     return np.vstack([(body.default_mass() - displaced) * np.eye(3), skew(moment)])
 
 
-def _reflected_inertia(uvms: Uvms, joint: RevoluteJoint) -> float:
-    """Returns the motor's inertia at the joint, N² I_rotor [kg m²]; zero without an actuator."""
+def _reflected_inertia(uvms: Uvms, joint: RevoluteJoint | PrismaticJoint) -> float:
+    """Returns the motor's inertia at the joint, N² I_rotor [kg m², kg]; 0 without an actuator."""
     for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance):
         actuator = uvms.plant.get_joint_actuator(index)
         if actuator.joint().index() == joint.index():

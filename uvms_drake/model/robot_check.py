@@ -17,8 +17,8 @@ from pydrake.multibody.tree import (
 )
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.trim import middle_posture, trim_of
-from uvms_drake.model.uvms import Uvms, robot_file
+from uvms_drake.model.trim import middle_posture, pose_joints, trim_of
+from uvms_drake.model.uvms import Uvms, robot_file, slides
 
 Complaints = Iterator[InvalidParameter]
 
@@ -126,15 +126,15 @@ def joints_move_something(uvms: Uvms) -> Complaints:
     """What is beyond a joint has an inertia about its axis, or its motor has."""
     plant = uvms.plant
     context = plant.CreateDefaultContext()
-    for joint, angle in zip(uvms.joints, middle_posture(uvms), strict=True):
-        joint.set_angle(context, float(angle))
+    pose_joints(uvms, context, middle_posture(uvms))
     M = plant.CalcMassMatrix(context)
     for joint in uvms.joints:
         inertia = float(M[joint.velocity_start(), joint.velocity_start()])
+        unit = "kg" if slides(joint) else "kg m²"
         if inertia < LIGHTEST:
             yield InvalidParameter(
                 f"joint {joint.name()}: inertia about its axis", inertia,
-                f"{LIGHTEST:g} kg m² or more: of the links beyond, and of its motor, by "
+                f"{LIGHTEST:g} {unit} or more: of the links beyond, and of its motor, by "
                 "drake:rotor_inertia and drake:gear_ratio")
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.systems.framework import Context
 
 from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics
 from uvms_drake.model.uvms import Uvms
@@ -28,7 +29,7 @@ class Trim:
 
 
 def middle_posture(uvms: Uvms) -> np.ndarray:
-    """Returns the middle of the joints' limits (n,) [rad]; zero for a joint without."""
+    """Returns the middle of the joints' limits (n,) [rad, m]; zero for a joint without."""
     limits = np.array([[joint.position_lower_limits()[0], joint.position_upper_limits()[0]]
                        for joint in uvms.joints]).reshape(-1, 2)
     middle = np.zeros(len(limits))
@@ -37,12 +38,18 @@ def middle_posture(uvms: Uvms) -> np.ndarray:
     return middle
 
 
+def pose_joints(uvms: Uvms, context: Context, posture: np.ndarray) -> None:
+    """Puts the joints of a plant's context at q (n,) [rad, m]."""
+    q = uvms.plant.GetPositions(context)
+    q[[joint.position_start() for joint in uvms.joints]] = posture
+    uvms.plant.SetPositions(context, q)
+
+
 def trim_of(uvms: Uvms, posture: np.ndarray) -> Trim:
-    """Returns the trim of a robot in a finalized plant at the joint angles (n,) [rad]."""
+    """Returns the trim of a robot in a finalized plant at the joints' q (n,) [rad, m]."""
     plant = uvms.plant
     context = plant.CreateDefaultContext()
-    for joint, angle in zip(uvms.joints, posture, strict=True):
-        joint.set_angle(context, float(angle))
+    pose_joints(uvms, context, posture)
     masses, moments = np.zeros(2), np.zeros((2, 3))
     for index in plant.GetBodyIndices(uvms.model_instance):
         body = plant.get_body(index)

@@ -2,8 +2,8 @@
 
 A robot is a folder with `<name>.sdf` or `<name>.urdf`, `hydrodynamics.yaml` and `package.xml`, and
 with `thrusters.yaml` if they are known. Its SDFormat or URDF file has a floating body `vehicle` in
-FRD axes, a serial chain of revolute joints, and a frame `tip` (the paper's Σ_E). What else it may
-say is in `robot_check`.
+FRD axes, a serial chain of revolute and prismatic joints, and a frame `tip` (the paper's Σ_E).
+What else it may say is in `robot_check`.
 """
 
 import logging
@@ -14,7 +14,13 @@ from pathlib import Path
 
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import (
+    Frame,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
+)
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.program import FOLDER
@@ -32,7 +38,7 @@ class Uvms:
     plant: MultibodyPlant
     model_instance: ModelInstanceIndex
     vehicle: RigidBody
-    joints: tuple[RevoluteJoint, ...]
+    joints: tuple[RevoluteJoint | PrismaticJoint, ...]
     """The arm's joints, from the vehicle outwards."""
     tip: Frame
     hydrodynamics: HydrodynamicParameters
@@ -102,6 +108,11 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     )
 
 
+def slides(joint: RevoluteJoint | PrismaticJoint) -> bool:
+    """Whether the joint's coordinate is a length, of a prismatic joint, not an angle."""
+    return bool(joint.type_name() == "prismatic")
+
+
 def _parse(plant: MultibodyPlant, folder: Path, text: str | None) -> ModelInstanceIndex:
     file = robot_file(folder)
     parser = Parser(plant)
@@ -152,16 +163,16 @@ def _one_line(error: Exception) -> str:
 
 def _serial_joints(
     plant: MultibodyPlant, instance: ModelInstanceIndex
-) -> tuple[RevoluteJoint, ...]:
-    """Returns the revolute joints in the order of the file, each of which must carry the next."""
+) -> tuple[RevoluteJoint | PrismaticJoint, ...]:
+    """Returns the joints that move, in the order of the file, each of which must carry the next."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
     for joint in joints:
-        require(joint.type_name() in ("weld", "revolute"), f"joint {joint.name()}",
-                joint.type_name(), "revolute or a weld")
+        require(joint.type_name() in ("weld", "revolute", "prismatic"),
+                f"joint {joint.name()}", joint.type_name(), "revolute, prismatic or a weld")
     welds = {joint.child_body().name(): joint.parent_body().name()
              for joint in joints if joint.type_name() == "weld"}
     require("vehicle" not in welds, "vehicle", "welded", "a floating body")
-    chain = tuple(joint for joint in joints if joint.type_name() == "revolute")
+    chain = tuple(joint for joint in joints if joint.type_name() != "weld")
     outermost = "vehicle"
     for joint in chain:
         parent = joint.parent_body().name()

@@ -58,11 +58,11 @@ class Kinematics(NamedTuple):
     p_BL: np.ndarray
     """(..., n+1, 3) origin of every link in the vehicle's frame [m]."""
     axis: np.ndarray
-    """(..., n, 3) joint axes in the vehicle's frame."""
+    """(..., n, 3) joint axes in the vehicle's frame; what a prismatic joint moves along."""
     anchor: np.ndarray
     """(..., n, 3) a point on each joint axis in the vehicle's frame [m]."""
     screw: np.ndarray
-    """(..., n, 6) sⱼ = (anchor × axis, axis)."""
+    """(..., n, 6) sⱼ = (anchor × axis, axis); (axis, 0) of a prismatic joint."""
     J_links: np.ndarray
     """(..., n+1, 6, 6+n) Jₖ: velocity of link k in its own axes by ζ; Xₖ is its first columns."""
     J_chi: np.ndarray
@@ -91,6 +91,9 @@ class UvmsModel:
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
         self._links = read_links(uvms)
+        self.slides = self._links.slides
+        """Whether a joint is prismatic, its coordinate a length (n,)."""
+        self._sliding = [int(j) for j in np.flatnonzero(self.slides)]
         self.gravity: np.ndarray = uvms.plant.gravity_field().gravity_vector()
         """g in Σ_I (3,) [m/s²]."""
         self.R_WT = rotation_matrix(np.asarray(task_frame, dtype=float))
@@ -117,15 +120,19 @@ class UvmsModel:
         joints = X_BL[..., :-1, :, :] @ self._links.joint_axis
         axis, anchor = joints[..., :3, 0], joints[..., :3, 1]
         screw = np.concatenate([cross(anchor, axis), axis], axis=-1)
+        for j in self._sliding:
+            screw[..., j, :3], screw[..., j, 3:] = axis[..., j, :], 0.0
         J_links = self._link_jacobians(R_BL, p_BL, screw)
         J_chi = A_E @ J_links[..., -1, :, :]
         return Kinematics(R_WB, chi, A_E, R_BL, p_BL, axis, anchor, screw, J_links, J_chi)
 
     def _chain(self, angles: np.ndarray) -> np.ndarray:
-        """Returns the links' poses X_BL (..., n+1, 4, 4) at the joint angles (..., n)."""
-        fixed, by_sin, by_cos = self._links.step
+        """Returns the links' poses X_BL (..., n+1, 4, 4) at the joints' q (..., n)."""
+        fixed, by_sin, by_cos, by_length = self._links.step
         step = (fixed + np.sin(angles)[..., None, None] * by_sin
                 + np.cos(angles)[..., None, None] * by_cos)
+        for j in self._sliding:
+            step[..., j, :, :] += angles[..., j, None, None] * by_length[j]
         X_BL = np.empty((*angles.shape[:-1], self.num_joints + 1, 4, 4), dtype=step.dtype)
         X_BL[..., 0, :, :] = self._links.X_BV
         for j in range(self.num_joints):

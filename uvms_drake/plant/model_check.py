@@ -134,7 +134,7 @@ def dissipated(uvms: Uvms, state: np.ndarray) -> float:
     """Returns the power [W] that drag and the damping of the joints take in a plant state."""
     plant, context = uvms.plant, uvms.plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(context, state)
-    total = sum(joint.default_damping() * joint.get_angular_rate(context) ** 2
+    total = sum(joint.default_damping() * plant.GetVelocities(context)[joint.velocity_start()] ** 2
                 for joint in uvms.joints)
     for name, water in uvms.hydrodynamics.bodies.items():
         nu = _velocity(uvms, context, plant.GetBodyByName(name, uvms.model_instance))

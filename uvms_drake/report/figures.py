@@ -150,7 +150,7 @@ def draw_joints(record: Record) -> Figure:
             if np.isfinite(limit):
                 axis.axhline(limit, **LIMIT)
                 axis.axhline(tightened, **TIGHTENED)
-        axis.set_ylabel(f"$q_{{{i + 1}}}$ [rad]")
+        axis.set_ylabel(f"$q_{{{i + 1}}}$ [{'m' if record.model.slides[i] else 'rad'}]")
     _name_tube(axes[0], record, resolved_radii(record.scenario.tube).joints)
     legend_above(figure, axes[0])
     return figure

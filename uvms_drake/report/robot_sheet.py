@@ -11,7 +11,7 @@ from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, added_mass_ab
 from uvms_drake.model.thruster_data import AXES
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.trim import Trim, trim_of
-from uvms_drake.model.uvms import STANDARD_GRAVITY, Uvms
+from uvms_drake.model.uvms import STANDARD_GRAVITY, Uvms, slides
 from uvms_drake.model.uvms_model import UvmsModel
 
 POSTURES = 2000
@@ -63,7 +63,10 @@ class RobotSheet:
     bodies: list[tuple[str, float, float, np.ndarray]]
     """Name, mass, mass of displaced water [kg], added mass in surge, sway and heave (3,) [kg]."""
     joints: list[tuple[str, float, float, float, float]]
-    """Name, limits [rad], inertia of the motor at the joint [kg m²], damping [N m s/rad]."""
+    """Name, limits [rad], inertia of the motor at the joint [kg m²], damping [N m s/rad]; of one
+    that slides in m, kg and N s/m."""
+    sliding: tuple[str, ...]
+    """Names of the joints that slide."""
     reach: np.ndarray
     """(2, 3): smallest and largest position of the tip in the vehicle's frame [m]."""
     tip: np.ndarray
@@ -76,7 +79,7 @@ class RobotSheet:
 
 
 def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
-    """Returns the sheet of a robot in a finalized plant, at the joint angles (n,) [rad]."""
+    """Returns the sheet of a robot in a finalized plant, at the joints' q (n,) [rad, m]."""
     model = UvmsModel(uvms)
     config = np.concatenate([np.zeros(6), posture])
     at = model.kinematics(config)
@@ -92,7 +95,9 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     return RobotSheet(
         name=name, posture=posture, trim=trim, inertia=np.diag(M), roll=roll, pitch=pitch,
         hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
-        joints=_joints(uvms, model), reach=np.array([tips.min(axis=0), tips.max(axis=0)]),
+        joints=_joints(uvms, model),
+        sliding=tuple(joint.name() for joint in uvms.joints if slides(joint)),
+        reach=np.array([tips.min(axis=0), tips.max(axis=0)]),
         tip=at.chi, rows=tuple(row_names(model.num_joints)[i] for i in rows),
         dexterity=_dexterity(model, many, config, rows),
         thrust=None if uvms.thrusters is None else thrust_of(
@@ -237,6 +242,8 @@ def notes_of(sheet: RobotSheet) -> list[str]:
              for name, lower, upper, *_ in sheet.joints if not np.isfinite(lower + upper)]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
               for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]
+    notes += [f"joint {name} slides: its limits are in m, M and its motor in kg, damping in N s/m"
+              for name in sheet.sliding]
     if abs(sheet.tip[4]) > STEEP:
         notes.append("the tip's x points almost straight up or down in this posture, where its "
                      "Euler angles are singular")

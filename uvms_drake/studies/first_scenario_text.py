@@ -21,7 +21,7 @@ model: {model}
 
 start:  # at rest; the tip 0.2 m off the wall, level
   eta: {eta}  # m, rad
-  q: {posture}  # rad
+  q: {posture}  # rad; m of a joint that slides
 
 surface: !UnilateralPlane
   normal: {normal}  # unit vector into the water

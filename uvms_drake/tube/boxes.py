@@ -37,6 +37,9 @@ own,
 
     ‖K(x)‖ ≤ ‖K + Σ δᵢ∂ᵢK‖ + ½‖K″‖,    g_k(x) ≥ g_k + Σ δᵢ∂ᵢg_k − ½ΣΣ hᵢhⱼ|∂ᵢ∂ⱼg_k| − Δ³/6.
 
+A joint that slides turns nothing: in all of this its aᵢ is zero, cᵢ is along its axis, and hᵢ, a
+length, counts only where the axis of a joint before it multiplies cᵢ.
+
 *Bound.* For any μ ≥ 0 a feasible state has ‖K‖ ≤ ‖K‖ − Σ μ_k g_k. The right-hand side, bounded as
 above, is convex in δ and below its chord in t plus Σμ_k(Δt)²/8: its maximum is at a vertex of the
 box. μ is chosen to cancel the gradient (near a maximum, the multipliers of Karush, Kuhn and
@@ -116,9 +119,11 @@ class JacobianBoxes:
         turn, lean = (0.0, 0.0) if block == "position" else (np.pi, constraint_set.tip_pitch)
         self.lower = np.concatenate([constraint_set.q_lower, [-turn, -lean]])
         self.upper = np.concatenate([constraint_set.q_upper, [turn, lean]])
+        self._turns = np.append(~model.slides, True).astype(float)
+        if block == "attitude":  # To which a joint that slides makes no difference.
+            self._keep_still(np.flatnonzero(model.slides))
         if self._last_joint_turns_the_tool():
-            last = model.num_joints - 1
-            self.lower[last] = self.upper[last] = 0.5 * (self.lower[last] + self.upper[last])
+            self._keep_still(np.array([model.num_joints - 1]))
         self._free = np.nonzero(self.upper[:-1] > self.lower[:-1])[0]
         self._vertices = np.array(list(product([-1.0, 1.0], repeat=len(self._free))))
 
@@ -126,6 +131,10 @@ class JacobianBoxes:
     def work(self) -> int:
         """Number of norms of matrices that a box takes, times their rows."""
         return len(self._vertices) * (6 if self._block == "task" else 3)
+
+    def _keep_still(self, joints: np.ndarray) -> None:
+        middle = 0.5 * (self.lower[joints] + self.upper[joints])
+        self.lower[joints] = self.upper[joints] = middle
 
     def _last_joint_turns_the_tool(self) -> bool:
         if self._model.num_joints == 0:
@@ -166,8 +175,9 @@ class JacobianBoxes:
         kinematics = self._model.kinematics(config)
         R_BE, p = kinematics.R_BL[:, -1], kinematics.p_BL[:, -1]
         columns = np.zeros((len(centre), n + 1, 3))
-        columns[:, :n] = cross(kinematics.axis, p[:, None] - kinematics.anchor)
-        axes = np.concatenate([kinematics.axis, R_BE[:, None, :, 0]], axis=1)
+        turning = kinematics.screw[..., 3:]
+        columns[:, :n] = kinematics.screw[..., :3] + cross(turning, p[:, None])
+        axes = np.concatenate([turning, R_BE[:, None, :, 0]], axis=1)
         roll = np.zeros((len(centre), 3))
         roll[:, 0] = -centre[:, n]
         C = rotation_matrix(roll) @ np.swapaxes(R_BE, -1, -2)
@@ -221,20 +231,21 @@ class JacobianBoxes:
     def _second_derivatives(self, columns: np.ndarray,
                             h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns bounds (m,) of ‖K″‖² of the position rows, and of the attitude rows by ‖A‖²."""
-        n = self._model.num_joints
+        n, turns = self._model.num_joints, self._turns
         r = np.linalg.norm(columns, axis=-1)
         for i in range(n - 1, -1, -1):
-            r[:, i] += np.sum(h[:, i + 1:] * r[:, i + 1:], axis=1)
+            r[:, i] += turns[i] * np.sum(h[:, i + 1:] * r[:, i + 1:], axis=1)
         outer = np.maximum.outer(np.arange(n + 1), np.arange(n + 1))
         by_joint = np.maximum(outer[..., None], np.arange(n))
-        p2 = np.einsum("mi,mk,mik->m", h, h, r[:, outer])
+        inner = np.minimum.outer(np.arange(n + 1), np.arange(n + 1))
+        p2 = np.einsum("mi,mk,mik->m", h, h, turns[inner] * r[:, outer])
         c2 = np.einsum("mi,mk,mikj->mj", h, h, r[:, by_joint])
-        turning, joints = np.max(self._weights[3:6]) ** 2, self._weights[6:] ** 2
-        position = turning * p2**2 + np.sum(joints * c2**2, axis=1)
-        beyond = np.cumsum(h[:, ::-1], axis=1)[:, ::-1]  # Σ_{i≥j} hᵢ
-        attitude = np.sum(joints * beyond[:, 1:] ** 4, axis=1)
+        vehicle, joints = np.max(self._weights[3:6]) ** 2, self._weights[6:] ** 2
+        position = vehicle * p2**2 + np.sum(joints * c2**2, axis=1)
+        beyond = np.cumsum((h * turns)[:, ::-1], axis=1)[:, ::-1]  # Σ_{i≥j} hᵢ
+        attitude = np.sum(joints * turns[:-1] * beyond[:, 1:] ** 4, axis=1)
         if not self._turned:
-            attitude += turning * beyond[:, 0] ** 4
+            attitude += vehicle * beyond[:, 0] ** 4
         return position * (self._block != "attitude"), attitude * (self._block != "position")
 
     def _constraints(self, axes: np.ndarray, C: np.ndarray, ends: np.ndarray,
@@ -252,7 +263,7 @@ class JacobianBoxes:
         pairs = np.triu(2.0 * np.ones((coordinates, coordinates)), 1) + np.eye(coordinates)
         rest = 0.5 * np.einsum("mi,emkij,mj->emk", h, bends * pairs, h)
         return _Constraints(down @ self._normals.T - self._offsets, self._normals @ turned_T,
-                            rest + np.sum(h, axis=1)[:, None] ** 3 / 6.0)
+                            rest + (h @ self._turns)[:, None] ** 3 / 6.0)
 
     def _vertex_maximum(self, K: np.ndarray, g: _Constraints, mu: np.ndarray,
                         half: np.ndarray) -> np.ndarray:
