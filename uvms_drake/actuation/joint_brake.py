@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
 from uvms_drake.model.part import ONLY_ONCE, Fault, Part, Signals, check_times
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -121,8 +122,4 @@ class JointBrake(LeafSystem):
                      commanded: OutputPort, state: OutputPort,
                      name: str = "joint_brake") -> "JointBrake":
         """Adds the brake and connects it; the arguments are its constructor's and its inputs."""
-        system = JointBrake(model, fault)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(commanded, system.GetInputPort("commanded"))
-        builder.Connect(state, system.GetInputPort("state"))
-        return system
+        return added(builder, name, JointBrake(model, fault), commanded=commanded, state=state)

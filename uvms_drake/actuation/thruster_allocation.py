@@ -3,6 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -68,8 +69,5 @@ class ThrusterAllocation(LeafSystem):
                      tau: OutputPort, state: OutputPort, force: OutputPort,
                      name: str = "allocation") -> "ThrusterAllocation":
         """Adds the allocation and connects it; the arguments are its constructor's and inputs."""
-        system = ThrusterAllocation(model, allocation)
-        builder.AddNamedSystem(name, system)
-        for key, port in (("tau", tau), ("state", state), ("force", force)):
-            builder.Connect(port, system.GetInputPort(key))
-        return system
+        return added(builder, name, ThrusterAllocation(model, allocation),
+                     tau=tau, state=state, force=force)

@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
     State,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.thrusters import ThrusterModel
 
 
@@ -80,8 +81,5 @@ class ThrusterDynamics(LeafSystem):
                      *, command: OutputPort, hover: OutputPort, name: str = "thrusters"
                      ) -> "ThrusterDynamics":
         """Adds the thrusters and connects them; the arguments are the constructor's and inputs."""
-        system = ThrusterDynamics(thrusters, period, steps)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(command, system.GetInputPort("command"))
-        builder.Connect(hover, system.GetInputPort("hover"))
-        return system
+        return added(builder, name, ThrusterDynamics(thrusters, period, steps),
+                     command=command, hover=hover)

@@ -1,1 +1,1 @@
-"""Errors, YAML and JSON, output files and alarms for every room; it knows nothing of robots."""
+"""Errors, YAML and JSON, files, alarms and wiring for every room; it knows nothing of robots."""

@@ -25,6 +25,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
 from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH
@@ -217,10 +218,6 @@ class AncillaryFeedback(LeafSystem):
             limits: Those of the real robot; None: the command is not limited.
             name: Name of the system.
         """
-        feedback = AncillaryFeedback(model, law, limits)
-        builder.AddNamedSystem(name, feedback)
-        for port in ("nominal_state", "nominal_acceleration", "nominal_input"):
-            builder.Connect(nominal.GetOutputPort(port), feedback.GetInputPort(port))
-        if state is not None:
-            builder.Connect(state, feedback.GetInputPort("state"))
-        return feedback
+        return added(builder, name, AncillaryFeedback(model, law, limits), state=state, **{
+            port: nominal.GetOutputPort(port)
+            for port in ("nominal_state", "nominal_acceleration", "nominal_input")})

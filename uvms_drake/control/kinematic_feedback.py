@@ -8,6 +8,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.control.ancillary import is_lost
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.model.uvms_model import UvmsModel
@@ -72,10 +73,5 @@ class KinematicFeedback(LeafSystem):
             configuration: Gives 𝔮; left to the caller if None.
             name: Name of the system.
         """
-        feedback = KinematicFeedback(model, law)
-        builder.AddNamedSystem(name, feedback)
-        builder.Connect(
-            nominal.GetOutputPort("nominal_state"), feedback.GetInputPort("nominal_state"))
-        if configuration is not None:
-            builder.Connect(configuration, feedback.GetInputPort("configuration"))
-        return feedback
+        return added(builder, name, KinematicFeedback(model, law), configuration=configuration,
+                     nominal_state=nominal.GetOutputPort("nominal_state"))

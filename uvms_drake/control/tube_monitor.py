@@ -30,6 +30,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -302,10 +303,5 @@ class TubeMonitor(LeafSystem):
             name: Name of the system.
             **options: The other ones of the constructor.
         """
-        monitor = TubeMonitor(model, law, d_bound, radii, **options)
-        builder.AddNamedSystem(name, monitor)
-        for port, source in (("state", state), ("nominal_state", nominal_state),
-                             ("disturbance", disturbance), ("pair", pair)):
-            if source is not None:
-                builder.Connect(source, monitor.GetInputPort(port))
-        return monitor
+        return added(builder, name, TubeMonitor(model, law, d_bound, radii, **options), state=state,
+                     nominal_state=nominal_state, disturbance=disturbance, pair=pair)

@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance, unit_vector
 
@@ -218,12 +219,7 @@ class Adversary(LeafSystem):
             r: Gives 𝔯; not every kind needs it.
             name: Name of the system.
         """
-        adversary = Adversary(model, settings)
-        builder.AddNamedSystem(name, adversary)
-        for port, source in (("state", state), ("e_y", e_y), ("r", r)):
-            if source is not None:
-                builder.Connect(source, adversary.GetInputPort(port))
-        return adversary
+        return added(builder, name, Adversary(model, settings), state=state, e_y=e_y, r=r)
 
 
 class TaskAdversary(LeafSystem):
@@ -265,8 +261,4 @@ class TaskAdversary(LeafSystem):
                      direction: Sequence[float] | np.ndarray = (), *, e: OutputPort | None = None,
                      name: str = "adversary") -> "TaskAdversary":
         """Adds the adversary; `e` gives 𝔢 and is left to the caller if None."""
-        adversary = TaskAdversary(bound, direction)
-        builder.AddNamedSystem(name, adversary)
-        if e is not None:
-            builder.Connect(e, adversary.GetInputPort("e"))
-        return adversary
+        return added(builder, name, TaskAdversary(bound, direction), e=e)

@@ -13,6 +13,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.wiring import added
+
 
 def generalized_force(plant: MultibodyPlant, context: Context,
                       forces: Iterable[ExternallyAppliedSpatialForce]) -> np.ndarray:
@@ -81,10 +83,7 @@ class AppliedForces(LeafSystem):
         builder: DiagramBuilder, plant: MultibodyPlant, name: str = "applied_forces"
     ) -> "AppliedForces":
         """Adds the system to `builder` and wires it to the state of `plant`."""
-        system = AppliedForces(plant)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-        return system
+        return added(builder, name, AppliedForces(plant), plant_state=plant.get_state_output_port())
 
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
         total = np.zeros(self._plant.num_velocities())

@@ -25,6 +25,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import RunFailed, require, vector, within
+from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.euler import WORLD
 from uvms_drake.model.uvms import Uvms, add_uvms
@@ -116,12 +117,8 @@ class VelocityDrivenUvms(LeafSystem):
         name: str = "kinematics",
     ) -> "VelocityDrivenUvms":
         """Adds the system to `builder`; `zeta` and `disturbance` give ζ and w, if not None."""
-        system = VelocityDrivenUvms(uvms, start, task_frame)
-        builder.AddNamedSystem(name, system)
-        for port, source in (("zeta", zeta), ("disturbance", disturbance)):
-            if source is not None:
-                builder.Connect(source, system.GetInputPort(port))
-        return system
+        return added(builder, name, VelocityDrivenUvms(uvms, start, task_frame),
+                     zeta=zeta, disturbance=disturbance)
 
     def tip_motion(self, config: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns χ (6,) and J (6, 6+n) at 𝔮 (6+n,), by the MultibodyPlant."""

@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.coordinates import Coordinates
 
 
@@ -52,10 +53,8 @@ class ToPaperOrder(LeafSystem):
         name: str = "to_paper_order",
     ) -> "ToPaperOrder":
         """Adds the system to `builder` and wires it to the state of `plant`, but not `v_dot`."""
-        system = ToPaperOrder(coordinates)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-        return system
+        return added(builder, name, ToPaperOrder(coordinates),
+                     plant_state=plant.get_state_output_port())
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.coordinates.from_drake(self._plant_state_port.Eval(context)))
@@ -109,10 +108,8 @@ class ToDrakeOrder(LeafSystem):
         name: str = "to_drake_order",
     ) -> "ToDrakeOrder":
         """Adds the system to `builder` and wires it to the state of `plant`."""
-        system = ToDrakeOrder(coordinates)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-        return system
+        return added(builder, name, ToDrakeOrder(coordinates),
+                     plant_state=plant.get_state_output_port())
 
     def _calc_drake_order(self, context: Context, output: BasicVector) -> None:
         if not self._vector_port.HasValue(context):

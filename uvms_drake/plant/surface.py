@@ -21,6 +21,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.model.euler import WORLD, rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
 
@@ -122,10 +123,8 @@ class CompliantSurface(LeafSystem):
 
         `generalized_force` is left to the caller, since a plant has one port for the sum of all.
         """
-        system = CompliantSurface(plant, tip, surface, task_frame)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-        return system
+        return added(builder, name, CompliantSurface(plant, tip, surface, task_frame),
+                     plant_state=plant.get_state_output_port())
 
     def _calc_touch(self, context: Context, touch: AbstractValue) -> None:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))

@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
 from uvms_drake.model.part import (
     ONLY_ONCE,
     Fault,
@@ -144,7 +145,4 @@ class FaultySensor(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, fault: SensorFault, *, true: OutputPort,
                      name: str = "faulty_sensor") -> "FaultySensor":
         """Adds the sensor of the vector that `true` gives."""
-        system = FaultySensor(true.size(), fault)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(true, system.GetInputPort("true"))
-        return system
+        return added(builder, name, FaultySensor(true.size(), fault), true=true)

@@ -40,6 +40,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.wiring import added
 from uvms_drake.model.euler import rotated_back
 from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
 from uvms_drake.model.spatial import block_diagonal
@@ -286,9 +287,5 @@ class WristSensor(LeafSystem):
                      off: Imperfection, *, force: OutputPort, chi: OutputPort,
                      measured_chi: OutputPort, name: str = "wrist_sensor") -> "WristSensor":
         """Adds the sensor and connects it; the arguments are its constructor's and its inputs."""
-        system = WristSensor(model, settings, off)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(force, system.GetInputPort("force"))
-        builder.Connect(chi, system.GetInputPort("chi"))
-        builder.Connect(measured_chi, system.GetInputPort("measured_chi"))
-        return system
+        return added(builder, name, WristSensor(model, settings, off),
+                     force=force, chi=chi, measured_chi=measured_chi)

@@ -37,6 +37,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
 from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -129,9 +130,5 @@ class ForceWatch(LeafSystem):
                      state: OutputPort, measured_force: OutputPort | None = None,
                      name: str = "force_watch") -> "ForceWatch":
         """Adds the watch of the force that `measured_force` gives; left to the caller if None."""
-        system = ForceWatch(model, period, repeats=repeats, tare=tare, largest=largest)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(state, system.GetInputPort("state"))
-        if measured_force is not None:
-            builder.Connect(measured_force, system.GetInputPort("measured_force"))
-        return system
+        watch = ForceWatch(model, period, repeats=repeats, tare=tare, largest=largest)
+        return added(builder, name, watch, state=state, measured_force=measured_force)

@@ -10,6 +10,8 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.wiring import added
+
 
 class LastFinite(LeafSystem):
     """Passes a vector on while it is finite, and else the last one that was.
@@ -64,9 +66,4 @@ class LastFinite(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
                      let_go: OutputPort | None = None, name: str = "last_finite") -> "LastFinite":
         """Adds the system behind the vector that `measured` gives; `let_go` may be None."""
-        system = LastFinite(measured.size())
-        builder.AddNamedSystem(name, system)
-        builder.Connect(measured, system.GetInputPort("measured"))
-        if let_go is not None:
-            builder.Connect(let_go, system.GetInputPort("let_go"))
-        return system
+        return added(builder, name, LastFinite(measured.size()), measured=measured, let_go=let_go)

@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.visual.knowledge import KNOWN, known_from
 from uvms_drake.visual.scene import Moment, Scene, Setting
 
@@ -96,11 +97,7 @@ class Illustration(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, setting: Setting, *,
                      name: str = "illustration", **ports: OutputPort) -> "Illustration":
         """Adds the system; `ports` are connected to the input ports of their names."""
-        system = Illustration(meshcat, setting)
-        builder.AddNamedSystem(name, system)
-        for port, source in ports.items():
-            builder.Connect(source, system.GetInputPort(port))
-        return system
+        return added(builder, name, Illustration(meshcat, setting), **ports)
 
 
 def _frame(time: float, rate: float) -> float:

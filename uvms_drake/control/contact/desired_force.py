@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
 from uvms_drake.common.errors import require, vector
+from uvms_drake.common.wiring import added
 
 
 class DesiredForce(LeafSystem):
@@ -58,8 +59,5 @@ class DesiredForce(LeafSystem):
                      largest: float, *, desired_force: OutputPort | None = None,
                      name: str = "desired_force") -> "DesiredForce":
         """Adds the system; `desired_force` is left to the caller if None."""
-        system = DesiredForce(direction, default, largest)
-        builder.AddNamedSystem(name, system)
-        if desired_force is not None:
-            builder.Connect(desired_force, system.GetInputPort("desired_force"))
-        return system
+        return added(builder, name, DesiredForce(direction, default, largest),
+                     desired_force=desired_force)

@@ -14,6 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.felt import Felt, ForceSensing, felt, nothing, unseen
 from uvms_drake.control.contact.front import bounds, safe_depth
 from uvms_drake.control.contact.slope import Belief, slope, surface_depth, tilt
@@ -145,9 +146,5 @@ class ExploredFront(LeafSystem):
             measured_force: Gives 𝔉 as the sensor does; left to the caller if None.
             name: Name of the system.
         """
-        system = ExploredFront(model, surface, sensing, margin=margin, reach=reach)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(state, system.GetInputPort("state"))
-        if measured_force is not None:
-            builder.Connect(measured_force, system.GetInputPort("measured_force"))
-        return system
+        front = ExploredFront(model, surface, sensing, margin=margin, reach=reach)
+        return added(builder, name, front, state=state, measured_force=measured_force)

@@ -11,6 +11,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.approach import between_knots
 from uvms_drake.control.tracking_ocp import TrackingOcp
 from uvms_drake.control.tracking_plan import TrackingPlan
@@ -79,8 +80,4 @@ class PlanReach(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,
                      plan: OutputPort, state: OutputPort, name: str = "plan_reach") -> "PlanReach":
         """Adds the system and connects it; the arguments are its constructor's and its inputs."""
-        system = PlanReach(ocp, surface)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(plan, system.GetInputPort("plan"))
-        builder.Connect(state, system.GetInputPort("state"))
-        return system
+        return added(builder, name, PlanReach(ocp, surface), plan=plan, state=state)

@@ -74,6 +74,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.errors import require, vector
+from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.explored_front import ExploredFront
 
 AHEAD = 0.1
@@ -214,8 +215,5 @@ class PressTarget(LeafSystem):
             name: Name of the system.
         """
         system = PressTarget(direction, place, ahead=ahead, step=step, clearance=clearance)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(desired_force, system.GetInputPort("desired_force"))
-        for port in system._ports:
-            builder.Connect(front.GetOutputPort(port), system.GetInputPort(port))
-        return system
+        return added(builder, name, system, desired_force=desired_force, **{
+            port: front.GetOutputPort(port) for port in system._ports})
