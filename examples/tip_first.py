@@ -73,9 +73,10 @@ def main() -> None:
     for axis in panels[:2]:
         axis.set_ylim(bottom=0.05)
     panels[-1].axhline(scenario.task.force[0], color="0.4", linestyle=":", linewidth=1.0)
+    panels[-1].annotate("desired", (0.0, scenario.task.force[0]), va="bottom", color="0.4")
     panels[0].legend(ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     panels[-1].set_xlabel(f"time [s]; thrusters: dead time {DEAD_TIME:g} s, lag "
-                          f"{arguments.lag:g} s; grey: a push; dotted: desired")
+                          f"{arguments.lag:g} s; grey: a push")
     if arguments.figure:
         figure.savefig(arguments.figure, dpi=200)
 
