@@ -119,7 +119,8 @@ def test_the_law_tip_first_counts_with_a_clock_alone():
     ("sensing=[{joints: {rate: 0}}]", "sensing[0].joints.rate = 0.0: must be positive, and"),
     ("actuation=[{}, {period: -1}]", "actuation[1].period = -1.0: must be at least 0.0001"),
     ("actuation=[!Hold {}]",
-     "actuation[0] = '!Hold': must be a mapping tagged !SampledCommand or !Thrusters")])
+     "actuation[0] = '!Hold': must be a mapping tagged !SampledCommand or !Thrusters "
+     "or !LaggedWrench")])
 def test_a_part_without_a_meaning_is_one_line(override, expected):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("girona500_ideal", [override])

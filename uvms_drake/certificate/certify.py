@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_drake.actuation.lagged_wrench import LaggedWrench
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
@@ -43,6 +44,7 @@ from uvms_drake.tube.held_search import held
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
+from uvms_drake.tube.tip_first import lag_is_proven
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 UNLIMITED = 1.0
@@ -129,12 +131,19 @@ def assumptions(scenario: Scenario) -> list[Condition]:
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:
-    """Returns whether the tube counts with what a part does to the command: a clock alone.
+    """Returns whether the tube counts with what a part does to the command: one part alone.
 
-    See `tube.held_rows`; where that has no bound, a condition of the tube says so.
+    A clock, see `tube.held_rows`, where a condition of the tube says what has no bound; or a lag of
+    the vehicle's wrench of which `tube.lagged_rows` has a proof.
     """
-    return (isinstance(part, SampledCommand) and len(scenario.actuation) == 1
-            and isinstance(scenario.ancillary, TipFirst))
+    law = scenario.ancillary
+    if len(scenario.actuation) != 1 or not isinstance(law, TipFirst):
+        return False
+    if not isinstance(part, LaggedWrench):
+        return isinstance(part, SampledCommand)
+    model = load_model(scenario)
+    actuators = actuators_of(command_paths(scenario, model), lateness_of(scenario, model))
+    return lag_is_proven(law, actuators, scenario.mpc.time_step)
 
 
 def check_inputs(scenario: Scenario) -> ContactModel:

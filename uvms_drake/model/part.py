@@ -105,10 +105,14 @@ class CommandPath(NamedTuple):
     """Axes of the vehicle that get nothing."""
     unknown: tuple[str, ...] = ()
     """What these numbers do not say of it."""
+    foreseen: bool = True
+    """Whether the plan's forces are asked for ahead, see `control.ahead`."""
 
     @property
     def lateness(self) -> Lateness:
-        """How late a force is behind it."""
+        """How late a force is behind it, as far as a plan is asked for ahead."""
+        if not self.foreseen:
+            return ON_TIME
         late = self.delay + 0.5 * self.period + self.lag
         return Lateness(late, late if self.whole else 0.0)
 

@@ -11,8 +11,8 @@ from uvms_drake.station.scenario import Scenario
 
 
 def part_of(scenario: Scenario) -> Thrusters | None:
-    """Returns the thrusters among the parts of a scenario, if they are there."""
-    return next((part for part in scenario.actuation if isinstance(part, Thrusters)), None)
+    """Returns the robot's thrusters among the parts of a scenario, if they are there."""
+    return next((part for part in scenario.actuation if type(part) is Thrusters), None)
 
 
 def thrusters_of(record: Record) -> ThrusterModel:

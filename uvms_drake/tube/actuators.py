@@ -9,6 +9,9 @@ from uvms_drake.model.part import ON_TIME, CommandPath, Lateness
 
 SAME = 1e-6
 """Part of a period by which times differ that are meant to be the same."""
+KNOTS_CHECKED = 10_000
+"""Knots at which a clock is to tick at the very same number of seconds: half an hour of 0.2 s.
+Nobody looks at a run that lasts longer."""
 
 
 @dataclass(frozen=True)
@@ -78,3 +81,25 @@ def actuators_of(paths: Sequence[CommandPath | None], ahead: Lateness = ON_TIME)
             return Actuators(unknown=("another order of parts than a clock and then thrusters",))
     return replace(out, vehicle=replace(out.vehicle, ahead=ahead.vehicle),
                    joints=replace(out.joints, ahead=ahead.joints))
+
+
+def at_ticks(time_step: float, period: float) -> bool:
+    """Returns whether the knots of plans are ticks to the last digit: then a tick has its plan."""
+    ticks = round(time_step / period)
+    return all(k * time_step == k * ticks * period for k in range(KNOTS_CHECKED))
+
+
+def lagged_alone(actuators: Actuators, time_step: float) -> bool:
+    """Returns whether there are thrusters that are late, on all axes and as known, and no more.
+
+    Then `tube.lagged_rows` has a proof, if no plan is asked for ahead and its knots are ticks.
+
+    Args:
+        actuators: What is between the law and what acts.
+        time_step: Of a plan [s].
+    """
+    vehicle = actuators.vehicle
+    return (actuators.thrusters and vehicle.period > 0.0 and vehicle.ahead == 0.0
+            and actuators.joints == Path() and not np.any(actuators.off)
+            and not actuators.undriven and not actuators.unknown
+            and at_ticks(time_step, vehicle.period))

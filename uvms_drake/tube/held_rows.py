@@ -44,6 +44,7 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.tube.actuators import at_ticks
 from uvms_drake.tube.ascent import by_part, first_order, supremum
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constraint_set import ConstraintSet
@@ -68,9 +69,6 @@ BLOCKS = ("vehicle", "attitude", "position", "joints")
 """Blocks by their names in the table."""
 ENLARGED, TRIES = 1.05, 4
 """Factor of R to first order, and how often it is enlarged by what was found."""
-KNOTS_CHECKED = 10_000
-"""Knots at which the clock is to tick at the very same number of seconds: half an hour of 0.2 s.
-Nobody looks at a run that lasts longer."""
 Of = Callable[[PlanProblem, np.ndarray], np.ndarray]
 """What a plan makes of rows."""
 FIXED_POINT = 300
@@ -130,8 +128,7 @@ class HeldRows:
         self._turns = np.array([1.0, 1.0, 1.0, np.exp(turning * self._age)])
         self._gains = self._of_blocks(loops)
         ticks = round(basis.time_step / path.period)
-        same = all(k * basis.time_step == k * ticks * path.period for k in range(KNOTS_CHECKED))
-        until = path.dead_time + (0.0 if same else path.period)
+        until = path.dead_time + (0.0 if at_ticks(basis.time_step, path.period) else path.period)
         self._jump *= until > 0.0
         knots = self._of_blocks(loops, ticks, until) * self._jump[:, None]
         if until > 0.0:

@@ -27,7 +27,8 @@ late by ā at most, which has a bounded integral: it counts ā|f̄| by the kerne
 g∗Δ̇ = ġ∗Δ.
 
 *A budget, and not a proof yet*: it says what eats the tube, and where there are thrusters the
-certificate is void by their assumption (a clock alone has a proof: `held_rows`). Not counted are
+certificate is void by their assumption (a clock alone has a proof, `held_rows`, and so has a lag of
+the wrench on all axes of which no plan is told, `lagged_rows`). Not counted are
 
 - a wrench that thrusters cut at their limits, if `limits.thrusters` are not declared;
 - (G_v − 1)A M_vq J_sq⁻¹w_s: what the tip feeds back is late on the vehicle, too;

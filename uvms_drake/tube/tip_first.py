@@ -21,9 +21,10 @@ the tip. `tip_first_image` has the rest.
 
 *The real loop.* Clocks, dead times and lags make another loop of each row, whose gains are those of
 `row_loop`; the ones above are its special case. They have sources of their own, which `held_rows`
-bounds for a command that is held, with a proof, and `late_rows` for thrusters, without: each row of
-the budget is the sum of gain × bound of all of them, and a radius. What is late of the tip is in
-the joints J_sq⁻¹ times that. A reading is as much older as the actuators are late.
+bounds for a command that is held and `lagged_rows` for a vehicle's wrench that lags, with proofs,
+and `late_rows` for thrusters behind a clock, without: each row of the budget is the sum of gain ×
+bound of all of them, and a radius. What is late of the tip is in the joints J_sq⁻¹ times that. A
+reading is as much older as the actuators are late.
 """
 
 from dataclasses import replace
@@ -33,15 +34,16 @@ import numpy as np
 from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.tube.actuators import Actuators
+from uvms_drake.tube.actuators import Actuators, lagged_alone
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constant_check import checked_constants
 from uvms_drake.tube.estimate import no_estimates, together
 from uvms_drake.tube.held_rows import HeldRows, drags_of, turning_of
+from uvms_drake.tube.lagged_rows import LaggedRows
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.row_loop import RowLoop
-from uvms_drake.tube.tip_first_image import arm_of, tip_first_image
-from uvms_drake.tube.tip_late import LateTube, block_bounds, held_rows
+from uvms_drake.tube.tip_first_image import arm_of, free_arm, tip_first_image
+from uvms_drake.tube.tip_late import LateTube, block_bounds, held_rows, slower_plans
 from uvms_drake.tube.tip_pushes import (
     ATTITUDE,
     DEPTH,
@@ -56,6 +58,9 @@ from uvms_drake.tube.tip_pushes import (
     loop_gains,
 )
 
+SHARE = 0.15
+"""Part of the limits of speeds that is a plan's where thrusters lag: the tube takes the rest, if it
+needs it or not. The less a plan may jump, the less there is that comes late."""
 KNOTS = 1e-6
 """Part of a period by which a knot may be off a tick: rounding."""
 
@@ -65,6 +70,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     model, settings, actuators = basis.model, basis.settings, basis.actuators
     rows = tip_rows(model, tuple(law.rows))
     is_held = actuators.late and not actuators.thrusters
+    is_lagged = lag_is_proven(law, actuators, basis.time_step)
     loops = _row_loops(law, actuators)
     conditions = [Condition(f"rows of the tip's task, {name} is not among them", 1.0, "<=", 0.0)
                   for i, name in enumerate("xyz") if i not in rows]
@@ -83,7 +89,8 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         return LawTube(TubeRadii(), tuple(conditions))
 
     turning, turning_check, of_joints = 0.0, no_estimates, loops[1]
-    ages = actuators.vehicle.age, actuators.joints.age
+    # What is late of a reading is a source of its own where there is only a lag.
+    ages = 0.0 if is_lagged else actuators.vehicle.age, actuators.joints.age
     if is_held:
         tip_drag, joint_drag = drags_of(model, basis.declared, rows)
         loops, of_joints = (
@@ -102,9 +109,17 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         ATTITUDE: pushes.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
         TIP: pushes.of(tip, tip_norm, TIP), DEPTH: pushes.of(tip, tip_norm, DEPTH),
         JOINTS: in_joints(basis, arm, joints, pushes)}
-    late: LateTube | HeldRows | None = None
+    late: LateTube | HeldRows | LaggedRows | None = None
+    free_check = no_estimates
+    limits = np.array([basis.declared.nu1, basis.declared.nu2, basis.declared.qdot])
     if is_held:
         late = held_rows(basis, rows, (*loops, of_joints), table, turning, arm.regular)
+    elif is_lagged:
+        free, free_check = free_arm(model, basis.declared, rows, settings)
+        conditions.append(Condition(
+            "arm, least det J_g over det J_sq, estimated", free, ">", 0.0))
+        late = LaggedRows(basis, rows, *loops, table, np.minimum(
+            slower_plans(basis, rows, table), SHARE * limits), pushes)
     elif actuators.late:
         late = LateTube(law, basis, rows, loops, table)
     if late is not None:
@@ -128,19 +143,26 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         basis.u_limit, settings, forces=basis.forces, largest_rate=basis.largest_rate)
     position, attitude = float(sums[TIP][0]), float(sums[ATTITUDE][0])
     beside = pushes.reading if late is None else pushes.reading + late.beside
+    nu1, nu2, qdot = np.maximum(
+        [image.nu1, image.nu2, image.qdot], (1.0 - SHARE) * limits if is_lagged else 0.0)
     tube = TubeRadii(
         e=float(np.linalg.norm([position, image.orientation, image.joints])), position=position,
         orientation=image.orientation, joints=image.joints,
-        z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
-        qdot=image.qdot, tip_speed=float(sums[TIP][1]), roll=attitude, pitch=attitude,
+        z=float(np.linalg.norm([nu1, nu2, qdot])), nu1=float(nu1), nu2=float(nu2),
+        qdot=float(qdot), tip_speed=float(sums[TIP][1]), roll=attitude, pitch=attitude,
         depth=float(sums[DEPTH][0]) if felt else None,
         depth_speed=float(sums[DEPTH][1]) if felt else None, u=image.u + beside[:size],
         tau=None if image.tau is None else image.tau + beside[size:])
     return LawTube(tube, tuple(conditions), budget, tuple(vars(tube)), together(
-        arm.check, turning_check, pushes.check, image.check,
+        arm.check, turning_check, free_check, pushes.check, image.check,
         no_estimates if late is None else late.check,
         lambda: checked_constants(
             model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)))
+
+
+def lag_is_proven(law: TipFirst, actuators: Actuators, time_step: float) -> bool:
+    """Returns whether `lagged_rows` holds for a law behind its actuators, with plans of a step."""
+    return lagged_alone(actuators, time_step) and not (law.undriven or law.vehicle.observer)
 
 
 def _row_loops(law: TipFirst, actuators: Actuators) -> tuple[RowLoop, RowLoop]:

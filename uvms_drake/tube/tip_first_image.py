@@ -198,6 +198,27 @@ def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
     return Arm(least / factor, carried, check)
 
 
+def free_arm(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+             settings: CertificateSettings) -> tuple[float, Check]:
+    """Returns the least det J_g / det J_sq over the declared set, estimated, and the other search.
+
+    Positive where the arm can hold its tip's task with the vehicle free as it can with it held:
+    det(1 − M_vv⁻¹M_vqJ_sq⁻¹J_sv), by the lemma of Sylvester. 1 for a vehicle of infinite mass.
+    """
+    def missing(x: np.ndarray) -> np.ndarray:
+        J_s, M = _task(model, rows, x), model.mass_matrix(model.kinematics(_config(x)))
+        moved = np.linalg.solve(J_s[..., 6:], J_s[..., :6])
+        carried = np.linalg.solve(M[..., :6, :6], M[..., :6, 6:])
+        out: np.ndarray = 1.0 - np.linalg.det(np.eye(6) - carried @ moved)
+        return out[:, None]
+
+    lower, upper = _postures(declared)
+    claim = max(0.0, settings.safety_factor * float(
+        supremum_over_joints(missing, lower, upper, settings.seed)[0]))
+    return 1.0 - claim, lambda: (Estimate("1 − det J_g / det J_sq", claim, max(0.0, float(
+        second_over_joints(missing, lower, upper, settings.seed)[0]))),)
+
+
 def _postures(declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:
     """Returns the box of joint angles, roll and pitch; where a vehicle is makes no difference."""
     return (np.append(declared.q_lower, [-declared.roll, -declared.pitch]),

@@ -73,6 +73,8 @@ class Pushes:
     reading: np.ndarray
     """What the error of the reading adds to u and τ (2(6+n),), see `reading_input`."""
     check: Check = no_estimates
+    turning = 0.0
+    """ω, how fast the tip's axes turn [rad/s]."""
 
     def __init__(self, basis: Basis):
         self._basis, contact = basis, basis.contact
@@ -85,10 +87,10 @@ class Pushes:
         worst = supremum_over_joints(sizes, *box, settings.seed)
         found = self._found = suprema_of(worst)
         factor = settings.safety_factor
-        self._turning = declared.nu2 + factor * found.turning * declared.qdot
+        self.turning = declared.nu2 + factor * found.turning * declared.qdot
         each, second = reading_input(
             basis.model, declared.q_lower, declared.q_upper,
-            reading_off(contact, self._turning), contact.torque_error, settings.seed)
+            reading_off(contact, self.turning), contact.torque_error, settings.seed)
         self.reading = factor * each
         self.check = lambda: (
             largest_of("what M⁻¹J_Eᵀ makes of forces", factor * worst,
@@ -97,7 +99,7 @@ class Pushes:
         stretch, sine = euler_stretch(declared.pitch), np.sin(declared.pitch)
         turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
         vehicle, attitude = self.zeta([0]), self.zeta([1])
-        tip_turned = self._turning * float(found.position.force)
+        tip_turned = self.turning * float(found.position.force)
         self._rows: dict[str, tuple[Sizes, float]] = {
             VEHICLE: (vehicle, declared.nu2 * float(vehicle.force)),
             ATTITUDE: (Sizes(*(stretch * size for size in attitude)),
@@ -128,7 +130,7 @@ class Pushes:
         assert contact is not None
         contact = replace(contact, lag=contact.lag + loop.age)
         terms = np.array([
-            by_source(contact, A, known, late, turning=self._turning, qdot=basis.declared.qdot,
+            by_source(contact, A, known, late, turning=self.turning, qdot=basis.declared.qdot,
                       turned=turned, safety_factor=basis.settings.safety_factor)
             for known, late in zip(loop.known, loop.late, strict=True)])
         return dict(zip(SOURCES, terms.T, strict=True))

@@ -1,0 +1,55 @@
+"""A vehicle's wrench on all six axes that lags: thrusters without what they cannot do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.common.errors import require
+from uvms_drake.model.part import CommandPath
+from uvms_drake.model.thruster_data import AXES
+from uvms_drake.model.thrusters import ThrustCurve, ThrusterModel
+from uvms_drake.model.uvms_model import UvmsModel
+
+MOST = 1e4
+"""What an axis gives at most [N, N m]: far more than any robot here asks for."""
+
+
+@dataclass
+class LaggedWrench(Thrusters):
+    """The vehicle's wrench, on each axis what was asked for, behind a dead time and a lag.
+
+    As if there were a thruster on each axis, without limit or dead band: what is late of thrusters,
+    and nothing else of them. The robot's own are not looked at.
+    """
+
+    lag: float | None = 0.05
+    """Time constant of the wrench [s]."""
+    dead_time: float | None = 0.0
+    """From a command to the first change of the wrench [s], a multiple of `period`."""
+    foreseen: bool = True
+    """Whether a plan's forces are asked for as much ahead as they come late; no proof knows of it.
+    """
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        for key in ("lag", "dead_time"):
+            require(getattr(self, key) is not None, key, None, "a number")
+        require(self.sag == 0.0, "sag", self.sag, "0: there is no voltage")
+        super().check()
+
+    def assumption(self) -> str:
+        """Returns the assumption that it breaks, of all proofs but those of `tube.lagged_rows`."""
+        return "the proofs take the vehicle's wrench for given at once"
+
+    def command_path(self, model: UvmsModel) -> CommandPath:
+        """Returns its clock, dead time and lag."""
+        return super().command_path(model)._replace(foreseen=self.foreseen)
+
+    def _at(self, model: UvmsModel, sag: float) -> ThrusterModel:
+        size = len(AXES)
+        straight = ThrustCurve(np.array([-MOST, MOST]), np.array([-MOST, MOST]))
+        assert self.lag is not None and self.dead_time is not None  # or `check`
+        return ThrusterModel(
+            AXES, np.eye(size), (straight,) * size, np.full(size, self.lag), np.zeros(size),
+            self.dead_time, 0.0, np.arange(size))
