@@ -75,7 +75,7 @@ def test_it_is_the_least_squares_fit_of_a_wall_that_is_straight():
 def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
     belief = first_belief(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
         mean=np.array([9.0, 600.0, 0.03, -0.05]))
-    tip = np.array([0.01, 0.004, -0.02])
+    tip = np.array([0.01, 0.03, -0.02])
 
     def after(mean):
         return moved(belief._replace(mean=mean), WALLS, tip, np.inf).mean
@@ -124,6 +124,19 @@ def test_a_slide_on_a_wall_that_runs_off_teaches_how_it_is_inclined(kappa):
     assert np.all(learned >= 0.9 * kappa)
     assert np.all(learned <= min(1.6 * kappa, MOST))
     np.testing.assert_allclose(tilt(beliefs[-1], WALLS), DEG_3 * ASIDE, atol=0.15 * DEG_3)
+
+
+@pytest.mark.parametrize("kappa", [300.0, 900.0])
+def test_a_slide_along_which_the_position_is_wrong_teaches_no_stiffness(kappa):
+    """By 2 mm at most, at 50 Hz: depths that are not there would make the wall look soft."""
+    before, rng, count = pressed(kappa, 10.0, DEG_3), np.random.default_rng(2), 1500
+    aside = np.linspace(0.0, 0.6, count)
+    tips = path(10.0 / kappa - DEG_3 * aside, aside)
+    seen = tips + np.repeat(
+        6.7e-4 * np.clip(rng.standard_normal((count // 2, 3)), -3.0, 3.0), 2, axis=0)
+    last = read(seen, wall(kappa, DEG_3)(tips), belief=before)[-1]
+    assert 0.9 * kappa <= slope(last, WALLS) <= min(1.6 * kappa, MOST)
+    np.testing.assert_allclose(tilt(last, WALLS), DEG_3 * ASIDE, atol=0.25 * DEG_3)
 
 
 def test_hard_below_soft_and_soft_below_hard_are_noticed_within_a_few_noises():

@@ -15,8 +15,11 @@ one that is curved.
 
 *Steps count the way, not the time*: there is one when the tip has moved by ν/κ₊. By less than that
 no force changes by more than ν, so a tip at rest learns and forgets nothing, whatever the noise of
-its force and, below that length, of its position, which would make every wall look soft. A reading
-of a tip that has moved by more while the force may have been read (W, see `front`) says nothing.
+its force and, below that length, of its position, which would make every wall look soft. For the
+same reason κ is learned, and changes, only in steps that go deeper than aside, |s| ≥ ‖P_t m‖: on a
+slide at one force, s is an error of the position, and 0.7 mm of it would make 900 N/m look like 320
+within 0.6 m. A reading of a tip that has moved by more than ν/κ₊ while the force may have been read
+(W, see `front`) says nothing.
 
 *It begins with* κ = ½κ₊ ± ½κ₊ and 𝔱 = 0 ± ½α. What a press goes by is κ̂ = min(κ₊, κ + √P_κκ): κ₊ as
 long as nothing is known, and more often above κ than below it, so that the force comes up to the
@@ -95,12 +98,13 @@ def first_belief(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, nois
 
 
 def _way(belief: Belief, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns s (...) and the first row of A (..., 4)."""
+    """Returns s (...) and the first row of A (..., 4), without s where κ is not learned."""
     motion = tip - belief.at
     across = motion @ surface.axes[1:].T
     s = surface.depth(motion) + np.sum(belief.mean[..., 2:] * across, axis=-1)
     row = np.empty(belief.mean.shape)
-    row[..., 0], row[..., 1], row[..., 2:] = 1.0, s, belief.mean[..., 1:2] * across
+    row[..., 0], row[..., 2:] = 1.0, belief.mean[..., 1:2] * across
+    row[..., 1] = np.where(np.abs(s) >= np.linalg.norm(across, axis=-1), s, 0.0)
     return s, row
 
 
@@ -121,7 +125,7 @@ def moved(belief: Belief, surface: SurfaceClass, tip: np.ndarray, memory: float)
     P = A @ belief.covariance @ np.swapaxes(A, -1, -2)
     # Each of κ, t₁, t₂ comes to be as unknown as at first, and no more.
     most = np.array([0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2]) ** 2
-    harder = (HARDENING * kappa) ** 2 * kappa * np.abs(s) / memory
+    harder = (HARDENING * kappa) ** 2 * kappa * np.abs(row[..., 1]) / memory
     bent = surface.tilt**2 * surface.aside(tip - belief.at) / BEND
     grown = np.minimum(np.stack([harder, bent, bent], axis=-1), np.maximum(
         most - np.diagonal(P, axis1=-2, axis2=-1)[..., 1:], 0.0))
