@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.mission.system`: ports, and state in the Context."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -70,6 +72,24 @@ def test_it_does_what_the_law_does():
         assert axes[1:] @ (found[6:9] - ORIGIN) == pytest.approx(asked.place, abs=1e-6)
         assert found[9] == asked.deepest
     assert progress(system, sim.get_context())["outcome"] == DONE == now.outcome
+
+
+def test_it_asks_for_what_is_due_a_lead_later():
+    lead, slide = 0.4, Slide(along=np.array([0.0, -0.02]), speed=0.02, amplitude=2.0,
+                             frequency=0.7)
+    mission = replace(MISSION, steps=[*MISSION.steps[:2], slide, MISSION.steps[3]], lead=lead)
+    sim, system = simulator(mission)
+    log = []
+    for t in np.arange(1.45, 2.3, lead / 4.0):  # All within the slide.
+        sim.AdvanceTo(t)
+        own = system.GetMyContextFromRoot(sim.get_context())
+        assert progress(system, sim.get_context())["step"] == 2.0
+        log.append([system.GetOutputPort(name).Eval(own) for name in (
+            "desired_force", "place", "due_force", "due_place")])
+    for (force, place, *_), (*_, due_force, due_place) in zip(log, log[4:], strict=False):
+        assert SURFACE.direction @ force[:3] == pytest.approx(due_force[0])
+        assert place == pytest.approx(due_place)
+    assert np.ptp([due_place for *_, due_place in log], axis=0)[0] > 0.01
 
 
 def test_before_the_first_look_it_is_where_the_tip_is():

@@ -39,10 +39,10 @@ def made(mission=MISSION, duration=6.0, **progress):
     force[:, 0] = 10.0 + 1.5 * np.sin(2.0 * np.pi * time)
     return replace(
         base, scenario=replace(base.scenario, mission=mission), chi=chi, force=force,
-        desired_force=np.tile([10.0, 0, 0, 0, 0, 0], (len(time), 1)),
         signals=base.signals | {
             "felt_force": force, "touched": (step > 0)[:, None].astype(float),
             "mission_place": np.column_stack([0.0 * y, y, 0.0 * y]),
+            "mission_force": np.full((len(time), 1), 10.0),
             "mission_progress": np.column_stack(list(columns.values()))})
 
 

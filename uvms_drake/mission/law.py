@@ -58,7 +58,7 @@ class Measured(NamedTuple):
 
 
 class Targets(NamedTuple):
-    """What a mission asks of the controller."""
+    """What a mission wants at a time, and asks of the controller `Mission.lead` before."""
 
     force: float
     """Desired force along n [N]."""
@@ -118,7 +118,7 @@ def begin(mission: Mission, tip: np.ndarray, t: float) -> State:
 
 
 def targets(mission: Mission, state: State, t: float) -> Targets:
-    """Returns what is asked for at a time t [s] of the current step."""
+    """Returns what is due at a time t [s], if the current step goes on till then."""
     if state.outcome != RUNNING:
         return Targets(0.0, state.place, state.deepest)
     step, spent = mission.steps[state.step], t - state.since
@@ -133,7 +133,7 @@ def targets(mission: Mission, state: State, t: float) -> Targets:
 
 def advance(mission: Mission, state: State, measured: Measured, t: float
             ) -> tuple[State, Targets]:
-    """Returns the state after a look at what is measured, and what is asked for then.
+    """Returns the state after a look at what is measured, and what is due then.
 
     It makes one transition at most.
 

@@ -206,12 +206,17 @@ class Mission:
     """Distance of the tip from a place at which it is there [m]."""
     patience: float = 0.5
     """How long the contact may be lost during a hold or slide before it has failed [s]."""
+    lead: float = 0.0
+    """How much before they are due places and forces of a slide are asked for: what the tip is
+    behind by otherwise [s]."""
 
     def checked(self) -> "Mission":
         """Returns the mission with arrays, or raises."""
         require(0 <= self.retries <= 100, "retries", self.retries, "from 0 to 100")
         require(0.0 < self.reached < np.inf, "reached", self.reached, "positive")
-        require(0.0 <= self.patience < np.inf, "patience", self.patience, "zero or positive")
+        for key in ("patience", "lead"):
+            value = getattr(self, key)
+            require(0.0 <= value < np.inf, key, value, "zero or positive")
         _require_spots(self.steps)
         return replace(self, steps=[_checked(i, step) for i, step in enumerate(self.steps)])
 

@@ -40,6 +40,8 @@ class MissionControl(LeafSystem):
         - desired_force
         - place
         - deepest
+        - due_place
+        - due_force
         - progress
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, for the tip; one that is not finite is not seen.
@@ -49,6 +51,8 @@ class MissionControl(LeafSystem):
     - `desired_force` (6): 𝔉_des along n [N].
     - `place` (3): where across n to press, in Σ_I [m]; it moves along a line while it slides.
     - `deepest` (1): largest depth along n to steer for [m]; inf: any.
+    - `due_place` (3), `due_force` (1): where and how hard to press by now; the ports above are
+      `Mission.lead` ahead of them.
     - `progress` (5): `PROGRESS`.
 
     The abstract state is `law.State`. Before the first look it is that of the state that is
@@ -79,12 +83,15 @@ class MissionControl(LeafSystem):
         # What is felt acts at the next look: no loop through the controller without a state.
         known = {self.all_state_ticket(), self.time_ticket(), self._state_port.ticket()}
         n, across = self._axes[0], self._axes[1:]
-        for name, size, calc in (
-            ("desired_force", 6, lambda now: np.append(now.force * n, np.zeros(3))),
-            ("place", 3, lambda now: self._origin + now.place @ across),
-            ("deepest", 1, lambda now: [now.deepest]),
+        lead = self._mission.lead
+        for name, size, ahead, calc in (
+            ("desired_force", 6, lead, lambda due: np.append(due.force * n, np.zeros(3))),
+            ("place", 3, lead, lambda due: self._origin + due.place @ across),
+            ("deepest", 1, lead, lambda due: [due.deepest]),
+            ("due_place", 3, 0.0, lambda due: self._origin + due.place @ across),
+            ("due_force", 1, 0.0, lambda due: [due.force]),
         ):
-            self.DeclareVectorOutputPort(name, size, self._of_targets(calc), known)
+            self.DeclareVectorOutputPort(name, size, self._of_targets(calc, ahead), known)
         self.DeclareVectorOutputPort("progress", len(PROGRESS), self._calc_progress, known)
 
     def _tip(self, context: Context) -> np.ndarray:
@@ -112,10 +119,10 @@ class MissionControl(LeafSystem):
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()
 
-    def _of_targets(self, of: Callable[[Targets], np.ndarray | list[float]]
+    def _of_targets(self, of: Callable[[Targets], np.ndarray | list[float]], ahead: float
                     ) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(
-            of(targets(self._mission, self._now(context), context.get_time())))
+            of(targets(self._mission, self._now(context), context.get_time() + ahead)))
 
     def _calc_progress(self, context: Context, output: BasicVector) -> None:
         now = self._now(context)

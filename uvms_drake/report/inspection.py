@@ -72,7 +72,7 @@ def inspection_table(record: Record) -> np.ndarray:
     normals[~slid] = n
     rows = np.column_stack([
         record.time, step, tip, normals, slid, np.sum(force * normals, axis=1),
-        record.desired_force[:, :3] @ n])
+        record.signals["mission_force"]])
     return rows[pressing]
 
 

@@ -76,9 +76,9 @@ def lateral_errors(record: Record, step: AnyStep, when: slice) -> tuple[np.ndarr
 
 
 def force_errors(record: Record, when: slice) -> np.ndarray:
-    """Returns what the real force along n is off the desired one (m,) [N]."""
+    """Returns what the real force along n is off the one that is due (m,) [N]."""
     n = sensed_contact(record.scenario).direction
-    errors: np.ndarray = (record.force[when] - record.desired_force[when])[:, :3] @ n
+    errors: np.ndarray = record.force[when, :3] @ n - record.signals["mission_force"][when, 0]
     return errors
 
 

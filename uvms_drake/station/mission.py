@@ -9,8 +9,9 @@ from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.sensed import sensed_contact
 
-LOGGED = ("place", "progress")
-"""Outputs of the mission that are signals, by the names `mission_place` and `mission_progress`."""
+LOGGED = {"mission_place": "due_place", "mission_force": "due_force",
+          "mission_progress": "progress"}
+"""Signals, by the outputs of the mission that they are."""
 
 
 def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
@@ -37,5 +38,5 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
     for name in (*asked, "desired_force"):
         builder.Connect(mission.GetOutputPort(name), controller.GetInputPort(name))
     builder.ExportInput(mission.GetInputPort("stop"), "stop")
-    for name in LOGGED:
-        signals[f"mission_{name}"] = mission.GetOutputPort(name)
+    for name, port in LOGGED.items():
+        signals[name] = mission.GetOutputPort(port)
