@@ -152,6 +152,10 @@ def test_an_example_is_short_and_listed(path):
     assert f"({path.name})" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
 
 
+def test_the_slides_have_a_table(run):
+    assert run("slides.py", 0.1).split()[:4] == ["m", "mm/s", "N", "+-"]
+
+
 def test_a_mission_beside_the_station_presses_and_slides(run):
     *lines, last = run("inspection.py", 9.0).splitlines()
     rows = [line.split() for line in lines[1:]]

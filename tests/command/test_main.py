@@ -154,6 +154,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_stiff", "dynamic", "resolved"],
         ["girona500_tip_first", "dynamic", "tip-first"],
         ["jacket_inspection", "dynamic", "resolved"],
+        ["jacket_inspection_real", "dynamic", "tip-first"],
         ["paper_dynamic", "dynamic", "transpose"],
         ["paper_dynamic_resolved", "dynamic", "resolved"],
         ["paper_kinematic", "kinematic", "transpose"],

@@ -19,9 +19,10 @@ def scenario():
     return load_scenario(NAME)
 
 
-def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told():
+@pytest.mark.parametrize("name", ["jacket_inspection", "jacket_inspection_real"])
+def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told(name):
     """Wherever the mission goes, and 10 mm beside: no normal is further off than the angle."""
-    scenario = load_scenario("jacket_inspection")
+    scenario = load_scenario(name)
     walls, surface = scenario.contact.walls, scenario.surface
     a, b = np.meshgrid(np.linspace(-0.21, 0.31, 9), np.linspace(-0.07, 0.07, 9))
     places = a[..., None] * walls.axes[1] + b[..., None] * walls.axes[2]
