@@ -8,11 +8,13 @@ on the scenario's motion and law, see `Motion.tubes`; a law that is not there ha
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.actuation.lagged_wrench import LaggedWrench
 from uvms_drake.actuation.sampled_command import SampledCommand
+from uvms_drake.certificate.advice import longer, roomier, safer, wider
 from uvms_drake.certificate.cache import cached
 from uvms_drake.certificate.certificate import Certificate, TerminalResult, fingerprint
 from uvms_drake.common.errors import InvalidParameter, require, within
@@ -97,7 +99,9 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         if not draft.certified:
             return draft
         estimates = found.check()
-        draft = replace(draft.adding(list(unrefuted(estimates))), estimates=estimates)
+        draft = replace(draft.adding([
+            replace(each, advice=safer(scenario, each.left)) for each in unrefuted(estimates)]),
+            estimates=estimates)
         if not draft.certified:
             return draft
         return _with_terminal_set(draft, found, scenario, model, progress)
@@ -254,7 +258,9 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
         else:
             conditions += [Condition(f"tube in limits.{label}", radius, "<", room)
                            for label, radius, room in limit.rooms(tube)]
-    return conditions
+    share = min((each.right / each.left for each in conditions if each.left > 0.0), default=1.0)
+    advice = roomier(scenario, share)
+    return [each if each.holds else replace(each, advice=advice) for each in conditions]
 
 
 def rooms_of_budget(scenario: Scenario, found: LawTube, model: ContactModel) -> dict[str, float]:
@@ -326,15 +332,31 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
     if solution.plan is None or solution.evaluation is None:
         return None, [Condition("first plan, none found", 1.0, "<=", 0.0)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
+    bulge = between_knots(ocp, solution.plan)
+    where = f", of limits.{bulge.label} at {bulge.time:.3g} s" if bulge.label else ""
     return solution.plan, [
         Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
-        Condition("first plan, violation between its knots [rad, m]",
-                  between_knots(ocp, solution.plan), "<=", FEASIBLE),
-        Condition("first plan, distance to the terminal set", slack, "<=", REACHED)]
+        Condition(f"first plan, violation between its knots [rad, m]{where}", bulge.excess, "<=",
+                  FEASIBLE, bulge.advice),
+        Condition("first plan, distance to the terminal set", slack, "<=", REACHED,
+                  longer(ocp.horizon) if slack > REACHED else "")]
 
 
-def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
-    """Returns by how much a plan exceeds a limit on the configuration between its knots [rad, m].
+class Bulge(NamedTuple):
+    """Where a plan is furthest beyond a limit between its knots."""
+
+    excess: float = 0.0
+    """By how much [rad, m]."""
+    label: str = ""
+    """Of the limit's value; of none, if the plan keeps all."""
+    time: float = 0.0
+    """When [s]."""
+    advice: str = ""
+    """What to set, if it is known."""
+
+
+def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
+    """Returns where and by how much a plan exceeds a limit on the configuration between its knots.
 
     Looked at is every limit that bulges, but those of the input: roll, pitch, tip pitch, joints,
     the static force (over the stiffness), and those about speed that are not linear. They are taken
@@ -345,5 +367,15 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> float:
     config, zeta = (np.array(each) for each in zip(
         *(plan.at(float(time))[:2] for time in times.ravel()), strict=True))
     at = Points(ocp.model, config, ocp.model.task_pose(config), zeta)
-    return max(0.0, *(float(np.max(limit.excess(at))) for limit in ocp.limits.values()
-                      if limit.bulges and limit.about != "input"))
+    worst = Bulge()
+    for limit in ocp.limits.values():
+        if not limit.bulges or limit.about == "input":
+            continue
+        excess, values = limit.excess(at), limit.values(at)
+        point, i = np.unravel_index(np.argmax(excess), excess.shape)
+        largest = float(excess[point, i])
+        if largest > worst.excess:
+            above = bool(2.0 * values[point, i] > limit.lower[i] + limit.upper[i])
+            worst = Bulge(largest, limit.labels[i], float(times.ravel()[point]),
+                          wider(limit, int(i), above, largest, ocp.model))
+    return worst

@@ -133,10 +133,9 @@ def _what(condition: Condition) -> str:
 
 
 def _help(condition: Condition) -> str:
-    for beginning, advice in HELP.items():
-        if condition.name.startswith(beginning):
-            return f"; what would help: {advice}"
-    return ""
+    known = [advice for beginning, advice in HELP.items() if condition.name.startswith(beginning)]
+    found = [condition.advice] * bool(condition.advice) + known[:1]
+    return f"; what would help: {', or '.join(found)}" if found else ""
 
 
 def _constant_row(constant: Constant) -> str:

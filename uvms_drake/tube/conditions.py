@@ -22,6 +22,8 @@ class Condition:
     left: float
     relation: Relation
     right: float
+    advice: str = ""
+    """What to add to the command line, `--set key=value`, if it is not met and a value is known."""
 
     @property
     def holds(self) -> bool:

@@ -120,9 +120,11 @@ def test_a_plan_that_leaves_it_between_two_knots_is_found_out(scenario):
     ocp = make_ocp(scenario)
     guess = ocp.resting_plan(0.0, start_state(scenario, ocp))
     plan = SequentialConvexSolver(ocp).solve(guess, 20).plan
-    inside = between_knots(ocp, plan)
+    inside = between_knots(ocp, plan).excess
     ocp.limits["tip_velocity"] = TipVelocity(np.full(3, 1e-3))
-    assert between_knots(ocp, plan) > inside + 1e-3
+    found = between_knots(ocp, plan)
+    assert found.excess > inside + 1e-3
+    assert found.label.startswith("tip_velocity")
 
 
 def test_the_terminal_set_knows_them(scenario):

@@ -1,0 +1,123 @@
+"""`certificate.advice`: what a void certificate says to set is a setting that helps.
+
+That the scenario of a robot that nobody has tuned certifies at once is in
+`studies/test_first_scenario`; here such scenarios are spoilt, and the advice is followed.
+"""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+import yaml
+from support.quick import FEW, search_less
+
+from uvms_drake.certificate.advice import longer, roomier, safer, setting
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import between_knots, certify
+from uvms_drake.certificate.table import verdict
+from uvms_drake.command.main import main
+from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.problem import start_state
+from uvms_drake.station.scenario import load_scenario
+from uvms_drake.tube.conditions import Condition
+
+IDEAL = "girona500_ideal"
+STEPS = 5
+
+
+def overrides(advice: str) -> list[str]:
+    """Returns what follows every --set."""
+    return re.findall(r"--set (\S+)", advice)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    scenario = load_scenario(IDEAL)
+    ocp = make_ocp(scenario)
+    return ocp, SequentialConvexSolver(ocp).solve(
+        ocp.resting_plan(0.0, start_state(scenario, ocp)), 20).plan
+
+
+@pytest.mark.parametrize(("name", "label", "key"), [
+    ("pitch", "pitch", "limits.pitch"), ("static_force", "static_force", "limits.static_force"),
+    ("q", "q3", "limits.q_upper")])
+def test_a_limit_that_a_plan_leaves_is_named_with_the_bound_that_it_keeps(
+        name, label, key, planned):
+    ocp, plan = planned
+    narrow, limit = copy.copy(ocp), copy.copy(ocp.limits[name])
+    narrow.limits = {name: limit}
+    if name == "q":
+        limit.q_upper = np.where(np.arange(4) == 2, np.max(plan.config[:, 8]) - 0.01, limit.q_upper)
+    else:
+        limit.bound = {"pitch": 0.5 * float(np.max(np.abs(plan.config[:, 4]))),
+                       "static_force": 9.0}[name]
+    found = between_knots(narrow, plan)
+    assert found.label == label
+    assert 0.0 < found.time < plan.start_time + plan.time_step * (len(plan.config) - 1)
+    (text,) = overrides(found.advice)
+    assert text.startswith(f"{key}=")
+    value = yaml.safe_load(text.partition("=")[2])
+    if name == "q":
+        limit.q_upper = np.array(value)
+    else:
+        limit.bound = value
+    assert between_knots(narrow, plan).excess == 0.0
+    load_scenario(IDEAL, [text])  # The command line takes it.
+
+
+def test_a_joint_gets_no_more_than_the_robot_has(planned):
+    ocp, plan = planned
+    narrow, limit = copy.copy(ocp), copy.copy(ocp.limits["q"])
+    narrow.limits, narrow.model = {"q": limit}, copy.copy(ocp.model)
+    narrow.model.q_upper = limit.q_upper = ocp.model.q_upper.copy()
+    limit.q_upper[2] = float(np.max(plan.config[:, 8])) - 0.01
+    assert (between_knots(narrow, plan).label, between_knots(narrow, plan).advice) == ("q3", "")
+
+
+def test_a_disturbance_whose_tube_takes_too_much_is_made_less_by_as_much_and_a_fifth():
+    scenario = load_scenario(IDEAL)
+    assert roomier(scenario, 2.0 / 3.0) == setting(
+        disturbance__bound=float(f"{scenario.disturbance.bound / 1.8:.2g}"))
+    for share in (1.1, 0.0, -0.2):
+        assert roomier(scenario, share) == ""
+
+
+def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
+    scenario = load_scenario(IDEAL)
+    assert longer(15) == "--set mpc.horizon=23"
+    factor = float(overrides(safer(scenario, 1.1))[0].partition("=")[2])
+    assert factor > 1.1 * scenario.certificate.safety_factor
+    assert safer(scenario, 5.0) == safer(scenario, 0.9) == ""
+
+
+def test_a_value_stands_before_the_advice_in_words():
+    failed = Condition("first plan, distance to the terminal set", 0.2, "<=", 0.0, longer(8))
+    certificate = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
+                              inputs="", versions={}, conditions=(failed,))
+    assert verdict(certificate).endswith(
+        "; what would help: --set mpc.horizon=12, or a longer horizon or a closer start")
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize(("robot", "spoilt"), [
+    ("box_uvms", ["mpc.horizon=5"]), ("bluerov2_alpha5", ["disturbance.bound=2"]),
+    ("girona500_arm5e", ["disturbance.bound=3"])])
+def test_who_follows_the_advice_arrives_at_a_certificate(robot, spoilt, tmp_path, monkeypatch):
+    search_less(monkeypatch)
+    file = tmp_path / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", robot]) == 0
+    said = []
+    for _ in range(STEPS + 1):
+        certificate = certify(load_scenario(str(file), [*FEW, *spoilt]))
+        said.append(verdict(certificate))
+        print(said[-1])
+        if certificate.certified:
+            break
+        advised = overrides(certificate.failed.advice)
+        assert advised, said
+        spoilt = [*spoilt, *advised]
+    assert certificate.certified, said
+    assert len(said) > 1, "nothing was spoilt"

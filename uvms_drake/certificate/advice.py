@@ -1,0 +1,86 @@
+"""What to set where a condition fails, as `--set key=value`: a first guess at what is enough.
+
+Nothing here is proven. What changes the limits or the gains changes the tube, too, so that the next
+certificate may fail by a little less, or by something else: its own advice goes on from there.
+"""
+
+import math
+
+import numpy as np
+
+from uvms_drake.control.limits.joints import Joints
+from uvms_drake.control.limits.limit import Limit
+from uvms_drake.control.limits.static_force import StaticForce
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.scenario import Scenario
+
+MORE = 1.2
+"""Factor on what is missing, for the tube that grows with a wider limit."""
+ANGLES = ("roll", "pitch", "tip_pitch")
+
+
+def setting(**values: float | np.ndarray) -> str:
+    """Returns the text for the command line; two underscores stand for a dot."""
+    return " ".join(
+        f"--set {key.replace('__', '.')}="
+        + (f"{value:.6g}" if np.ndim(value) == 0 else
+           "[" + ",".join(f"{each:.6g}" for each in np.asarray(value)) + "]")
+        for key, value in values.items())
+
+
+def wider(limit: Limit, index: int, above: bool, excess: float, model: UvmsModel) -> str:
+    """Returns how a limit on the configuration has room for what exceeds it, if it may have it.
+
+    Args:
+        limit: One of `limits`.
+        index: Of its values, the one that is beyond.
+        above: Whether it is beyond the upper bound.
+        excess: By how much, as of `Limit.excess`.
+        model: Of the robot, whose own joint limits stay.
+    """
+    if isinstance(limit, StaticForce):
+        force = limit.bound + MORE * excess * limit.surface.stiffness_bound
+        return setting(limits__static_force=_up(force, 2))
+    if limit.name in ANGLES:
+        return setting(**{f"limits__{limit.name}": _up(limit.bounds()[1][0] + MORE * excess, 3)})
+    if isinstance(limit, Joints):
+        sign = 1.0 if above else -1.0
+        bounds = np.array(limit.bounds()[above], dtype=float)
+        bounds[index] = sign * _up(sign * bounds[index] + MORE * excess, 3)
+        if model.q_lower[index] <= bounds[index] <= model.q_upper[index]:
+            return setting(**{"limits__q_upper" if above else "limits__q_lower": bounds})
+    return ""
+
+
+def roomier(scenario: Scenario, share: float) -> str:
+    """Returns the disturbance whose tube about fits: a tube is about in proportion to it.
+
+    Of the tube as it is, `share` is what fits into the limit that has the least room for it.
+
+    Larger gains make less of a tube, too, but take more of the inputs. They are no advice that can
+    be followed step by step.
+    """
+    bound = getattr(scenario.disturbance, "bound", None)
+    if bound is None or not 0.0 < share <= 1.0:
+        return ""
+    return setting(disturbance__bound=float(f"{share / MORE * bound:.2g}"))
+
+
+def longer(horizon: int) -> str:
+    """Returns a horizon that reaches further."""
+    return setting(mpc__horizon=math.ceil(1.5 * horizon))
+
+
+def safer(scenario: Scenario, ratio: float) -> str:
+    """Returns a safety factor with which an estimate is above what a second search has found.
+
+    None where that is beyond what a factor is for.
+    """
+    if not 1.0 < ratio < 2.0:
+        return ""
+    return setting(certificate__safety_factor=_up(1.02 * ratio * scenario.certificate.safety_factor,
+                                                  2))
+
+
+def _up(value: float, digits: int) -> float:
+    return math.ceil(value * 10**digits) / 10**digits
