@@ -66,7 +66,7 @@ def test_where_there_is_room_for_nothing_the_end_comes_back_all_the_same():
     """At the apex of a front of facets, where the terminal set is the kink of a cone."""
     facets = SurfaceClass(DIRECTION, angle=0.2).facets
     ocp = tracking_ocp(facets=facets)
-    aim = Aim(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]), 0.06)
+    aim = Aim(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
     start = at_rest(ocp, POSITION)
     start[3:6] += [0.02, -0.03, 0.1]
     outside = []
