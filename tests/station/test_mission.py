@@ -8,6 +8,7 @@ import pytest
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 from uvms_drake.station.diagram import make_station
+from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.sensed import largest_force, mission_conditions
 
@@ -32,6 +33,22 @@ def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told(name):
         assert np.all((gradient @ walls.direction)[touched] >= np.cos(walls.angle))
     assert surface.law.stiffness < walls.stiffness
     assert surface.friction == 0.3 < walls.friction
+
+
+@pytest.mark.parametrize("name", ["jacket_inspection", "girona500_felt_floor"])
+def test_a_shipped_surface_is_of_the_class_and_as_far_off_as_told(name):
+    """What the controller is told of it at the start: its normal, its law, the way free ahead."""
+    scenario = load_scenario(name)
+    walls, surface, model = scenario.contact.walls, scenario.surface, load_model(scenario)
+    start = np.concatenate([scenario.start.eta, scenario.start.q])
+    tip = model.kinematics(start).chi[:3]
+    ahead = tip + np.linspace(0.0, scenario.contact.clearance, 7)[:, None] * walls.direction
+    depth, gradient = surface.geometry.depth_and_gradient(ahead)
+    assert np.all(depth < 0.0)
+    assert np.all(gradient @ walls.direction >= np.cos(walls.angle))
+    assert surface.law.stiffness < walls.stiffness
+    assert surface.friction < scenario.contact.friction
+    assert surface.dissipation < scenario.contact.dissipation
 
 
 def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
