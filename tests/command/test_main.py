@@ -141,6 +141,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
     assert [line.split()[:3] for line in lines] == [
         ["bluerov2_ceiling", "dynamic", "resolved"],
         ["bluerov2_contact", "dynamic", "resolved"],
+        ["bluerov2_cp_probe", "dynamic", "resolved"],
         ["bluerov2_ideal", "dynamic", "resolved"],
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],

@@ -14,7 +14,7 @@ from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario_file import scenario_path, shipped_scenarios
 
-SHIPPED = ("bluerov2_ceiling", "bluerov2_contact", "bluerov2_ideal",
+SHIPPED = ("bluerov2_ceiling", "bluerov2_contact", "bluerov2_cp_probe", "bluerov2_ideal",
            "girona500_bilateral", "girona500_contact", "girona500_felt_floor", "girona500_floor",
            "girona500_ideal", "girona500_inspection", "girona500_real_loop", "girona500_sampled",
            "girona500_slope", "girona500_stiff", "girona500_tip_first", "jacket_inspection",
