@@ -17,10 +17,6 @@ from uvms_drake.station.diagram import make_station, read_logs
 
 MEAN, AMPLITUDE, FREQUENCY = 20.0, 5.0, 0.1  # N, N, Hz
 NEAR = "surface.geometry.point.0=-0.25"
-QUICK = ["mpc.weight_y=[500, 500, 500, 10, 10, 10, 2, 2, 2, 2]",
-         "mpc.weight_zeta=[1, 1, 1, 5, 5, 5, 10, 10, 10, 10]"]
-"""Weights of a plan that hurries: half the lag of the scenario's, which swims as far as it presses.
-"""
 
 
 class ForceProfile(LeafSystem):
@@ -41,7 +37,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=30.0, help="simulated time [s]")
     arguments = parser.parse_args()
-    scenario = uv.load_scenario("girona500_contact", [NEAR, *QUICK])
+    scenario = uv.load_scenario("girona500_contact", [NEAR])
 
     builder = DiagramBuilder()
     station = builder.AddSystem(make_station(scenario))
