@@ -1,6 +1,6 @@
 """Makes the pictures of approach, contact and hold from a finished run.
 
-    uvms-drake run && python examples/screenshots.py out/girona500_ideal
+    uvms-drake run && python examples/screenshots.py out/girona500_contact
 
 It needs a Chromium on the path. The pictures go to the run's folder; `--output` names another one,
 `--times` other instants, and `--close` brings the camera near the end-effector.
@@ -29,7 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, metavar="DIR", help="where 'run' has written")
     parser.add_argument("--output", type=Path, metavar="DIR", help="default: the run's folder")
-    parser.add_argument("--times", type=float, nargs=3, default=[0.6, 2.4, 15.0], metavar="S")
+    parser.add_argument("--times", type=float, nargs=3, default=[3.0, 6.9, 12.0], metavar="S")
     parser.add_argument("--close", action="store_true", help="of what is about the end-effector")
     arguments = parser.parse_args()
     record = load_record(arguments.folder)
