@@ -19,6 +19,7 @@ from uvms_drake.tube.lagged_loads import (
     joints_for_vehicle,
     planned_loads,
     turning_map,
+    turning_reading,
 )
 from uvms_drake.tube.tip_first_rests import configuration_of, output_bias, output_jacobian
 
@@ -141,6 +142,12 @@ def test_thrusters_push_the_vehicle_as_they_give_more_or_less_and_leave_the_tip_
     later = replace_rate(motion).tau(1e-4)[0]
     np.testing.assert_allclose(turning_map(of_posture(problem, turning_map), at) @ A,
                                (later - A) / 1e-4, atol=1e-4 * np.max(np.abs(A)))
+    then = at.copy()
+    then[:10] = motion.real[0] + 1e-5 * configuration_rate(motion.real[0], motion.real[1])
+    ahead = problem.model.kinematics(then[:10]).J_links[-1, :, :6]
+    here = problem.model.kinematics(motion.real[0]).J_links[-1, :, :6]
+    np.testing.assert_allclose(turning_reading(of_posture(problem, turning_reading), at),
+                               A @ (ahead - here).T / 1e-5, atol=1e-3 * np.max(np.abs(A)))
 
 
 def replace_rate(motion):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.tube.lagged_rows import LaggedRows, means_over_ages
+from uvms_drake.tube.lagged_rows import LaggedRows, means_over_ages, moments_of_ages
 from uvms_drake.tube.row_loop import RowLoop
 from uvms_drake.tube.tip_pushes import ATTITUDE, VEHICLE
 
@@ -24,6 +24,11 @@ def test_the_means_over_ages_are_those_of_a_distribution():
     for found, wanted in zip(means_over_ages(turning, held, lag), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-5)
     assert np.isinf(means_over_ages(turning, held, 2.0)[0]).all()
+    grown = np.exp(ages[:, None] * values)
+    expected = [(vectors * (weight @ (ages[:, None]**power * grown))) @ back for power in (1, 2)]
+    for found, wanted in zip(moments_of_ages(turning, held, lag), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-5)
+    assert np.isinf(moments_of_ages(turning, held, 2.0)[0]).all()
 
 
 def bounds(level, level_rate, smooth):

@@ -55,7 +55,7 @@ class WorkingSet:
             np.any(self.upper, axis=0) & np.isfinite(linear.upper),
             np.any(self.lower, axis=0) & np.isfinite(linear.lower),
             np.array([np.any(stages) & np.isfinite(limit.bound) for limit, stages in zip(
-                program.norms, self.norms, strict=True)]), self.terminal)
+                program.norms, self.norms, strict=True)], dtype=bool), self.terminal)
 
     @staticmethod
     def broken(program: StagedProgram, z: np.ndarray, excess: float) -> "WorkingSet":

@@ -166,6 +166,22 @@ def arm_and_wrench(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
     return np.concatenate([A @ M[..., :6, 6:], A @ J_E], axis=-1)
 
 
+def turning_reading(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
+    """Returns A J̇_Evᵀ (..., 6, 6) at any velocity of the declared set."""
+    config, zeta, _ = problem.plan(x)
+    model = problem.model
+
+    def J_E(step: float) -> np.ndarray:
+        at = config + step * configuration_rate(config, zeta)
+        return model.kinematics(at).J_links[..., -1, :, :6]
+
+    kinematics = model.kinematics(config)
+    A = _map(model.mass_matrix(kinematics),
+             output_jacobian(model, config, kinematics, problem.rows))
+    out: np.ndarray = A @ (J_E(STEP) - J_E(-STEP)).swapaxes(-1, -2) / (2.0 * STEP)
+    return out
+
+
 def joints_for_vehicle(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
     """Returns how u and τ follow A(τ_v − τ_c), the joints holding the tip (..., 2(6+n), 6)."""
     config, _, _ = problem.plan(x)

@@ -22,8 +22,8 @@ age A(t)(τ_c(t − a) − τ_c(t)) is of these parts, and each is bounded in th
   first two all but h|ẋ| changes at ticks only, `feed_forward`. |ẋ| ≤ |Aτ̇| + K|x|.
 - *a rate*, ρ = A(τ̇_φ + J̇_EvᵀF̂): −∫ᵣᵗ ρ + (A(t)A(r')⁻¹ − 1)ρ dr', of which the first is (G − 1) of
   the integral of ρ, `feed_forward_rate`.
-- *the reading*, AJ_Evᵀ(F̂(t − a) − F̂(t)): the force and the tip's axes change by their rates, and
-  of ripples and errors there are two.
+- *the reading*, A(t)J_Ev(t)ᵀ(F̂(r) − F̂(t)) − ∫ᵣᵗ A(t)J̇_Evᵀ(F̂(r) − F̂(r')) dr': the force and the
+  tip's axes change by their rates, and of ripples and errors there are two.
 
 *What turns meanwhile.* ‖A(t)A(r)⁻¹ − 1‖ ≤ e^{K(t − r)} − 1 elementwise, for the norms K of the
 blocks of ȦA⁻¹, position and attitude. The means over ages of that, and of ∫₀ᵃe^{Ku}du, are at most
@@ -55,6 +55,7 @@ from uvms_drake.tube.lagged_loads import (
     joints_for_vehicle,
     planned_loads,
     turning_map,
+    turning_reading,
 )
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.periodic_loop import exponential
@@ -117,6 +118,8 @@ class LaggedRows:
                         within=False)
         maps = self._claim(checks, "‖A M_vq‖ and ‖A J_Evᵀ‖", arm_and_wrench, [
             eye[:, :n], eye[:, n: n + 3], eye[:, n + 3:]], 3, 2, within=False)
+        turns = self._claim(checks, "‖A J̇_Evᵀ‖", turning_reading,
+                            [eye6[:, half] for half in HALVES], 3, 2, within=False)
         joints = self._claim(checks, "u and τ of joints that hold the tip", joints_for_vehicle,
                              [eye6[:, half] for half in HALVES], 1, 2 * basis.model.size,
                              within=False)
@@ -133,11 +136,15 @@ class LaggedRows:
         self._tip_w = float(before[2])
         self._tip_w_rate = float((tip.k + tip.sigma) * before[3] + tip.k * tip.sigma * before[1])
         self._by_arm = maps[:, 0]
-        moved = (contact.rate + contact.aside_rate + pushes.turning * contact.size) * (
-            age + contact.period)
+        rate = contact.rate + contact.aside_rate + pushes.turning * contact.size
+        moved = rate * (age + contact.period)
         twice = contact.error + contact.ripple + contact.aside_ripple
+        once, squared = moments_of_ages(K, age - path.lag, path.lag)
         self._contact = (maps[:, 1] * (min(moved, 2.0 * contact.size) + 2.0 * twice)
-                         + 2.0 * maps[:, 2] * contact.torque_error)
+                         + 2.0 * maps[:, 2] * contact.torque_error
+                         + rate * (squared + contact.period * once) @ turns[:, 0]
+                         + 2.0 * once @ (
+                             twice * turns[:, 0] + contact.torque_error * turns[:, 1]))
 
         found, ratio = self._fixed_point(checks)
         self.table = self._table(found)
@@ -274,6 +281,16 @@ def means_over_ages(K: np.ndarray, held: float, lag: float) -> tuple[np.ndarray,
     integral = exponential(held * np.block(
         [[K, np.eye(size)], [np.zeros((size, 2 * size))]]))[:size, size:]
     return late @ lagged - np.eye(size), integral + lag * late @ lagged - age * np.eye(size)
+
+
+def moments_of_ages(K: np.ndarray, held: float, lag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns bounds of the means of a e^{Ka} and of a²e^{Ka}; the arguments are as above."""
+    eye = np.eye(len(K))
+    if not np.max(np.abs(np.linalg.eigvals(K))) * lag < 1.0:
+        return np.full(K.shape, np.inf), np.full(K.shape, np.inf)
+    L, late = np.linalg.inv(eye - K * lag), exponential(K * held)
+    return (late @ L @ (held * eye + lag * L),
+            late @ L @ (held**2 * eye + 2.0 * held * lag * L + 2.0 * lag**2 * L @ L))
 
 
 def _check(problem: SearchProblem, name: str, claim: np.ndarray, seed: int) -> Check:

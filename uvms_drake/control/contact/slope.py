@@ -18,8 +18,10 @@ no force changes by more than ν, so a tip at rest learns and forgets nothing, w
 its force and, below that length, of its position, which would make every wall look soft. For the
 same reason κ is learned, and changes, only in steps that go deeper than aside, |s| ≥ ‖P_t m‖: on a
 slide at one force, s is an error of the position, and 0.7 mm of it would make 900 N/m look like 320
-within 0.6 m. A reading of a tip that has moved by more than ν/κ₊ while the force may have been read
-(W, see `front`) says nothing.
+within 0.6 m. That helps against errors that are slower than the slide; one that outruns it, white
+noise of 0.3 mm on 30 mm/s, makes a wall look soft still. The front does not go by κ. A reading of a
+tip that has moved by more than ν/κ₊ while the force may have been read (W, see `front`) says
+nothing.
 
 *It begins with* κ = ½κ₊ ± ½κ₊ and 𝔱 = 0 ± ½α. What a press goes by is κ̂ = min(κ₊, κ + √P_κκ): κ₊ as
 long as nothing is known, and more often above κ than below it, so that the force comes up to the
