@@ -149,6 +149,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_floor", "dynamic", "resolved"],
         ["girona500_ideal", "dynamic", "resolved"],
         ["girona500_inspection", "dynamic", "resolved"],
+        ["girona500_lag", "dynamic", "tip-first"],
         ["girona500_real_loop", "dynamic", "tip-first"],
         ["girona500_sampled", "dynamic", "tip-first"],
         ["girona500_slope", "dynamic", "resolved"],
