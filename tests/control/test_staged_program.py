@@ -125,9 +125,10 @@ def compare(program: StagedProgram) -> str:
     return "free" if found.cone_programs == 0 else "limited"
 
 
-def test_random_programs_have_the_solution_of_the_program_in_full():
+@pytest.mark.parametrize("seeds", [12, pytest.param(250, marks=pytest.mark.long)])
+def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
     kinds = [compare(random_program(seed, room))
-             for room in (0.03, 0.3, 1.0, 100.0) for seed in range(12)]
+             for room in (0.03, 0.3, 1.0, 100.0) for seed in range(seeds)]
     assert {kind: kinds.count(kind) > 5 for kind in ("free", "limited", "infeasible")} == {
         "free": True, "limited": True, "infeasible": True}
 
