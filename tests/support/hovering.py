@@ -24,7 +24,8 @@ CONFIG = np.array([-1.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.4, 0.2])
 
 @dataclass
 class Lag(Part):
-    """Thrusters that follow their command with a lag; the joints are at once."""
+    """Thrusters that follow their command with a lag, from what holds the robot at rest; the joints
+    are at once."""
 
     time: float = 0.15
 
@@ -81,6 +82,11 @@ class Hovering:
         self.simulator = self.simulate()
         self.context = self.simulator.get_mutable_context()
         set_state(plant, plant.GetMyMutableContextFromRoot(self.context), self.nominal)
+        if self.diagram.HasSubsystemNamed("lag"):
+            lag = self.diagram.GetSubsystemByName("lag")
+            holds = model.inverse_dynamics(model.kinematics(CONFIG), np.zeros(10), np.zeros(10))
+            lag.set_initial_output_value(
+                lag.GetMyMutableContextFromRoot(self.context), holds[:6])
         self.simulator.Initialize()
 
     def simulate(self, *context):

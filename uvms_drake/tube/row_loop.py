@@ -43,7 +43,10 @@ grows linearly leaves nothing. If the lag is not ℓ but ℓ − ΔT, ΔT s/Δ f
 - `disturbance`: δ that may be anything, at most ‖(J_yW)ᵢ‖ d̃. In it are M⁻¹Jᵀ(𝔉_s − 𝔉) of a force
   sensor, M⁻¹(ε, 0) of thrusters that give τ_v + ε, and c.
 - `feed_forward`: f, if it changes at ticks only, where there are any. A constant leaves nothing: f
-  may be taken less any constant, so half of its range counts.
+  may be taken less any constant, so half of its range counts. It is not only weight and drag: of
+  what the vehicle carries A M_vq J_sq⁻¹w_s is what the arm needs to hold the tip, which no δ of the
+  vehicle's own rows contains. Behind a lag of 0.15 s with an observer a push on all rows moves yaw
+  by 3.3 % and surge by 1.7 % more for it, 2.9 % and 1.4 % beyond the line of `disturbance`.
 - `free_feed_forward`: f that may be anything, at a tick and beside it.
 - `feed_forward_rate`: ḟ. A plan that jumps, and h, which is smooth, are one part each of f.
 - `planned`, `planned_rate`: likewise of f̄, the part of f that is asked for `ahead`. What
