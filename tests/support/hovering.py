@@ -24,8 +24,7 @@ CONFIG = np.array([-1.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.4, 0.2])
 
 @dataclass
 class Lag(Part):
-    """Thrusters that follow their command with a lag, from what holds the robot at rest; the joints
-    are at once."""
+    """Thrusters that follow with a lag, from what holds the robot; the joints are at once."""
 
     time: float = 0.15
 
