@@ -49,51 +49,70 @@ def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
     return Excesses(np.concatenate(values, axis=1), np.concatenate(rows, axis=1))
 
 
-def correction(program: StagedProgram, w: np.ndarray, ahead: StagedProgram) -> np.ndarray:
-    """Returns the change of the decision (N, nw) that takes the second-order rest of the limits.
-
-    Where the end is outside of the terminal set, all of value + T x_N is made what the program
-    predicted, not its norm alone: where there is room for next to nothing, the norm has a kink.
+class Correction:
+    """What a step of a convex program should have kept, and the way back to it.
 
     Args:
         program: The program that the step is the solution of.
         w: The step (N, nw).
-        ahead: The program about the plan after the step.
 
     Raises:
         LinAlgError: A cost is not convex, or an entry not finite.
     """
-    N, nx, nw = program.B.shape
-    z = np.zeros((N + 1, nx + nw))
-    z[:-1, nx:] = w
-    for k in range(N):
-        z[k + 1, :nx] = program.A[k] @ z[k, :nx] + program.B[k] @ w[k]
-    response = responses(ahead, riccati(ahead))
-    predicted = excesses(program, z).value
-    wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
-    end, end_r = ahead.terminal, response[-1, :nx]
-    goal = program.terminal.value + program.terminal.T @ z[-1, :nx]
-    least, room = np.linalg.norm(goal) + INSIDE, end.room_at(np.zeros(nx))
-    held, r = np.zeros(wanted.shape, dtype=bool), np.zeros(N * nw)
-    ends, tight = False, np.zeros(len(room.size), dtype=bool)
-    for _ in range(ROUNDS):
-        # Norms are not linear: their gradients are taken where the last round came to.
-        value, C = excesses(ahead, response @ r)
-        held |= value > wanted
-        x = end_r @ r
-        ends = ends or end.excess(x) > -INSIDE
-        size = room.size + room.rows @ x
-        tight |= ends & (size < least)
-        rest = np.concatenate([
-            (wanted - value)[held], (least - size)[tight],
-            goal - end.value - end.T @ x if ends else []])
-        if np.max(np.abs(rest), initial=0.0) < INSIDE:
-            break
-        F = np.concatenate([
-            *(C[k, held[k]] @ response[k] for k in range(N + 1)), room.rows[tight] @ end_r,
-            end.T @ end_r if ends else end.T[:0] @ end_r])
-        sizes = np.linalg.norm(F, axis=1)
-        moves = sizes > 0.0
-        F, rest = F[moves] / sizes[moves, None], rest[moves] / sizes[moves]
-        r = np.linalg.lstsq(F, rest + F @ r, rcond=DEPENDENT)[0]
-    return (response @ r)[:-1, nx:]
+
+    def __init__(self, program: StagedProgram, w: np.ndarray):
+        N, nx, nw = program.B.shape
+        z = np.zeros((N + 1, nx + nw))
+        z[:-1, nx:] = w
+        for k in range(N):
+            z[k + 1, :nx] = program.A[k] @ z[k, :nx] + program.B[k] @ w[k]
+        self._response = responses(program, riccati(program))
+        predicted = excesses(program, z).value
+        self._wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
+        self._goal = program.terminal.value + program.terminal.T @ z[-1, :nx]
+
+    def of(self, ahead: StagedProgram) -> np.ndarray:
+        """Returns the change of the decision (N, nw) that takes the second-order rest of limits.
+
+        Where the end is outside of the terminal set, all of value + T x_N is made what the program
+        predicted, not its norm alone: where there is room for next to nothing, the norm has a kink.
+
+        Args:
+            ahead: A program with the values at the plan after the step, and with the slopes there
+                or, which is nearly as good after a short step, of before.
+        """
+        response, wanted = self._response, self._wanted
+        (_, nx, nw), end, goal = ahead.B.shape, ahead.terminal, self._goal
+        end_r, room = response[-1, :nx], ahead.terminal.room_at(np.zeros(nx))
+        least = np.linalg.norm(goal) + INSIDE
+        held, r = np.zeros(wanted.shape, dtype=bool), np.zeros(response.shape[-1])
+        ends, tight = False, np.zeros(len(room.size), dtype=bool)
+        for _ in range(ROUNDS):
+            # Norms are not linear: their gradients are taken where the last round came to.
+            value, C = excesses(ahead, response @ r)
+            held |= value > wanted
+            x = end_r @ r
+            ends = ends or end.excess(x) > -INSIDE
+            size = room.size + room.rows @ x
+            tight |= ends & (size < least)
+            rest = np.concatenate([
+                (wanted - value)[held], (least - size)[tight],
+                goal - end.value - end.T @ x if ends else []])
+            if np.max(np.abs(rest), initial=0.0) < INSIDE:
+                break
+            F = np.concatenate([
+                *(C[k, held[k]] @ response[k] for k in range(len(C))), room.rows[tight] @ end_r,
+                end.T @ end_r if ends else end.T[:0] @ end_r])
+            sizes = np.linalg.norm(F, axis=1)
+            moves = sizes > 0.0
+            F, rest = F[moves] / sizes[moves, None], rest[moves] / sizes[moves]
+            r = shortest_solution(F, rest + F @ r)
+        return (response @ r)[:-1, nx:].reshape(-1, nw)
+
+
+def shortest_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns the shortest r with F r = b in what F (m, n) spans, by its Gram matrix (m, m)."""
+    squares, directions = np.linalg.eigh(F @ F.T)
+    spanned = squares > DEPENDENT**2 * squares[-1]
+    directions = directions[:, spanned]
+    return F.T @ (directions @ (directions.T @ b / squares[spanned]))

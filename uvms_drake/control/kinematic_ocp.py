@@ -23,6 +23,7 @@ class KinematicOcp(Ocp[KinematicPlan]):
 
     given_speed = -1
     has_accelerations = False
+    input_ends = 1
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit]):

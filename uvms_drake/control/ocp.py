@@ -20,7 +20,7 @@ A problem values a plan (`evaluate`) and makes the convex program about a plan (
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Generic, NamedTuple, Self
 
 import numpy as np
@@ -109,6 +109,15 @@ class Inputs(NamedTuple):
     """∂u/∂z, likewise."""
 
 
+class PlanPoints(NamedTuple):
+    """Where a plan has limits and costs."""
+
+    knots: Points
+    """The N+1 knots."""
+    ends: list[Points]
+    """The beginnings and the ends of the intervals, with ū."""
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """Cost and violations of a plan."""
@@ -161,6 +170,8 @@ class Ocp(ABC, Generic[P]):
     """Knot at which a plan has no ζ̄ to decide."""
     has_accelerations: ClassVar[bool]
     """Whether a plan has ζ̄̇, too."""
+    input_ends: ClassVar[int] = 2
+    """At how many ends of an interval the input is another one."""
     strict: ClassVar[bool] = False
     """Whether every plan has to be sound, from the first on, so that each later problem has one."""
     tolerance: ClassVar[float] = FEASIBLE
@@ -333,9 +344,14 @@ class Ocp(ABC, Generic[P]):
             xi = max(radius, 0.0) / size * xi
         return plan.shifted(self.terminal.gain @ xi)
 
-    def evaluate(self, plan: P) -> Evaluation:
-        """Returns the objective and the violations of a plan, nothing linearised."""
-        knots, ends = self._points(plan)
+    def evaluate(self, plan: P, points: PlanPoints | None = None) -> Evaluation:
+        """Returns the objective and the violations of a plan, nothing linearised.
+
+        Args:
+            plan: The plan.
+            points: Its points, if they are known.
+        """
+        knots, ends = points or self.points(plan)
         xi = self.errors(plan, knots.y)
         stages = sum(term.value(ends[0]) for term in (self._stage_cost(plan), *self.own_terms))
         terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
@@ -352,15 +368,16 @@ class Ocp(ABC, Generic[P]):
     def excesses(self, plan: P) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
         """Yields the limits, times (T,) [s], and by how much a plan exceeds them there (T, m)."""
         times = plan.start_time + self.time_step * np.arange(self.horizon + 1)
-        for limit, which, excess in self._excesses(*self._points(plan)):
+        for limit, which, excess in self._excesses(*self.points(plan)):
             yield limit, times[which], excess
 
-    def _points(self, plan: P) -> tuple[Points, list[Points]]:
-        """Returns the N+1 knots of a plan, and the beginnings and the ends of the intervals."""
+    def points(self, plan: P) -> PlanPoints:
+        """Returns where a plan has limits and costs."""
         y = self.unwrapped(self.model.task_pose(plan.config))
         knots = Points(self.model, plan.config, y, self._velocities(plan))
         begin, end = self.inputs(plan)
-        return knots, [knots.subset(slice(-1), begin), knots.subset(slice(1, None), end)]
+        return PlanPoints(knots, [knots.subset(slice(-1), begin),
+                                  knots.subset(slice(1, None), end)])
 
     def _excesses(self, knots: Points, ends: list[Points]
                   ) -> Iterator[tuple[Limit, slice, np.ndarray]]:
@@ -418,19 +435,60 @@ class Ocp(ABC, Generic[P]):
 
     def _linear_limits(self, knots: Points, ends: list[Inputs], width: int) -> LinearLimits:
         """Returns the limits that are rows of z (`width`,): of the inputs, then at the knots."""
-        stages = self.horizon + 1
+        stages, at_knots = self.horizon + 1, Slopes(*self._state_z(width))
         none = np.empty((stages, 0))
         parts = [LinearLimits(np.empty((stages, 0, width)), none, none, none, np.empty(0, bool))]
+        for limit, end in self._by_rows(knots, len(ends)):
+            if end is not None:
+                parts.append(self._linear_limit(limit, ends[end].points, Slopes(*ends[end][1:])))
+                continue
+            part, given = self._linear_limit(limit, knots, at_knots), self._given(limit)
+            part.upper[given], part.lower[given] = np.inf, -np.inf
+            parts.append(part)
+        return stacked(parts)
+
+    def _by_rows(self, knots: Points, ends: int) -> Iterator[tuple[Limit, int | None]]:
+        """Yields the limits that are rows, in their order, and at which end of the intervals.
+
+        None is at the knots.
+        """
         for limit in self.limits.values():
             if limit.about == "input":
-                parts += [self._linear_limit(limit, end.points, Slopes(*end[1:])) for end in ends]
+                yield from ((limit, end) for end in range(ends))
         for limit in self.limits.values():
             if limit.about != "input" and limit.cone(knots) is None:
-                part = self._linear_limit(limit, knots, Slopes(*self._state_z(width)))
-                given = self._given(limit)
-                part.upper[given], part.lower[given] = np.inf, -np.inf
-                parts.append(part)
-        return stacked(parts)
+                yield limit, None
+
+    def revalued(self, program: StagedProgram, plan: P, points: PlanPoints) -> StagedProgram:
+        """Returns a program with its own slopes, and what is limited at another plan.
+
+        Args:
+            program: The program.
+            plan: The plan.
+            points: Those of the plan.
+        """
+        knots, ends = points
+        stages = len(program.linear.value)
+        ends = ends[: self.input_ends]
+
+        def late(values: np.ndarray) -> np.ndarray:
+            """Values of the knots at the last of all stages, those of intervals one before."""
+            out = np.zeros((stages, values.shape[1]))
+            out[stages - self.horizon - 1:][: len(values)] = values
+            return out
+
+        values = [late(limit.row_values(knots if end is None else ends[end]))
+                  for limit, end in self._by_rows(knots, len(ends))]
+        cones = [cone for limit in self.limits.values()
+                 if limit.about != "input" and (cone := limit.cone(knots)) is not None]
+        return replace(
+            program,
+            linear=program.linear._replace(
+                value=np.concatenate(values, axis=1) if values else program.linear.value),
+            norms=tuple(norm._replace(value=late(cone.value))
+                        for norm, cone in zip(program.norms, cones, strict=True)),
+            terminal=program.terminal._replace(
+                value=self.terminal.root @ self.errors(plan, knots.y)[-1]))
 
     def _linear_limit(self, limit: Limit, points: Points, chain: Slopes) -> LinearLimits:
         """Returns a limit as rows of every stage that is among the points; the last may not be.

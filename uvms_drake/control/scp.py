@@ -15,15 +15,17 @@ from typing import Generic
 
 import numpy as np
 
-from uvms_drake.control.correction import correction
-from uvms_drake.control.ocp import Evaluation, Ocp
+from uvms_drake.control.correction import Correction
+from uvms_drake.control.ocp import Evaluation, Ocp, PlanPoints
 from uvms_drake.control.plan import P
 from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.staged_solver import solve_staged
 
 SHORTEST_STEP = 1.0 / 64.0
-CORRECTIONS = 2
+CORRECTIONS = 4
 """Largest number of second-order corrections of a step."""
+SHRINKS = 0.3
+"""Part of a violation that a correction may leave, for another one to be worth while."""
 
 
 @dataclass(frozen=True)
@@ -77,29 +79,32 @@ class SequentialConvexSolver(Generic[P]):
         step = 1.0
         while step >= SHORTEST_STEP:
             candidate = plan.redone(plan.start, plan.decision + step * change)
-            value = self.ocp.evaluate(candidate)
+            points = self.ocp.points(candidate)
+            value = self.ocp.evaluate(candidate, points)
             if self._is_better(value, evaluation):
                 return candidate, value
             if step == 1.0 and self.ocp.is_sound(evaluation) and value.cost < evaluation.cost:
-                corrected = self._corrected(candidate, value, program, change)
+                corrected = self._corrected(candidate, value, points, program, change)
                 if self._is_better(corrected[1], evaluation):
                     return corrected
             step *= 0.5
         return None
 
-    def _corrected(self, plan: P, value: Evaluation, program: StagedProgram, change: np.ndarray
-                   ) -> tuple[P, Evaluation]:
+    def _corrected(self, plan: P, value: Evaluation, points: PlanPoints, program: StagedProgram,
+                   change: np.ndarray) -> tuple[P, Evaluation]:
         """Returns the plan after a step, moved back to within the limits, and its value."""
+        correction = Correction(program, change)
         for _ in range(CORRECTIONS):
             before = max(value.violation, value.terminal_slack)
             try:
-                moved = correction(program, change, self.ocp.staged_program(plan))
+                moved = correction.of(self.ocp.revalued(program, plan, points))
             except np.linalg.LinAlgError:
                 break  # There is none.
             plan = plan.redone(plan.start, plan.decision + moved)
-            value = self.ocp.evaluate(plan)
+            points = self.ocp.points(plan)
+            value = self.ocp.evaluate(plan, points)
             after = max(value.violation, value.terminal_slack)
-            if self.ocp.is_sound(value) or after > 0.1 * before:
+            if self.ocp.is_sound(value) or after > SHRINKS * before:
                 break  # It is within limits, or will not soon be.
         return plan, value
 

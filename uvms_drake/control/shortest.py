@@ -85,7 +85,7 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
     prog.AddBoundingBoxConstraint(0.0, np.inf, x[s: v + 1])
     if len(form.motion):
         prog.AddLinearEqualityConstraint(form.motion, np.zeros(len(form.motion)), x[:s])
-    rows = _linear_rows(form, program, z, kept, len(x))
+    rows = linear_rows(form, program, z, kept, len(x))
     if softened:
         rows.A[rows.soft, v] = -1.0
     for limit, stages in zip(program.norms, kept.norms, strict=True):
@@ -122,7 +122,7 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
         float(np.sum(multipliers[: len(rows.soft)][rows.soft])))
 
 
-def _linear_rows(form: Form, program: StagedProgram, z: np.ndarray, kept: WorkingSet, width: int
+def linear_rows(form: Form, program: StagedProgram, z: np.ndarray, kept: WorkingSet, width: int
                  ) -> Rows:
     """Returns ± (value + C z) ≤ ± bound of the linear limits, in `width` variables."""
     linear, A, b, soft = program.linear, [np.zeros((0, width))], [np.zeros(0)], [np.zeros(0, bool)]

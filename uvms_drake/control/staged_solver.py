@@ -21,6 +21,7 @@ import numpy as np
 
 from uvms_drake.control.regulator import motion, riccati
 from uvms_drake.control.shortest import shortest
+from uvms_drake.control.shortest_by_rows import shortest_by_rows
 from uvms_drake.control.staged_program import StagedProgram, StagedSolution
 from uvms_drake.control.working_set import WorkingSet
 
@@ -46,6 +47,11 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
     kept |= WorkingSet.near(program, NEAR)
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
+    if not softened:
+        by_rows = shortest_by_rows(program, regulator, z, kept)
+        if by_rows is not None:
+            return StagedSolution(motion(program, regulator, by_rows[0].r)[:-1, nx:], 0.0, 0.0, 0,
+                                  by_rows[1].rows(program))
     while True:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:

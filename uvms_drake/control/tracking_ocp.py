@@ -57,7 +57,7 @@ from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.front import Front, FrontAhead
-from uvms_drake.control.ocp import Evaluation, MpcConfig
+from uvms_drake.control.ocp import Evaluation, MpcConfig, PlanPoints
 from uvms_drake.control.placed_program import with_place
 from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.points import Points
@@ -213,9 +213,9 @@ class TrackingOcp(DynamicOcp):
         """Returns E ᵀy_des + a − target (3,) [m]."""
         return self.reference(plan)[:3] - self.aim.target
 
-    def evaluate(self, plan: DynamicPlan) -> Evaluation:
+    def evaluate(self, plan: DynamicPlan, points: PlanPoints | None = None) -> Evaluation:
         """Returns the objective, V_o in it, and the violations of a plan."""
-        value = super().evaluate(plan)
+        value = super().evaluate(plan, points)
         return replace(value, cost=value.cost + self.offset.value(self._missing(plan)))
 
     def staged_program(self, plan: DynamicPlan) -> StagedProgram:
@@ -226,3 +226,10 @@ class TrackingOcp(DynamicOcp):
             rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (2 * self.model.size, 0)))
             room = Room(self._rooms(plan), rows)
         return with_place(program, *self.offset.quadratic(self._missing(plan)), room)
+
+    def revalued(self, program: StagedProgram, plan: DynamicPlan, points: PlanPoints
+                 ) -> StagedProgram:
+        """Returns a program with its own slopes, and what is limited and room at another plan."""
+        out, room = super().revalued(program, plan, points), program.terminal.room
+        return replace(out, terminal=out.terminal._replace(
+            room=room and room._replace(size=self._rooms(plan))))

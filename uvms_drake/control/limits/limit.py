@@ -98,9 +98,13 @@ class Limit(ABC):
         """Returns the derivatives of the values, by complex steps if nothing better is known."""
         return slopes(self.values, at, self.about)
 
+    def row_values(self, at: Points) -> np.ndarray:
+        """Returns the values that the limit has as rows of a convex program (..., m)."""
+        return self.values(at)
+
     def rows(self, at: Points) -> Rows:
         """Returns the limit as rows of a convex program about the points `at`."""
-        return Rows(self.values(at), self.slopes(at), self.lower, self.upper)
+        return Rows(self.row_values(at), self.slopes(at), self.lower, self.upper)
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first parameter that has no meaning."""

@@ -50,6 +50,10 @@ class StaticForce(AbsoluteLimit):
         G = self.surface.force_jacobian()
         return [Slopes(np.hstack([G, np.zeros((len(G), size - 6))]))]
 
+    def row_values(self, at: Points) -> np.ndarray:
+        """Returns the depth in a plane."""
+        return self.surface.static_force_rows(at.y[..., :6], self.upper[0]).value
+
     def rows(self, at: Points) -> Rows:
         """Returns the depth in a plane."""
         limit = self.surface.static_force_rows(at.y[..., :6], self.upper[0])

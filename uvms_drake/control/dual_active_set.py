@@ -1,0 +1,104 @@
+"""The shortest vector in a polyhedron, by the dual active-set method of Goldfarb and Idnani (1983).
+
+    min ½‖r‖²  s.t.  E r = e,  G r ≤ b
+
+The method goes through points that are the shortest for some of the rows, at first for the
+equalities alone. It puts in one row at a time, the one that is broken by most, and takes out what
+has to give way for that: each point is longer than the last, so none comes twice, and the end is
+reached after about as many steps as rows are tight there. Rows may be added at the end, and the
+method goes on from there.
+
+With rows of unit length, M their Gram matrix and λ the multipliers, r = −Σ λ_i g_i: all of it is
+done in M, which is as large as there are rows, whatever the length of r.
+
+Reference: D. Goldfarb and A. Idnani, A numerically stable dual method for solving strictly convex
+quadratic programs, Mathematical Programming 27, 1983.
+"""
+
+import numpy as np
+
+BROKEN = 1e-8
+"""Excess of a row, in its own unit, that does not count."""
+DEPENDENT = 1e-11
+"""Square of the part of a unit row that is not in those that are held; less counts as none."""
+STEPS = 10
+"""Largest number of steps a row."""
+
+
+class DualActiveSet:
+    """A polyhedron and the shortest vector in it for some of its rows.
+
+    Args:
+        E: Independent rows (k, n).
+        e: Their values (k,).
+    """
+
+    def __init__(self, E: np.ndarray, e: np.ndarray):
+        self._equalities = len(e)
+        self._G, self._b = np.zeros((0, E.shape[1])), np.zeros(0)
+        self._size, self._M = np.zeros(0), np.zeros((0, 0))
+        self._held = np.arange(len(e))
+        self.add(E, e)
+
+    def add(self, G: np.ndarray, b: np.ndarray) -> None:
+        """Adds rows, none of which is zero: G r ≤ b."""
+        size = np.linalg.norm(G, axis=1)
+        G = G / size[:, None]
+        mixed = self._G @ G.T
+        self._M = np.block([[self._M, mixed], [mixed.T, G @ G.T]])
+        self._G, self._b = np.concatenate([self._G, G]), np.append(self._b, b / size)
+        self._size = np.append(self._size, size)
+
+    def shortest(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Returns r (n,) and the multipliers of all rows, the equalities first; or None.
+
+        There is none if there is no such vector, or if it is not found in `STEPS` a row.
+        """
+        M, first, held = self._M, self._equalities, self._held
+        tolerance, left = BROKEN / self._size, STEPS * len(self._b)
+        while True:
+            # Made anew, for what is updated gathers errors.
+            try:
+                inverse = np.linalg.inv(M[np.ix_(held, held)])
+            except np.linalg.LinAlgError:
+                return None
+            price = -inverse @ self._b[held]
+            excess = -M[:, held] @ price - self._b
+            excess[held] = -np.inf
+            if np.all(excess <= tolerance):
+                break
+            while np.any(excess > tolerance):
+                row, paid = int(np.argmax(excess - tolerance)), 0.0
+                # What the multipliers and the rows become with that of this row, as long as none of
+                # the others is used up, and no longer than until it is kept.
+                while True:
+                    if left == 0:
+                        return None
+                    left -= 1
+                    by = M[held, row]
+                    change = inverse @ by
+                    rate = 1.0 - by @ change
+                    falls = np.flatnonzero(change[first:] > 0.0) + first
+                    lasts = price[falls] / change[falls]
+                    whole = excess[row] / rate if rate > DEPENDENT else np.inf
+                    step = min(whole, np.min(lasts, initial=np.inf))
+                    if step == np.inf:
+                        return None
+                    price, paid = price - step * change, paid + step
+                    excess -= step * (M[:, row] - M[:, held] @ change)
+                    if step == whole:
+                        break
+                    out = falls[np.argmin(lasts)]
+                    excess[held[out]] = 0.0
+                    stay = np.arange(len(held)) != out
+                    by_out = inverse[out, stay]
+                    inverse = inverse[np.ix_(stay, stay)] - np.outer(
+                        by_out, by_out / inverse[out, out])
+                    held, price = held[stay], price[stay]
+                corner = np.append(change, -1.0)
+                inverse = np.pad(inverse, (0, 1)) + np.outer(corner, corner / rate)
+                held, price, excess[row] = np.append(held, row), np.append(price, paid), -np.inf
+        self._held = held
+        all_prices = np.zeros(len(self._b))
+        all_prices[held] = price / self._size[held]
+        return -(price @ self._G[held]), all_prices

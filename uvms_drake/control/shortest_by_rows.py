@@ -1,0 +1,110 @@
+"""The shortest r that keeps limits of a staged program, by rows: without cones, in a few steps.
+
+What is linear in the program is held by a dual active set. A norm limit ‖value + C z‖ ≤ bound is
+held by tangents: where r breaks it, the row of the direction it has there is added, and another one
+where it has turned. In three dimensions a few of them are enough.
+
+The terminal set has a kink where there is room for nothing, and in front of a wall that nobody has
+felt a plan ends there nearly always, for its reference is as near to the front as it may be:
+value + T x_N = 0, which is as many equalities. With their multipliers μ, and ν_i of the rows
+0 ≤ room_i + row_iᵀx_N, this is the solution with the cone if and only if
+
+    ‖μ‖ ≤ Σ ν_i ≤ ρ_s,
+
+the first since (Σ ν_i, μ) has to be in the cone, which is its own dual, at the tip of ‖·‖ ≤ t; the
+second since a slack would else be cheaper. Where it is not, or the terminal set matters in any
+other way, the conic solver is asked (`shortest`). So it is where there is no solution without an
+excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is the best.
+"""
+
+import numpy as np
+
+from uvms_drake.control.dual_active_set import DualActiveSet
+from uvms_drake.control.regulator import Regulator, motion, responses
+from uvms_drake.control.shortest import Form, Shortest, linear_rows
+from uvms_drake.control.staged_program import StagedProgram
+from uvms_drake.control.working_set import KEPT, WorkingSet
+
+ROUNDS = 30
+"""Largest number of times that rows are added."""
+DUAL = 1e-6
+"""Part by which ‖μ‖ may be larger, of what is rounded."""
+
+
+def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet
+                     , apex=True) -> tuple[Shortest, WorkingSet] | None:
+    """Returns the r of least cost that keeps all limits, and the linear ones that were looked at.
+
+    Args:
+        program: The program.
+        regulator: Its regulator.
+        z: The motion for r = 0 (N+1, nx+nw).
+        kept: The limits to begin with.
+
+    Returns:
+        None if this is no way to it.
+    """
+    response = responses(program, regulator)
+    size, ends = response.shape[-1], 0
+    terminal, nx = program.terminal, program.A.shape[-1]
+    form = Form(np.zeros((0, size)), [slice(size)] * len(z), list(response), np.arange(size),
+                np.eye(size))
+    polyhedron = DualActiveSet(np.zeros((0, size)), np.zeros(0))
+    rooms = 0
+    if kept.terminal and apex:
+        if terminal.room is None:
+            return None
+        end, end_r = z[-1, :nx], response[-1, :nx]
+        ends, rooms = len(terminal.T), len(terminal.room.size)
+        polyhedron = DualActiveSet(terminal.T @ end_r, -terminal.value - terminal.T @ end)
+        polyhedron.add(-terminal.room.rows @ end_r, terminal.room.size + terminal.room.rows @ end)
+    soft = np.zeros(ends + rooms, dtype=bool)
+    new, tangents, levels = kept, [], []
+    for _ in range(ROUNDS):
+        rows = linear_rows(form, program, z, new, size)
+        A, b = np.concatenate([rows.A, *tangents]), np.concatenate([rows.b, *levels])
+        is_soft = np.append(rows.soft, np.zeros(len(b) - len(rows.b), dtype=bool))
+        moves = np.any(A != 0.0, axis=1)
+        if np.any(b[~moves] < -KEPT):
+            return None
+        polyhedron.add(A[moves], b[moves])
+        soft = np.append(soft, is_soft[moves])
+        found = polyhedron.shortest()
+        if found is None:
+            print("not found round",_,"apex",apex,len(polyhedron._b), len(polyhedron._held))
+            return None
+        r, prices = found[0].reshape(regulator.k.shape), found[1]
+        best = motion(program, regulator, r)
+        broken = WorkingSet.broken(program, best, 0.0)
+        new = broken.without(kept)
+        kept = kept | new
+        tangents, levels = [], []
+        for limit, stages in zip(program.norms, broken.norms, strict=True):
+            value = limit.value + best @ limit.C.T
+            for k in np.flatnonzero(stages):
+                direction = value[k] / np.linalg.norm(value[k])
+                tangents.append((direction @ limit.C @ response[k])[None])
+                levels.append(limit.bound[k: k + 1] - direction @ (
+                    limit.value[k] + limit.C @ z[k]))
+        if not (kept.terminal and apex):
+            x = best[-1,:nx]; q = terminal.value + terminal.T @ x; sz=np.linalg.norm(q); ro=terminal.room_at(z[-1,:nx]); Rx=response[-1,:nx]
+            gap=ro.size+ro.rows@(x-z[-1,:nx])
+            for i in np.flatnonzero(sz > gap+KEPT):
+                d=q/sz
+                tangents.append((d@terminal.T@Rx-ro.rows[i]@Rx)[None]); levels.append(np.array([ro.size[i]-d@(terminal.value+terminal.T@z[-1,:nx])]))
+        if not (tangents or new.any()):
+            break
+    else:
+        return None
+    price, slack_price = float(np.sum(prices[soft])), float(np.sum(prices[ends: ends + rooms]))
+    holds = not (broken.any() or price > program.excess_penalty
+                 or slack_price > program.slack_penalty
+                 or np.linalg.norm(prices[:ends]) > (1.0 + DUAL) * slack_price + DUAL)
+    if not holds and kept.terminal and apex:
+        out = shortest_by_rows(program, regulator, z, kept, apex=False)
+        v=program.linear.value+np.einsum("kmz,kz->km",program.linear.C,best)
+        print("broken", terminal.excess(best[-1,:nx]), np.max((v-program.linear.upper)), np.max((program.linear.lower-v)), kept.rows(program), len(polyhedron._held), "min eig", np.linalg.eigvalsh(polyhedron._M[np.ix_(polyhedron._held,polyhedron._held)])[:3])
+        print("again", out is not None, np.linalg.norm(prices[:ends]), slack_price)
+        return out
+    if not apex: print("rounds",_, len(polyhedron._b), "holds",holds)
+    return (Shortest(r, 0.0, 0.0, price), kept) if holds else None
