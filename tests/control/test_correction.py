@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
-from uvms_drake.control.correction import correction, excesses
+from uvms_drake.control.correction import Correction, excesses
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.staged_solver import solve_staged
 from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 from uvms_drake.control.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
+from uvms_drake.station.motions import FELT, make_ocp
+from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +38,32 @@ def test_excesses_are_those_of_the_problem(ocp, guess):
     assert value.violation > 1e-3
 
 
+def revalued_is_the_program(ocp, guess) -> None:
+    """Checks the values that a program gets from another plan against those of that plan's own."""
+    rng = np.random.default_rng(0)
+    other = guess.redone(guess.start, guess.decision + 0.05 * rng.normal(size=guess.decision.shape))
+    own = ocp.staged_program(other)
+    moved = ocp.revalued(ocp.staged_program(guess), other, ocp.points(other))
+    np.testing.assert_allclose(moved.linear.value, own.linear.value, atol=1e-12)
+    np.testing.assert_allclose(moved.terminal.value, own.terminal.value, atol=1e-12)
+    for one, another in zip(moved.norms, own.norms, strict=True):
+        np.testing.assert_allclose(one.value, another.value, atol=1e-12)
+    if own.terminal.room is not None:
+        np.testing.assert_allclose(moved.terminal.room.size, own.terminal.room.size, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal", "paper_kinematic",
+                                  "paper_dynamic_resolved"])
+def test_another_plan_has_the_values_of_its_own_program(name):
+    scenario = load_scenario(name)
+    model = load_model(scenario)
+    ocp = make_ocp(scenario, model)
+    start = start_state(scenario, ocp)[: ocp.state_size]
+    if isinstance(ocp, TrackingOcp):
+        ocp = FELT.first_problem(scenario, model, ocp, start)
+    revalued_is_the_program(ocp, ocp.resting_plan(0.0, start))
+
+
 def test_the_gradients_of_excesses_are_those_of_differences(ocp, guess, derivative):
     program = ocp.staged_program(guess)
     shape = (ocp.horizon + 2, program.H.shape[-1])
@@ -53,8 +82,8 @@ def test_a_corrected_step_is_within_the_limits_at_the_same_cost(ocp, guess):
     program = ocp.staged_program(guess)
     step = solve_staged(program).w
     plan = guess.redone(guess.start, guess.decision + step)
-    moved = plan.redone(plan.start, plan.decision + correction(
-        program, step, ocp.staged_program(plan)))
+    moved = plan.redone(plan.start, plan.decision + Correction(
+        program, step).of(ocp.staged_program(plan)))
     before, after = ocp.evaluate(plan), ocp.evaluate(moved)
     assert before.violation > 5e-4
     assert after.violation < 2.0 * before.violation**2
@@ -74,8 +103,8 @@ def test_where_there_is_room_for_nothing_the_end_comes_back_all_the_same():
         program = problem.staged_program(guess)
         step = solve_staged(program).w
         plan = guess.redone(guess.start, guess.decision + step)
-        moved = plan.redone(plan.start, plan.decision + correction(
-            program, step, problem.staged_program(plan)))
+        moved = plan.redone(plan.start, plan.decision + Correction(
+            program, step).of(problem.staged_program(plan)))
         before, after = (problem.evaluate(each).terminal_slack for each in (plan, moved))
         if before > 1e-5 and problem.is_sound(problem.evaluate(guess)):
             outside.append(after / before)

@@ -391,7 +391,7 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs(tracking, found_a
             0.0, one.time_step, *np.split(start, 2), (one.terminal.gain @ xi)[None])), a=a)
         value = one.evaluate(plan)
         assert max(value.violation, value.terminal_slack) <= 1e-9
-        knots, _ = one._points(plan)
+        knots, _ = one.points(plan)
         for limit in one.limits.values():
             assert limit.about == "input" or np.all(limit.excess(knots) <= 1e-9)
 

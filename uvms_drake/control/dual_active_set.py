@@ -96,9 +96,16 @@ class DualActiveSet:
                         by_out, by_out / inverse[out, out])
                     held, price = held[stay], price[stay]
                 corner = np.append(change, -1.0)
-                inverse = np.pad(inverse, (0, 1)) + np.outer(corner, corner / rate)
+                inverse = _bordered(inverse, corner, rate)
                 held, price, excess[row] = np.append(held, row), np.append(price, paid), -np.inf
         self._held = held
         all_prices = np.zeros(len(self._b))
         all_prices[held] = price / self._size[held]
         return -(price @ self._G[held]), all_prices
+
+
+def _bordered(inverse: np.ndarray, corner: np.ndarray, rate: float) -> np.ndarray:
+    """Returns the inverse with one row more, by the vector (change, −1) and the rest of the row."""
+    out = np.outer(corner, corner / rate)
+    out[:-1, :-1] += inverse
+    return out

@@ -1,8 +1,9 @@
 """The shortest r that keeps limits of a staged program, by rows: without cones, in a few steps.
 
 What is linear in the program is held by a dual active set. A norm limit ‖value + C z‖ ≤ bound is
-held by tangents: where r breaks it, the row of the direction it has there is added, and another one
-where it has turned. In three dimensions a few of them are enough.
+held by tangents: the row of the direction that it has in the plan, and where r breaks it, that of
+the direction it has there, and another one where it has turned. In three dimensions a few of them
+are enough.
 
 The terminal set has a kink where there is room for nothing, and in front of a wall that nobody has
 felt a plan ends there nearly always, for its reference is as near to the front as it may be:
@@ -29,10 +30,12 @@ ROUNDS = 30
 """Largest number of times that rows are added."""
 DUAL = 1e-6
 """Part by which ‖μ‖ may be larger, of what is rounded."""
+SMALLEST = 1e-12
+"""Norm below which a vector has no direction."""
 
 
 def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet
-                     , apex=True) -> tuple[Shortest, WorkingSet] | None:
+                     ) -> tuple[Shortest, WorkingSet] | None:
     """Returns the r of least cost that keeps all limits, and the linear ones that were looked at.
 
     Args:
@@ -45,13 +48,11 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
         None if this is no way to it.
     """
     response = responses(program, regulator)
-    size, ends = response.shape[-1], 0
-    terminal, nx = program.terminal, program.A.shape[-1]
+    size, nx, terminal = response.shape[-1], program.A.shape[-1], program.terminal
     form = Form(np.zeros((0, size)), [slice(size)] * len(z), list(response), np.arange(size),
                 np.eye(size))
-    polyhedron = DualActiveSet(np.zeros((0, size)), np.zeros(0))
-    rooms = 0
-    if kept.terminal and apex:
+    ends, rooms, polyhedron = 0, 0, DualActiveSet(np.zeros((0, size)), np.zeros(0))
+    if kept.terminal:
         if terminal.room is None:
             return None
         end, end_r = z[-1, :nx], response[-1, :nx]
@@ -59,7 +60,8 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
         polyhedron = DualActiveSet(terminal.T @ end_r, -terminal.value - terminal.T @ end)
         polyhedron.add(-terminal.room.rows @ end_r, terminal.room.size + terminal.room.rows @ end)
     soft = np.zeros(ends + rooms, dtype=bool)
-    new, tangents, levels = kept, [], []
+    new = kept
+    tangents, levels = _tangents(program, response, z, kept, 0.0 * z)
     for _ in range(ROUNDS):
         rows = linear_rows(form, program, z, new, size)
         A, b = np.concatenate([rows.A, *tangents]), np.concatenate([rows.b, *levels])
@@ -71,27 +73,15 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
         soft = np.append(soft, is_soft[moves])
         found = polyhedron.shortest()
         if found is None:
-            print("not found round",_,"apex",apex,len(polyhedron._b), len(polyhedron._held))
             return None
         r, prices = found[0].reshape(regulator.k.shape), found[1]
         best = motion(program, regulator, r)
         broken = WorkingSet.broken(program, best, 0.0)
         new = broken.without(kept)
+        if new.terminal:
+            return None
         kept = kept | new
-        tangents, levels = [], []
-        for limit, stages in zip(program.norms, broken.norms, strict=True):
-            value = limit.value + best @ limit.C.T
-            for k in np.flatnonzero(stages):
-                direction = value[k] / np.linalg.norm(value[k])
-                tangents.append((direction @ limit.C @ response[k])[None])
-                levels.append(limit.bound[k: k + 1] - direction @ (
-                    limit.value[k] + limit.C @ z[k]))
-        if not (kept.terminal and apex):
-            x = best[-1,:nx]; q = terminal.value + terminal.T @ x; sz=np.linalg.norm(q); ro=terminal.room_at(z[-1,:nx]); Rx=response[-1,:nx]
-            gap=ro.size+ro.rows@(x-z[-1,:nx])
-            for i in np.flatnonzero(sz > gap+KEPT):
-                d=q/sz
-                tangents.append((d@terminal.T@Rx-ro.rows[i]@Rx)[None]); levels.append(np.array([ro.size[i]-d@(terminal.value+terminal.T@z[-1,:nx])]))
+        tangents, levels = _tangents(program, response, z, broken, best)
         if not (tangents or new.any()):
             break
     else:
@@ -100,11 +90,17 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
     holds = not (broken.any() or price > program.excess_penalty
                  or slack_price > program.slack_penalty
                  or np.linalg.norm(prices[:ends]) > (1.0 + DUAL) * slack_price + DUAL)
-    if not holds and kept.terminal and apex:
-        out = shortest_by_rows(program, regulator, z, kept, apex=False)
-        v=program.linear.value+np.einsum("kmz,kz->km",program.linear.C,best)
-        print("broken", terminal.excess(best[-1,:nx]), np.max((v-program.linear.upper)), np.max((program.linear.lower-v)), kept.rows(program), len(polyhedron._held), "min eig", np.linalg.eigvalsh(polyhedron._M[np.ix_(polyhedron._held,polyhedron._held)])[:3])
-        print("again", out is not None, np.linalg.norm(prices[:ends]), slack_price)
-        return out
-    if not apex: print("rounds",_, len(polyhedron._b), "holds",holds)
     return (Shortest(r, 0.0, 0.0, price), kept) if holds else None
+
+
+def _tangents(program: StagedProgram, response: np.ndarray, z: np.ndarray, which: WorkingSet,
+              at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Returns rows of norms and their bounds, in the directions that they have after a motion."""
+    rows, bounds = [], []
+    for limit, stages in zip(program.norms, which.norms, strict=True):
+        value = limit.value + at @ limit.C.T
+        for k in np.flatnonzero(stages):
+            direction = value[k] / max(np.linalg.norm(value[k]), SMALLEST)
+            rows.append((direction @ limit.C @ response[k])[None])
+            bounds.append(limit.bound[k: k + 1] - direction @ (limit.value[k] + limit.C @ z[k]))
+    return rows, bounds

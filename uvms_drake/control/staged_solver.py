@@ -3,11 +3,12 @@
 Without limits it is a linear-quadratic problem, and one pass of Riccati's recursion solves it. It
 also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ ‖r_k‖²,
 whatever the limits. So the limits ask for the shortest r that keeps them, and the few that matter
-decide. The conic program for that holds only the limits that are broken without them or nearly
+decide. The program for that holds only the limits that are broken without them or nearly
 reached by the plan; if its solution breaks another one, that one is put in and the program is
 solved again. A solution that keeps all limits while carrying some is the solution with all of them.
 
-Where so many matter that the program is made in its sparse form, a limit that matters at one stage
+Where every limit that matters can be held by rows, a dual active set is quickest
+(`shortest_by_rows`); where one cannot, a conic program is solved (`shortest`). Where so many matter that the program is made in its sparse form, a limit that matters at one stage
 is put in at all of them, and so are those that are less nearly reached: there a row costs little,
 and to solve again costs as much as before.
 
