@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.dual_active_set`, by the conditions of an optimum and by Clarabel."""
+"""Tests of `uvms_drake.control.dual_active_set`: conditions of an optimum, and Clarabel."""
 
 import numpy as np
 import pytest

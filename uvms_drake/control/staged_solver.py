@@ -8,9 +8,10 @@ reached by the plan; if its solution breaks another one, that one is put in and 
 solved again. A solution that keeps all limits while carrying some is the solution with all of them.
 
 Where every limit that matters can be held by rows, a dual active set is quickest
-(`shortest_by_rows`); where one cannot, a conic program is solved (`shortest`). Where so many matter that the program is made in its sparse form, a limit that matters at one stage
-is put in at all of them, and so are those that are less nearly reached: there a row costs little,
-and to solve again costs as much as before.
+(`shortest_by_rows`); otherwise a conic program is solved (`shortest`). Where so many matter that
+this is made in its sparse form, a limit that matters at one stage is put in at all of them, and so
+are those that are less nearly reached: there a row costs little, and to solve again costs as much
+as before.
 
 Where the plan keeps its soft limits, so does a solution nearly always, and v is left out at first:
 a third of the conic solver's iterations went into bringing a v to zero that costs far more than all
