@@ -143,14 +143,17 @@ def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
     assert set(KINDS) == {kind for kind in KINDS if kinds.count(kind) > 5}
 
 
+@pytest.mark.parametrize("off", [0.0, 1.0])
 @pytest.mark.parametrize("size", [-0.1, 0.0, 0.2])
-def test_the_end_has_to_be_where_there_is_room_for_it(size):
-    """A second bound of the same norm, which changes with the end."""
+def test_the_end_has_to_be_where_there_is_room_for_it(size, off):
+    """A second bound of the same norm, which changes with the end; and a plan that ends there."""
     mattered = 0
     for seed in range(12):
         program = random_program(seed, 1.0)
         row = np.random.default_rng(seed).normal(size=4)
         room = Room(np.array([size]), row[None])
+        program = replace(program, terminal=program.terminal._replace(
+            value=off * program.terminal.value))
         inside = replace(program, terminal=program.terminal._replace(room=room))
         compare(inside)
         one, other = solve_staged(program), solve_staged(inside)

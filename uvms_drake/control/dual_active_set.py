@@ -21,7 +21,7 @@ BROKEN = 1e-8
 """Excess of a row, in its own unit, that does not count."""
 DEPENDENT = 1e-11
 """Square of the part of a unit row that is not in those that are held; less counts as none."""
-STEPS = 10
+STEPS = 3
 """Largest number of steps a row."""
 
 

@@ -30,6 +30,9 @@ ROUNDS = 30
 """Largest number of times that rows are added."""
 DUAL = 1e-6
 """Part by which ‖μ‖ may be larger, of what is rounded."""
+AT_THE_END = 0.01
+"""‖value‖ of a plan, where 1 is the edge of an ordinary terminal set, up to which the next one is
+taken to end at the tip too; where not, the search for r would mostly be in vain."""
 SMALLEST = 1e-12
 """Norm below which a vector has no direction."""
 
@@ -53,7 +56,7 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
                 np.eye(size))
     ends, rooms, polyhedron = 0, 0, DualActiveSet(np.zeros((0, size)), np.zeros(0))
     if kept.terminal:
-        if terminal.room is None:
+        if terminal.room is None or np.linalg.norm(terminal.value) > AT_THE_END:
             return None
         end, end_r = z[-1, :nx], response[-1, :nx]
         ends, rooms = len(terminal.T), len(terminal.room.size)
