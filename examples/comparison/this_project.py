@@ -40,6 +40,8 @@ from uvms_drake.control.scp import SequentialConvexSolver
 class HeldInput(DynamicOcp):
     """The dynamic problem with ū constant on every interval."""
 
+    input_ends = 1
+
     def inputs(self, plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
         """Returns the held ū (N, 10), twice."""
         begin, end = super().inputs(plan)

@@ -49,11 +49,10 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
     kept |= WorkingSet.near(program, NEAR)
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
-    if not softened:
-        by_rows = shortest_by_rows(program, regulator, z, kept)
-        if by_rows is not None:
-            return StagedSolution(motion(program, regulator, by_rows[0].r)[:-1, nx:], 0.0, 0.0, 0,
-                                  by_rows[1].rows(program))
+    by_rows = shortest_by_rows(program, regulator, z, kept)
+    if by_rows is not None:
+        return StagedSolution(motion(program, regulator, by_rows[0].r)[:-1, nx:], 0.0, 0.0, 0,
+                              by_rows[1].rows(program))
     while True:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:
