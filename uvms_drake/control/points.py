@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.model.euler import COMPLEX_STEP, inverse_rate_matrix
+from uvms_drake.model.spatial import cross
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 About = Literal["pose", "speed", "input"]
@@ -76,12 +77,18 @@ class Points:
 
     @cached_property
     def mass_matrix_rates(self) -> np.ndarray:
-        """(..., 6+n, 6+n, 6+n) ∂M/∂𝔮, the last axis that of 𝔮; by a complex step."""
+        """(..., 6+n, 6+n, 6+n) ∂M/∂𝔮, the last axis that of 𝔮; by a complex step.
+
+        In axes of the vehicle, what it weighs does not depend on where it is: only the joints' are
+        not zero.
+        """
         if self.whole is not None:
             points, index = self.whole
             return points.mass_matrix_rates[index]
         M = self.model.mass_matrix(self.moved_kinematics)
-        return np.moveaxis(M.imag / COMPLEX_STEP, -3, -1)
+        rates = np.zeros((*self.config.shape, *M.shape[-2:]))
+        rates[..., 6:, :, :] = M.imag / COMPLEX_STEP
+        return np.moveaxis(rates, -3, -1)
 
     @cached_property
     def tip_jacobian(self) -> np.ndarray:
@@ -93,12 +100,21 @@ class Points:
 
     @cached_property
     def tip_jacobian_rates(self) -> np.ndarray:
-        """(..., 3, 6+n, 6+n) ∂J_𝔭/∂𝔮, the last axis that of 𝔮; by a complex step."""
+        """(..., 3, 6+n, 6+n) ∂J_𝔭/∂𝔮, the last axis that of 𝔮; by the joints, by a complex step.
+
+        As the vehicle turns by ω, J_𝔭 turns with it: ω × its columns.
+        """
         if self.whole is not None:
             points, index = self.whole
             return points.tip_jacobian_rates[index]
         J = self.moved_kinematics.J_chi[..., :3, :]
-        return np.moveaxis(J.imag / COMPLEX_STEP, -3, -1)
+        rates = np.zeros((*self.config.shape, *J.shape[-2:]))
+        turning = self.kinematics.R_WB @ inverse_rate_matrix(self.config[..., 3:6])
+        rates[..., 3:6, :, :] = np.swapaxes(cross(
+            np.swapaxes(turning, -1, -2)[..., None, :],
+            np.swapaxes(self.tip_jacobian, -1, -2)[..., None, :, :]), -1, -2)
+        rates[..., 6:, :, :] = J.imag / COMPLEX_STEP
+        return np.moveaxis(rates, -3, -1)
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -107,9 +123,9 @@ class Points:
 
     @cached_property
     def moved_kinematics(self) -> Kinematics:
-        """(..., 6+n) geometry after a complex step along each coordinate of 𝔮."""
+        """(..., n) geometry after a complex step of each joint."""
         return self.model.kinematics(
-            self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size))
+            self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size)[6:])
 
     @cached_property
     def tau(self) -> np.ndarray:

@@ -111,6 +111,15 @@ def test_the_mass_matrix_of_some_of_the_points_is_theirs(model, at):
     np.testing.assert_allclose(some.mass_matrix_rates, alone.mass_matrix_rates, atol=1e-12)
 
 
+def test_what_turns_with_the_vehicle_has_the_rates_of_complex_steps(model, at):
+    """Along all of 𝔮, of which `Points` takes the joints only."""
+    step = 1e-30
+    moved = model.kinematics(at.config[:, None] + 1j * step * np.eye(model.size))
+    for rates, J in ((at.tip_jacobian_rates, moved.J_chi[..., :3, :]),
+                     (at.mass_matrix_rates, model.mass_matrix(moved))):
+        np.testing.assert_allclose(rates, np.moveaxis(J.imag / step, 1, -1), atol=1e-10)
+
+
 # A limit of one's own ----------------------------------------------------------------------------
 
 
