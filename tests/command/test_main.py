@@ -379,7 +379,7 @@ def test_a_run_that_cannot_go_on_has_exit_status_1_and_leaves_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
+def test_ctrl_c_ends_a_run_with_one_line_and_keeps_what_was_done(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", "--duration", "500",
          "--output",
@@ -389,9 +389,12 @@ def test_ctrl_c_ends_with_one_line_and_leaves_nothing(tmp_path):
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert err.splitlines()[-1] == "uvms-drake: error: interrupted, nothing written"
+    assert err.splitlines()[-1].startswith(
+        f"uvms-drake: error: interrupted, saved in {tmp_path / 'out'}: log.csv, log.npz, ")
     assert "Traceback" not in err
-    assert not (tmp_path / "out").exists()
+    assert written(tmp_path / "out") == DATA
+    record = load_record(tmp_path / "out")
+    assert 0.0 < record.time[-1] <= record.scenario.duration < 500.0
 
 
 def test_the_log_holds_no_nan(smoke):

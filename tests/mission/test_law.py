@@ -13,6 +13,7 @@ from uvms_drake.mission.law import (
     RETREATED,
     RUNNING,
     SKIPPED,
+    STATE_LOST,
     STOPPED,
     TIME_OUT,
     Measured,
@@ -102,7 +103,7 @@ def test_a_slide_asks_for_a_place_that_moves_at_its_speed_and_for_a_force_that_s
 
 @pytest.mark.parametrize(("change", "reason"), [
     ({"touched": False, "force": 0.0}, CONTACT_LOST), ({"lost": True}, FORCE_LOST),
-    ({"stop": True}, STOPPED)])
+    ({"lost": True, "tip": np.full(3, np.nan)}, STATE_LOST), ({"stop": True}, STOPPED)])
 def test_from_the_middle_of_a_slide_it_goes_straight_back_and_a_copy_does_so_too(change, reason):
     """The state is all there is to remember: the mission goes on from a copy as if never killed."""
     mission = Mission(steps=[Approach(), Slide(along=np.array([0.4, 0.0])), Retreat()])

@@ -4,13 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
+from support.meshcat import press
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.report.mission import summarise_mission
+from uvms_drake.report.summary import broken, summarise
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.sensed import largest_force, mission_conditions
+from uvms_drake.station.simulation import simulate
+from uvms_drake.visual.controls import HOME
 
 NAME = "girona500_inspection"
 
@@ -89,6 +95,45 @@ def test_without_a_mission_the_targets_come_from_outside(scenario):
     station = make_station(replace(scenario, mission=Mission()))
     assert not station.HasInputPort("stop")
     assert all(map(station.HasInputPort, ("desired_force", "place", "deepest")))
+
+
+def test_a_button_says_stop_to_it(scenario):
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    station = make_station(scenario, meshcat)
+    assert not station.HasInputPort("stop")
+    context = station.CreateDefaultContext()
+    mission = station.GetSubsystemByName("mission")
+    said = []
+    for t in (0.0, 0.05, 0.1):
+        context.SetTime(t)
+        said.append(mission.GetInputPort("stop").Eval(mission.GetMyContextFromRoot(context))[0])
+        if t == 0.05:
+            press(meshcat, HOME)
+    assert said == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("fault", "reason"), [
+    ("", "stopped"), ("!LostForce {start: 11.0, duration: 1.0}", "force lost"),
+    ("!LostState {start: 11.0, duration: 0.3}", "state lost")])
+def test_from_the_middle_of_a_slide_the_vehicle_as_it_is_goes_back_within_all_limits(fault, reason):
+    scenario = load_scenario("jacket_inspection_real", [
+        "surface.geometry.point.0=-0.27", "duration=15", f"faults=[{fault}]", "mission.steps=["
+        "!Approach {at: [-0.09, 0.06], within: 0.3}, !Hold {seconds: 0.5}, "
+        "!Slide {along: [0.2, 0.0]}, !Retreat {distance: 0.05}]"])
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+
+    def somebody(_, done):
+        if not fault and done * scenario.duration >= 11.0:
+            press(meshcat, HOME)
+
+    record = simulate(scenario, meshcat=meshcat, progress=somebody)
+    *_, slide, retreat = summarise_mission(record)["steps"]
+    assert (slide["kind"], slide["ended"]) == ("Slide", reason)
+    assert 11.0 <= retreat["begin_s"] < 11.3
+    assert retreat["ended"] == "done"
+    assert not broken(summarise(record))
+    assert record.force[-1] == pytest.approx(np.zeros(6))
 
 
 def test_a_step_that_asks_for_more_than_the_front_allows_is_refused(scenario):

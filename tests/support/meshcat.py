@@ -1,4 +1,4 @@
-"""What is in a Meshcat, read back."""
+"""What is in a Meshcat, read back, and what somebody at a browser does to it."""
 
 import numpy as np
 
@@ -9,3 +9,10 @@ def packed_transform(meshcat, path):
     header = 3  # Of an array of 16 in MessagePack.
     numbers = np.frombuffer(packed[header:], dtype=[("tag", "u1"), ("value", ">f8")], count=16)
     return numbers["value"].reshape(4, 4).T
+
+
+def press(meshcat, name):
+    """Does what a browser does when somebody presses a button."""
+    text = name.encode()
+    meshcat._InjectWebsocketMessage(
+        b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(text)]) + text)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
-from support.meshcat import packed_transform
+from support.meshcat import packed_transform, press
 from support.synthetic import synthetic_record
 
 from uvms_drake.report.replay import moment_of
@@ -23,13 +23,6 @@ from uvms_drake.visual.stage import UNSEEN
 @pytest.fixture
 def meshcat():
     return Meshcat(MeshcatParams(host="localhost"))
-
-
-def press(meshcat, name):
-    """Does what a browser does when somebody presses a button."""
-    text = name.encode()
-    meshcat._InjectWebsocketMessage(
-        b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(text)]) + text)
 
 
 @pytest.mark.parametrize(("name", "overrides"), [

@@ -1,18 +1,21 @@
 """Ctrl-C, SIGTERM and closed pipes end a command in one line, at whatever second they come.
 
 An interrupt is a `KeyboardInterrupt` where Python runs. Where C++ has called Python, as SNOPT does,
-it comes back as another error, so that the signal itself is what counts.
+it comes back as another error, so that the signal itself is what counts. What should rather come
+to an end that can be kept holds it back: `postponed`.
 """
 
+import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 PROGRAM = "uvms-drake"
 INTERRUPTED = f"{PROGRAM}: error: interrupted"
 CLOSED_PIPE = 128 + signal.SIGPIPE
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE = 3
 """Number of signals after which the program ends without tidying up."""
 
@@ -40,8 +43,7 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
             raise KeyboardInterrupt
 
     # From here on a signal interrupts; the handlers before are put back at the end.
-    signals = (signal.SIGINT, signal.SIGTERM)
-    old = [signal.signal(number, interrupt) for number in signals]
+    old = [signal.signal(number, interrupt) for number in SIGNALS]
     try:
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
@@ -64,5 +66,32 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
         eval("None")
         return 128 + received[0]
     finally:
-        for number, handler in zip(signals, old, strict=True):
+        for number, handler in zip(SIGNALS, old, strict=True):
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def postponed() -> Iterator[Callable[[], bool]]:
+    """Holds a signal back to the end of a block, and gives a function that tells of it inside.
+
+    A second one interrupts at once.
+    """
+    received: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        """Notes a first signal, and lets others through."""
+        received.append(number)
+        if len(received) > 1:
+            old[number](number, frame)
+
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    old = {int(number): handler for number, handler in handlers.items() if callable(handler)}
+    for number in old:
+        signal.signal(number, note)
+    try:
+        yield lambda: bool(received)
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+    if received:
+        signal.raise_signal(received[0])

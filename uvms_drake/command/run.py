@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,7 @@ from uvms_drake.command.files import (
     write_data,
     write_pictures,
 )
-from uvms_drake.command.interrupt import PROGRAM
+from uvms_drake.command.interrupt import PROGRAM, postponed
 from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.output import output_folder
@@ -61,6 +62,7 @@ keys that are changed most ('uvms-drake keys' lists all, with units and defaults
 A file of one's own that begins with 'base: girona500_ideal' says only what differs.
 
 Exit status {BROKEN}: a certified run has left its tube, or a run has violated a limit.
+Ctrl-C ends a run: the data up to then are written, without figures ('uvms-drake plot'), status 130.
 """
 
 
@@ -128,9 +130,10 @@ def run_scenario(args: argparse.Namespace) -> int:
             check_step(scenario, model)
             note(scenario)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
-        record = _simulate(args, scenario, model, source, show)
-        summary = write_data(record, output.folder)
-        output.keep(replaces=True)  # Whatever becomes of the pictures.
+        with postponed() as interrupted:  # A run that is broken off is kept, too.
+            record = _simulate(args, scenario, model, source, show, interrupted)
+            summary = write_data(record, output.folder)
+            output.keep(replaces=True)  # Whatever becomes of the pictures.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
                        replay=not args.no_replay)
     status = _report(summary, path, output.kept)
@@ -238,17 +241,20 @@ def _open_meshcat(no_wait: bool) -> "Meshcat":
 
 
 def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel, source: str,
-              meshcat: "Meshcat | None") -> Record:
-    """Returns the record of a run, with progress and alarms on stderr."""
+              meshcat: "Meshcat | None", interrupted: Callable[[], bool]) -> Record:
+    """Returns the record of a run, with progress and alarms on stderr.
+
+    Somebody at the button, or an interrupt, ends it before its duration.
+    """
     from uvms_drake.station.simulation import simulate
     from uvms_drake.visual.controls import stop_button
 
-    stop = None if meshcat is None else stop_button(meshcat)
+    pressed = interrupted if meshcat is None else stop_button(meshcat)
     with ExitStack() as stack:
         stack.enter_context(reported_in(source))
         progress = stack.enter_context(closing(Bar("simulating", stream_of(args))))
         if not args.quiet:  # Else alarms go where Python's logging takes them.
             stack.enter_context(alarms_above(progress))
         return simulate(scenario, model=model, certified=not args.uncertified, meshcat=meshcat,
-                        progress=progress, stop=stop,
+                        progress=progress, stop=lambda: interrupted() or pressed(),
                         realtime_rate=None if meshcat is None else 1.0)

@@ -12,7 +12,8 @@ A step begins, and ends by one of these; times are those since its begin:
                → done:        the tip is there. Then comes the next spot, the same, or the end
 
     any but Retreat → failed: the time-out is over; somebody says stop;
-    Hold, Slide     → failed: no touch during `patience`, or the force is lost
+    Hold, Slide     → failed: no touch during `patience`, or the force is lost; so it is without the
+                      state, which is named then
 
 What fails goes to the Retreat of its spot, and the steps between are left out. Then comes what
 `on_failure` says; after a stop, the end. A Retreat whose time-out is over is the end, too. An
@@ -34,10 +35,10 @@ from uvms_drake.mission.steps import Approach, Hold, Mission, Pressing, Retreat,
 RUNNING, DONE, SKIPPED, RETREATED = range(4)
 """What becomes of a mission. Of a step: `DONE`, `SKIPPED` if it failed or was left out."""
 
-TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED = range(1, 5)
+TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED, STATE_LOST = range(1, 6)
 """Why a step failed."""
 REASONS = {TIME_OUT: "time-out", CONTACT_LOST: "contact lost", FORCE_LOST: "force lost",
-           STOPPED: "stopped"}
+           STOPPED: "stopped", STATE_LOST: "state lost"}
 ROUNDING = 1e-9
 """Part of a second that two sums of periods may differ by [s]."""
 
@@ -210,6 +211,7 @@ def _failure(mission: Mission, state: State, measured: Measured, t: float) -> in
     step = mission.steps[state.step]
     for reason, holds in (
             (STOPPED, measured.stop),
+            (STATE_LOST, step.touches and measured.lost and not np.all(np.isfinite(measured.tip))),
             (FORCE_LOST, step.touches and measured.lost),
             (CONTACT_LOST, step.touches and t - state.touch > mission.patience),
             (TIME_OUT, t - state.since >= step.timeout - ROUNDING)):

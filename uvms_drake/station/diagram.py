@@ -76,7 +76,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         - desired_force (optional, with dynamic motion)
         - place (optional, with a felt contact)
         - deepest (optional, with a felt contact)
-        - stop (optional, with a mission)
+        - stop (optional, with a mission and without meshcat)
         output_ports:
         - state, force, u, tau, ... (each signal)
         - tube_deviation
@@ -89,9 +89,9 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
     `desired_force` (6) [N, N m] changes the task while it runs, see `NominalMpc`, and `place` (3)
     [m] where it presses, see `make_sensed_tube_mpc`; unconnected, they stay the scenario's. If
-    this has a mission, a `MissionControl` says both, and `deepest`, and may be stopped. With
-    kinematic motion the controller reads `configuration`, and its
-    velocity ζ = u goes to the plant.
+    this has a mission, a `MissionControl` says both, and `deepest`, and may be stopped: by `stop`
+    (1) above zero, or by a button, with `meshcat`. With kinematic motion the controller reads
+    `configuration`, and its velocity ζ = u goes to the plant.
 
     Every signal of plant and controller that is a vector, of the parts, and `tube_deviation` and
     `tube_bound`, is an output port and has a VectorLogSink named `log.<name>` of the `log_period`;
@@ -154,7 +154,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         signals["felt_force"] = felt.get_output_port()
         builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
     if scenario.contact.felt:
-        add_mission(builder, scenario, model, controller, measured, signals)
+        add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     command = controller.GetOutputPort(motion.command)
     applied = add_chain(builder, model, command, signals,
                         keyed("actuation", scenario.actuation), scenario.seed)

@@ -1,5 +1,6 @@
 """The mission of a scenario, between what is felt and what the controller is asked for."""
 
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.mission.system import MissionControl
@@ -8,6 +9,7 @@ from uvms_drake.model.part import Signals
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.sensed import sensed_contact
+from uvms_drake.visual.controls import HomeButton
 
 LOGGED = {"mission_place": "due_place", "mission_force": "due_force",
           "mission_progress": "progress"}
@@ -15,7 +17,8 @@ LOGGED = {"mission_place": "due_place", "mission_force": "due_force",
 
 
 def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
-                controller: Diagram, state: OutputPort, signals: Signals) -> None:
+                controller: Diagram, state: OutputPort, signals: Signals,
+                meshcat: Meshcat | None) -> None:
     """Adds the mission, or lets the targets come from outside if there is none.
 
     Args:
@@ -25,6 +28,7 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
         controller: That of `make_sensed_tube_mpc`.
         state: Gives the measured (𝔮, ζ).
         signals: Those of the loop so far, to which the mission's are added.
+        meshcat: Where a button says stop; None: the port `stop` does.
     """
     asked = ("place", "deepest")
     if not scenario.mission.steps:
@@ -37,6 +41,10 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
         force_lost=signals["force_lost"])
     for name in (*asked, "desired_force"):
         builder.Connect(mission.GetOutputPort(name), controller.GetInputPort(name))
-    builder.ExportInput(mission.GetInputPort("stop"), "stop")
+    stop = mission.GetInputPort("stop")
+    if meshcat is None:
+        builder.ExportInput(stop, "stop")
+    else:
+        builder.Connect(HomeButton.AddToBuilder(builder, meshcat).get_output_port(), stop)
     for name, port in LOGGED.items():
         signals[name] = mission.GetOutputPort(port)

@@ -21,6 +21,7 @@ POLL = 0.05  # s
 FORCE = "desired force [N]"
 SLIDER_STEP = 0.5  # N
 DISTURBANCE = "disturbance [%]"
+HOME = "Send the mission home"
 
 
 def stop_button(meshcat: Meshcat) -> Callable[[], bool]:
@@ -91,6 +92,42 @@ class ForceSlider(LeafSystem):
                      largest: float | None = None, name: str = "force_slider") -> "ForceSlider":
         """Adds the system to `builder`."""
         system = ForceSlider(force, meshcat, largest)
+        builder.AddNamedSystem(name, system)
+        return system
+
+
+class HomeButton(LeafSystem):
+    """Says stop to a mission from when somebody has pressed a button.
+
+    .. pydrake_system::
+
+        name: HomeButton
+        output_ports:
+        - stop
+
+    - `stop` (1): 1 if the button was pressed, else 0.
+
+    It has no state: Meshcat counts.
+
+    Args:
+        meshcat: Where the button is.
+    """
+
+    def __init__(self, meshcat: Meshcat):
+        super().__init__()
+        self._meshcat = meshcat
+        meshcat.AddButton(HOME, "KeyH")
+        # Somebody presses it when they like: its value must not be cached.
+        self.DeclareVectorOutputPort("stop", 1, self._calc_stop, {self.time_ticket()})
+
+    def _calc_stop(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._meshcat.GetButtonClicks(HOME) > 0)])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, meshcat: Meshcat, *, name: str = "home_button"
+                     ) -> "HomeButton":
+        """Adds the system; its output goes to a mission's `stop`."""
+        system = HomeButton(meshcat)
         builder.AddNamedSystem(name, system)
         return system
 
