@@ -9,6 +9,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from uvms_drake.actuation import LaggedWrench
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.part import ON_TIME, VEHICLE_WRENCH, Signals
 from uvms_drake.station.scenario import load_scenario
 
@@ -48,9 +49,19 @@ def test_how_late_it_is_is_known_and_asked_for_ahead_or_not(model):
     assert LaggedWrench(foreseen=False).command_path(model).lateness == ON_TIME
 
 
+@pytest.mark.parametrize("wrench", [
+    np.array([3e5, -7.0, -2e4, 1e6, 0.0, -1e5]), np.full(6, np.nan)])
+def test_no_wrench_is_cut(model, wrench):
+    """What no limit stops is given whole, and what is no number does not become one."""
+    thrusters = LaggedWrench().true(model)
+    given = thrusters.forces_of(thrusters.commands_of(Allocation.to(thrusters).forces(wrench)))
+    np.testing.assert_array_equal(given, wrench)
+
+
 @pytest.mark.parametrize(("part", "message"), [
     (LaggedWrench(lag=None), r"^lag = None: must be a number"),
     (LaggedWrench(sag=1.0), r"^sag = 1\.0: must be 0"),
+    (LaggedWrench(error=np.full(1, 0.1)), r"^error = .*0\.1.*: must be 0"),
     (LaggedWrench(dead_time=0.012), r"^dead_time = 0\.012: must be a multiple of the period")])
 def test_a_value_without_a_meaning_is_refused(part, message):
     with pytest.raises(InvalidParameter, match=message):
@@ -63,7 +74,7 @@ BINARY = "period: 0.00390625"
 @pytest.mark.parametrize(("part", "law", "counted"), [
     (f"{BINARY}, foreseen: false", [], True),
     (f"{BINARY}, foreseen: false, dead_time: 0.0078125", [], True),
-    (BINARY, [], False), (f"{BINARY}, foreseen: false, error: [0.1]", [], False),
+    (BINARY, [], False),
     ("period: 0.007, foreseen: false", [], False),
     (f"{BINARY}, foreseen: false", ["ancillary.vehicle.observer=1.0"], False),
     (f"{BINARY}, foreseen: false", ["ancillary.undriven=[roll]"], False)])

@@ -8,11 +8,8 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import require
 from uvms_drake.model.part import CommandPath
 from uvms_drake.model.thruster_data import AXES
-from uvms_drake.model.thrusters import ThrustCurve, ThrusterModel
+from uvms_drake.model.thrusters import ThrusterModel, Unlimited
 from uvms_drake.model.uvms_model import UvmsModel
-
-MOST = 1e4
-"""What an axis gives at most [N, N m]: far more than any robot here asks for."""
 
 
 @dataclass
@@ -36,6 +33,7 @@ class LaggedWrench(Thrusters):
         for key in ("lag", "dead_time"):
             require(getattr(self, key) is not None, key, None, "a number")
         require(self.sag == 0.0, "sag", self.sag, "0: there is no voltage")
+        require(not np.any(self.error), "error", self.error, "0: it gives what is asked for")
         super().check()
 
     def assumption(self) -> str:
@@ -48,8 +46,7 @@ class LaggedWrench(Thrusters):
 
     def _at(self, model: UvmsModel, sag: float) -> ThrusterModel:
         size = len(AXES)
-        straight = ThrustCurve(np.array([-MOST, MOST]), np.array([-MOST, MOST]))
         assert self.lag is not None and self.dead_time is not None  # or `check`
         return ThrusterModel(
-            AXES, np.eye(size), (straight,) * size, np.full(size, self.lag), np.zeros(size),
+            AXES, np.eye(size), (Unlimited(),) * size, np.full(size, self.lag), np.zeros(size),
             self.dead_time, 0.0, np.arange(size))

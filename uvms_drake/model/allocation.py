@@ -124,10 +124,13 @@ class Allocation:
         return self.thrusters.lower, self.thrusters.upper
 
     def forces(self, wrench: np.ndarray) -> np.ndarray:
-        """Returns the forces (m,) [N] for a wrench τ_v (6,) in axes of B about Bo [N, N m]."""
+        """Returns the forces (m,) [N] for a wrench τ_v (6,) in axes of B about Bo [N, N m].
+
+        They are NaN if it is.
+        """
         lower, upper = self._limits
         forces = self.matrix @ wrench + self.bias
-        if np.all((lower <= forces) & (forces <= upper)):
+        if not np.any((forces < lower) | (forces > upper)):
             return forces
         ridge = RIDGE / np.max(np.maximum(-lower, upper))
         A = np.vstack([self.weights[:, None] * self._B, ridge * np.eye(len(forces))])

@@ -1,6 +1,6 @@
 """Thrusters as functions of arrays: curves, their inverse, and the wrench that they give."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,11 @@ class ThrustCurve:
         zero = float(np.interp(0.0, self.force, self.command))
         return zero, zero
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Smallest and largest force [N]."""
+        return float(self.force[0]), float(self.force[-1])
+
     @cached_property
     def _inverse(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Forces and commands up to the dead band, and from it on."""
@@ -54,6 +59,27 @@ class ThrustCurve:
             return 0.5 * sum(self.dead_band)
         back, ahead = self._inverse
         return float(np.interp(force, *(ahead if force > 0.0 else back)))
+
+
+@dataclass(frozen=True)
+class Unlimited(ThrustCurve):
+    """The force is the command, however large: of the line, the table is two points."""
+
+    command: np.ndarray = field(default_factory=lambda: np.array([-1.0, 1.0]))
+    force: np.ndarray = field(default_factory=lambda: np.array([-1.0, 1.0]))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """∓∞."""
+        return -np.inf, np.inf
+
+    def force_of(self, command: float) -> float:
+        """Returns the command."""
+        return command
+
+    def command_of(self, force: float) -> float:
+        """Returns the force."""
+        return force
 
 
 def curve_at(kind: ThrusterKind, voltage: float | None) -> ThrustCurve:
@@ -129,12 +155,12 @@ class ThrusterModel:
     @property
     def lower(self) -> np.ndarray:
         """Least forces (m,) [N], zero or negative."""
-        return np.array([curve.force[0] for curve in self.curves])
+        return np.array([curve.ends[0] for curve in self.curves])
 
     @property
     def upper(self) -> np.ndarray:
         """Largest forces (m,) [N]."""
-        return np.array([curve.force[-1] for curve in self.curves])
+        return np.array([curve.ends[1] for curve in self.curves])
 
     def forces_of(self, commands: np.ndarray) -> np.ndarray:
         """Returns what the thrusters give in the long run (m,) [N] for commands (m,)."""
