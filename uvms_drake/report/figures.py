@@ -125,7 +125,7 @@ def draw_velocities(record: Record) -> Figure:
     limits, nominal = real_limits(record), nominal_limits(record)
     blocks = ((slice(0, 3), r"$\|\nu_1\|$ [m/s]", "nu1"),
               (slice(3, 6), r"$\|\nu_2\|$ [rad/s]", "nu2"),
-              (slice(6, None), r"$\|\dot{q}\|$ [rad/s]", "qdot"))
+              (slice(6, None), rf"$\|\dot{{q}}\|$ [{limits['qdot'].unit_of('qdot')}]", "qdot"))
     for axis, (block, label, key) in zip(axes, blocks, strict=True):
         real_and_nominal(axis, record.time, np.linalg.norm(record.zeta[:, block], axis=1),
                          np.linalg.norm(record.nominal_zeta[:, block], axis=1))
@@ -162,13 +162,13 @@ def draw_inputs(record: Record) -> Figure:
     rows = -(-len(names) // 2)
     figure, grid = panels(rows, 0.5 + 1.0 * rows, columns=2)
     axes = grid.T.ravel()
-    limits, tightened = record.scenario.limits.u, nominal_limits(record)["u"].upper
+    real, tightened = real_limits(record)["u"], nominal_limits(record)["u"].upper
     for i, (axis, name) in enumerate(zip(axes, names, strict=False)):
         real_and_nominal(axis, record.time, record.u[:, i], record.nominal_input[:, i])
         for sign in (-1.0, 1.0):
-            axis.axhline(sign * limits[i], **LIMIT)
+            axis.axhline(sign * real.upper[i], **LIMIT)
             axis.axhline(sign * tightened[i], **TIGHTENED)
-        axis.set_ylabel(f"{name}\n[{'m' if i < 3 else 'rad'}/s²]")
+        axis.set_ylabel(f"{name}\n[{real.unit_of(f'u_{name}')}]")
     if len(axes) > len(names):
         axes[-1].set_visible(False)
         axes[-2].set_xlabel("time [s]")

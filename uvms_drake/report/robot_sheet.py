@@ -16,6 +16,8 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 POSTURES = 2000
 """Random postures within the joints' limits that reach and dexterity are found from."""
+TURNING, SLIDING = ("rad", "kg m²", "N m s/rad"), ("m", "kg", "N s/m")
+"""Units of a joint's limits, inertia and damping."""
 STEEP = np.deg2rad(80.0)
 """Pitch of the tip that no task can be near to."""
 NO_FORCE = 1e-9
@@ -63,10 +65,9 @@ class RobotSheet:
     bodies: list[tuple[str, float, float, np.ndarray]]
     """Name, mass, mass of displaced water [kg], added mass in surge, sway and heave (3,) [kg]."""
     joints: list[tuple[str, float, float, float, float]]
-    """Name, limits [rad], inertia of the motor at the joint [kg m²], damping [N m s/rad]; of one
-    that slides in m, kg and N s/m."""
-    sliding: tuple[str, ...]
-    """Names of the joints that slide."""
+    """Name, limits, inertia of the motor at the joint, damping."""
+    units: list[tuple[str, str, str]]
+    """Those of a joint's limits, inertia and damping."""
     reach: np.ndarray
     """(2, 3): smallest and largest position of the tip in the vehicle's frame [m]."""
     tip: np.ndarray
@@ -96,7 +97,7 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
         name=name, posture=posture, trim=trim, inertia=np.diag(M), roll=roll, pitch=pitch,
         hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
         joints=_joints(uvms, model),
-        sliding=tuple(joint.name() for joint in uvms.joints if slides(joint)),
+        units=[SLIDING if slides(joint) else TURNING for joint in uvms.joints],
         reach=np.array([tips.min(axis=0), tips.max(axis=0)]),
         tip=at.chi, rows=tuple(row_names(model.num_joints)[i] for i in rows),
         dexterity=_dexterity(model, many, config, rows),
@@ -223,11 +224,16 @@ def _arm_lines(sheet: RobotSheet) -> list[str]:
         least, median, here = sheet.dexterity
         lines.append(f"dexterity   the joints hold {', '.join(sheet.rows)}: σ_min(J_sq) {here:.2g} "
                      f"here, {least:.2g} at worst, median {median:.2g}")
-    return [*lines, "", f"{'joint':<14}{'limits, rad':>17}{'M, kg m²':>11}{'motor in it':>13}"
-            f"{'damping, N m s/rad':>20}",
-            *(f"{name:<14}{f'{lower:.4g} .. {upper:.4g}':>17}{felt:>11.3g}{rotor:>13.3g}"
-              f"{damping:>20.3g}" for (name, lower, upper, rotor, damping), felt
-              in zip(sheet.joints, sheet.inertia[6:], strict=True))]
+    return [*lines, "", f"{'joint':<14}{'limits':>17}{'M':>15}{'motor in it':>18}{'damping':>9}",
+            *map(_joint_line, sheet.joints, sheet.inertia[6:], sheet.units)]
+
+
+def _joint_line(joint: tuple[str, float, float, float, float], inertia: float,
+                units: tuple[str, str, str]) -> str:
+    name, lower, upper, rotor, damping = joint
+    angle, mass, by_speed = units
+    return (f"{name:<14}{f'{lower:.4g} .. {upper:.4g}':>17} {angle:<3}{inertia:>11.3g} {mass:<6}"
+            f"{rotor:>11.3g}{damping:>9.3g} {by_speed}")
 
 
 def _body_lines(sheet: RobotSheet) -> list[str]:
@@ -242,8 +248,6 @@ def notes_of(sheet: RobotSheet) -> list[str]:
              for name, lower, upper, *_ in sheet.joints if not np.isfinite(lower + upper)]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
               for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]
-    notes += [f"joint {name} slides: its limits are in m, M and its motor in kg, damping in N s/m"
-              for name in sheet.sliding]
     if abs(sheet.tip[4]) > STEEP:
         notes.append("the tip's x points almost straight up or down in this posture, where its "
                      "Euler angles are singular")

@@ -38,4 +38,5 @@ def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:
 def limits_of(scenario: Scenario, model: ContactModel) -> dict[str, Limit]:
     """Returns the limits of the real robot by name; the model is the controller's."""
     return make_limits(scenario.limits, model.q_lower, model.q_upper, model.surface,
-                       accelerations=motion_of(scenario).has_forces, thrusters=model.thrusters)
+                       accelerations=motion_of(scenario).has_forces, thrusters=model.thrusters,
+                       slides=model.slides)

@@ -88,7 +88,8 @@ def posed_task(scenario: Scenario, model: ContactModel, *, accelerations: bool
     """Returns y_des (6+n,) and the limits that the tube leaves."""
     surface = model.surface
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,
-                                 accelerations=accelerations, thrusters=model.thrusters),
+                                 accelerations=accelerations, thrusters=model.thrusters,
+                                 slides=model.slides),
                      scenario.tube)
     task = scenario.task
     with within("task"):

@@ -247,3 +247,18 @@ def test_limits_are_checked_without_a_tube():
         with pytest.raises(InvalidParameter) as caught:
             check_limits(replace(LIMITS, **change), 2)
         assert caught.value.key == key
+
+
+@pytest.mark.parametrize(("slides", "length"), [
+    ([], []), ([False, True], ["q2"]), ([True, True], ["q1", "q2"])])
+def test_what_is_of_a_joint_that_slides_is_in_metres(slides, length):
+    limits = make_limits(LIMITS, Q_LOWER, Q_UPPER, PLANE, slides=slides)
+    for joint in ("q1", "q2"):
+        straight = joint in length
+        end = ("m", "m/s²", "N") if straight else ("rad", "rad/s²", "N m")
+        assert (limits["q"].unit_of(f"{joint}_min"), limits["u"].unit_of(f"u_{joint}"),
+                limits["tau"].unit_of(f"tau_{joint}")) == end
+        assert limits["q"].bars[int(joint[1]) - 1].endswith(f" {end[0]}")
+    assert limits["qdot"].unit_of("qdot") == ("rad/s", "rad/s, m/s", "m/s")[len(length)]
+    assert limits["u"].unit_of("u_sway") == "m/s²"
+    assert limits["tau"].unit_of("tau_yaw") == "N m"

@@ -1,7 +1,8 @@
 """Limits on the acceleration command 𝔲 and on the forces τ = M(𝔮)𝔲, channel by channel."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -27,6 +28,8 @@ class InputLimit(Limit):
 
     bound: np.ndarray
     """Largest size of each entry (6+n,)."""
+    slides: Sequence[bool] = field(default=(), kw_only=True)
+    """Whether a joint is prismatic (n,); none is, if left out."""
 
     @abstractmethod
     def by_force(self, at: Points) -> np.ndarray:
@@ -48,7 +51,9 @@ class InputLimit(Limit):
 
     def unit_of(self, signal: str) -> str:
         """Returns the unit of straight motion or of turning."""
-        return self.units[0 if signal.rsplit("_", 1)[1] in input_names(0)[:3] else 1]
+        channels = input_names(len(self.slides))
+        straight = dict(zip(channels, [*[True] * 3, *[False] * 3, *self.slides], strict=True))
+        return self.units[0 if straight.get(signal.rsplit("_", 1)[1]) else 1]
 
 
 @dataclass

@@ -1,5 +1,6 @@
 """Limits on the joint angles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -24,6 +25,8 @@ class Joints(Limit):
     """Smallest joint angles (n,) [rad]."""
     q_upper: np.ndarray
     """Largest joint angles (n,) [rad]."""
+    slides: Sequence[bool] = ()
+    """Whether a joint is prismatic, its coordinate a length [m] (n,); none is, if left out."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns q."""
@@ -56,14 +59,17 @@ class Joints(Limit):
         return [f"q{i + 1}" for i in range(len(self.q_lower))]
 
     def unit_of(self, signal: str) -> str:
-        """Returns rad."""
-        return "rad"
+        """Returns rad, or m of a joint that slides."""
+        return self._unit(signal.rsplit("_", 1)[0])
 
     @property
     def bars(self) -> list[str]:
         """The joints and their limits."""
-        return [f"{label.translate(SUBSCRIPTS)}  {lower:.2g} … {upper:.2g} rad"
+        return [f"{label.translate(SUBSCRIPTS)}  {lower:.2g} … {upper:.2g} {self._unit(label)}"
                 for label, lower, upper in zip(self.labels, self.lower, self.upper, strict=True)]
+
+    def _unit(self, label: str) -> str:
+        return "m" if dict(zip(self.labels, self.slides, strict=False)).get(label) else "rad"
 
     def complaint(self, at: Points) -> str:
         """Returns the range that the joints would have to be in."""

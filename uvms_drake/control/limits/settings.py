@@ -1,5 +1,6 @@
 """The settings of the limits, the limits made of them, and those tightened by a tube."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,8 +83,8 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
 
 
 def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: Surface,
-                *, accelerations: bool = True, thrusters: ThrusterParameters | None = None
-                ) -> dict[str, Limit]:
+                *, accelerations: bool = True, thrusters: ThrusterParameters | None = None,
+                slides: Sequence[bool] = ()) -> dict[str, Limit]:
     """Returns the limits of the real robot by name.
 
     Args:
@@ -93,21 +94,22 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         surface: Surface that is pressed.
         accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
         thrusters: The robot's, if they are known.
+        slides: Whether a joint is prismatic (n,), for the units; none is, if left out.
 
     Raises:
         InvalidParameter: A parameter has no meaning.
     """
     check_limits(settings, len(q_lower), accelerations=accelerations)
     limits: list[Limit] = [
-        *(Speed(name, getattr(settings, name)) for name in ("nu1", "nu2", "qdot")),
+        *(Speed(name, getattr(settings, name), slides) for name in ("nu1", "nu2", "qdot")),
         *(VehicleAngle(name, getattr(settings, name)) for name in ("roll", "pitch")),
-        TipPitch(settings.tip_pitch), Joints(*joint_limits(settings, q_lower, q_upper))]
+        TipPitch(settings.tip_pitch), Joints(*joint_limits(settings, q_lower, q_upper), slides)]
     if settings.static_force is not None:
         limits.append(StaticForce(settings.static_force, surface))
     if accelerations:
-        limits.append(Accelerations(np.asarray(settings.u, dtype=float)))
+        limits.append(Accelerations(np.asarray(settings.u, dtype=float), slides=slides))
         if settings.tau is not None:
-            limits.append(Forces(np.asarray(settings.tau, dtype=float)))
+            limits.append(Forces(np.asarray(settings.tau, dtype=float), slides=slides))
         if settings.thrusters is not None:
             with within("limits"):
                 limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))

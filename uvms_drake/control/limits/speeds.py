@@ -1,5 +1,6 @@
 """Limits on the speeds of the vehicle and of the joints: norms of blocks of ζ."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,7 +26,9 @@ class Speed(AbsoluteLimit):
     name: str
     """Name of the speed: `nu1`, `nu2` or `qdot`."""
     bound: float
-    """Largest norm; of ν₁ [m/s], else [rad/s]."""
+    """Largest norm; of ν₁ [m/s], of joints that slide [m/s], else [rad/s]."""
+    slides: Sequence[bool] = ()
+    """Whether a joint is prismatic (n,); none is, if left out."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns the norm."""
@@ -46,9 +49,11 @@ class Speed(AbsoluteLimit):
 
     def unit_of(self, signal: str) -> str:
         """Returns that of the block."""
+        if self.name == "qdot" and any(self.slides):
+            return "m/s" if all(self.slides) else "rad/s, m/s"
         return BLOCKS[self.name][2]
 
     @property
     def bars(self) -> list[str]:
         """The speed and its limit."""
-        return [f"{BLOCKS[self.name][1]}  ≤ {self.upper[0]:.3g} {BLOCKS[self.name][2]}"]
+        return [f"{BLOCKS[self.name][1]}  ≤ {self.upper[0]:.3g} {self.unit_of(self.name)}"]
