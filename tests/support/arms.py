@@ -22,7 +22,7 @@ LINK = """
           <ixy>0</ixy> <ixz>0</ixz> <iyz>0</iyz> </inertia>
       </inertial>
     </link>
-    <joint name="joint{i}" type="revolute">
+    <joint name="joint{i}" type="{kind}">
       <parent>{before}</parent> <child>link{i}</child>
       <axis>
         <xyz>{axis}</xyz>
@@ -35,8 +35,11 @@ LINK = """
 """
 
 
-def write_arm(folder: Path, n: int) -> Path:
-    """Returns the folder of a box with n equal links, whose joints pitch and yaw in turn."""
+def write_arm(folder: Path, n: int, *, telescope: bool = False) -> Path:
+    """Returns the folder of a box with n equal links, whose joints pitch and yaw in turn.
+
+    The last one of a telescope slides along itself instead.
+    """
     robot, source = folder / f"arm{n}", model_dir(TEMPLATE)
     robot.mkdir(parents=True)
     text = (source / f"{TEMPLATE}.sdf").read_text(encoding="utf-8")
@@ -46,7 +49,9 @@ def write_arm(folder: Path, n: int) -> Path:
     links = [LINK.format(
         i=i, before="vehicle" if i == 1 else f"link{i - 1}", x=x if i == 1 else size,
         z=z if i == 1 else 0.0, middle=0.5 * size, mass=mass, ixx=mass * 0.03**2 / 2.0,
-        iyy=mass * (size**2 / 12.0 + 0.03**2 / 4.0), axis="0 1 0" if i % 2 else "0 0 1")
+        iyy=mass * (size**2 / 12.0 + 0.03**2 / 4.0),
+        kind="prismatic" if telescope and i == n else "revolute",
+        axis="1 0 0" if telescope and i == n else "0 1 0" if i % 2 else "0 0 1")
         for i in range(1, n + 1)]
     head, tip = text.split('<link name="upper_arm">')[0], f"""
     <frame name="tip" attached_to="link{n}"> <pose>{size} 0 0 0 0 0</pose> </frame>
@@ -69,9 +74,9 @@ def write_arm(folder: Path, n: int) -> Path:
     return robot
 
 
-def write_press(folder: Path, n: int) -> Path:
+def write_press(folder: Path, n: int, *, telescope: bool = False) -> Path:
     """Returns the scenario file in which such a robot presses 10 N on a wall, the arm bent."""
-    write_arm(folder, n)
+    write_arm(folder, n, telescope=telescope)
     posture = np.zeros(n)
     posture[0], posture[2 * ((n - 1) // 2)] = -0.6, 0.6
     reach = LENGTH / n * (np.sum(np.cos(np.cumsum(posture[::2])).repeat(2)[:n]))
