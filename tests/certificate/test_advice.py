@@ -21,7 +21,7 @@ from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario import load_scenario
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import BEYOND, Condition
 
 IDEAL = "girona500_ideal"
 STEPS = 5
@@ -98,6 +98,15 @@ def test_a_value_stands_before_the_advice_in_words():
                               inputs="", versions={}, conditions=(failed,))
     assert verdict(certificate).endswith(
         "; what would help: --set mpc.horizon=12, or a longer horizon or a closer start")
+
+
+def test_what_the_vehicle_would_need_is_no_help_but_why():
+    failed = Condition("late actuators, part of errors", 4.5, "<", 1.0, f"{BEYOND}it is late")
+    certificate = Certificate(scenario="s", law="tip-first", k=1.0, sigma=1.0, d_bound=0.1,
+                              files={}, inputs="", versions={}, conditions=(failed,))
+    assert verdict(certificate).endswith(
+        "by 3.5; not with this vehicle, because it is late; or faster clocks, a shorter lag or "
+        "dead time, or slower limits")
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Tests of `uvms_drake.tube.tip_first` and of the image that it uses."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.tube.actuators import Actuators, Path
+from uvms_drake.tube.conditions import BEYOND
 from uvms_drake.tube.constants import Constant
 from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.late_rows import ARM, LOADS, PLAN, TURNING, WRENCH
@@ -290,4 +292,13 @@ def test_a_loop_that_is_not_stable_is_void_and_so_are_loads_that_come_back(free,
     slow = late(free, monkeypatch, Path(0.02, 0.05, 0.15), Path(0.02, 0.01))
     (failed,) = [item for item in slow.conditions if not item.holds]
     assert failed.name.startswith("late actuators, part of errors that comes back")
+    # What the vehicle would need is no more than enough.
+    assert failed.advice.startswith(BEYOND)
+    part = 1.0 / int(re.search(r" 1/(\d+) of all", failed.advice).group(1))
+    for share, enough in ((part, True), (2.0 * part, False)):
+        paths = [Path(share * 0.02, share * dead_time, share * lag)
+                 for dead_time, lag in ((0.05, 0.15), (0.01, 0.0))]
+        loads = late(free, monkeypatch, *paths).conditions[-1]
+        assert loads.name == failed.name
+        assert loads.holds == enough
     assert slow.budget["vehicle"][PLAN] > 0.03

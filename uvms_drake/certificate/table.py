@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.conditions import BEYOND, Condition
 from uvms_drake.tube.constants import Constant
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
@@ -134,6 +134,8 @@ def _what(condition: Condition) -> str:
 
 def _help(condition: Condition) -> str:
     known = [advice for beginning, advice in HELP.items() if condition.name.startswith(beginning)]
+    if condition.advice.startswith(BEYOND):
+        return f"; {condition.advice}; or {', or '.join(known[:1])}"
     found = [condition.advice] * bool(condition.advice) + known[:1]
     return f"; what would help: {', or '.join(found)}" if found else ""
 

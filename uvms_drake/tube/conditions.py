@@ -12,6 +12,8 @@ from typing import Literal, NamedTuple
 from uvms_drake.common.errors import require
 
 Relation = Literal["<", "<=", ">", ">="]
+BEYOND = "not with this vehicle, because "
+"""How an advice begins where no key helps: why, and what the vehicle would need."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,8 @@ class Condition:
     relation: Relation
     right: float
     advice: str = ""
-    """What to add to the command line, `--set key=value`, if it is not met and a value is known."""
+    """What to add to the command line, `--set key=value`, if it is not met and a value is known; or
+    what begins with `BEYOND`."""
 
     @property
     def holds(self) -> bool:

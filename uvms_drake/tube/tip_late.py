@@ -4,12 +4,13 @@ See the last part of `tube.tip_first`.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, astuple, replace
 
 import numpy as np
 
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.actuators import Actuators, Path
+from uvms_drake.tube.conditions import BEYOND, Condition
 from uvms_drake.tube.estimate import Check
 from uvms_drake.tube.held_rows import HeldRows
 from uvms_drake.tube.late_loads import Plans, late_loads
@@ -21,6 +22,8 @@ from uvms_drake.tube.tip_pushes import ATTITUDE, DEPTH, JOINTS, TIP, VEHICLE, Pa
 
 MODEL = "the thrusters' model"
 """Source of what their model is off by."""
+HALVINGS = 6
+"""Times that all that is late is halved to find what would do."""
 
 
 class LateTube:
@@ -57,10 +60,9 @@ class LateTube:
                 float(slower[0]), float(slower[1]), float(slower[2]), basis.u_limit, rate), driven,
             basis.actuators.off, basis.settings)
         vehicle, tip = (replace(loop, observer=0.0) for loop in loops)
-        self._rows = LateRows(
-            basis.actuators, vehicle, tip, self._loads,
-            (contact.size, float(np.hypot(contact.rate, contact.aside_rate)),
-             float(np.hypot(contact.ripple, contact.aside_ripple))))
+        self._force = (contact.size, float(np.hypot(contact.rate, contact.aside_rate)),
+                       float(np.hypot(contact.ripple, contact.aside_ripple)))
+        self._rows = LateRows(basis.actuators, vehicle, tip, self._loads, self._force)
         wrong = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
         wrong = np.column_stack([wrong, 1.0 + wrong[:, 2]])  # ë as in `_loop`
         self._wrong = wrong * self._loads.by_thrusters[:, None]
@@ -68,16 +70,14 @@ class LateTube:
         self._feedback = np.repeat(
             [[loop.k * loop.sigma, loop.k + loop.sigma] for loop in loops], 2, axis=0)
 
-        def sums(z: np.ndarray) -> np.ndarray:
-            return np.sum(list(self._parts(z).values()), axis=0)
-
-        z, share = least_bounds(sums, (4, 4))
+        z, share = self._least_bounds(self._rows)
         self.condition = Condition(
-            "late actuators, part of errors that comes back by loads", share, "<", 1.0)
+            "late actuators, part of errors that comes back by loads", share, "<", 1.0,
+            "" if share < 1.0 else self._needed(basis.actuators, vehicle, tip))
         endless = not np.isfinite(z).all()
         if endless:  # What there is before anything comes back, at least.
             z = np.zeros((4, 4))
-        parts, into = self._parts(z), self._loads.into_joints[:, None]
+        parts, into = self._parts(z, self._rows), self._loads.into_joints[:, None]
         of: dict[str, Callable[[np.ndarray], np.ndarray]] = {
             VEHICLE: lambda part: part[0], ATTITUDE: lambda part: part[1],
             TIP: lambda part: part[2], DEPTH: lambda part: part[2],
@@ -87,6 +87,27 @@ class LateTube:
         self.beside = self._rows.beside(
             self._errors(z), float(sum(part[0] for part in self.table[JOINTS].values())),
             float(slower[2]))
+
+    def _least_bounds(self, rows: LateRows) -> tuple[np.ndarray, float]:
+        """Returns what is late of the rows (4, 4), and the part of errors that comes back."""
+        return least_bounds(
+            lambda z: np.sum(list(self._parts(z, rows).values()), axis=0), (4, 4))
+
+    def _needed(self, actuators: Actuators, *loops: RowLoop) -> str:
+        """Returns how late the commands may be, with these gains and loads."""
+        for halved in range(1, HALVINGS + 1):
+            paths = [Path(*(0.5**halved * time for time in astuple(path)))
+                     for path in (actuators.vehicle, actuators.joints)]
+            vehicle, tip = (replace(loop, **asdict(path))
+                            for loop, path in zip(loops, paths, strict=True))
+            rows = LateRows(replace(actuators, vehicle=paths[0], joints=paths[1]), vehicle, tip,
+                            self._loads, self._force)
+            if self._least_bounds(rows)[1] < 1.0:
+                wrench = paths[0]
+                return (f"{BEYOND}its wrench and torques are too late for these gains; "
+                        f"1/{2**halved} of all periods, dead times and lags would do: of the wrench"
+                        f" {wrench.period:.3g}, {wrench.dead_time:.3g} and {wrench.lag:.3g} s")
+        return ""
 
     def _errors(self, late: np.ndarray) -> Errors:
         """Returns the errors of which those by what is late are e, ė, w and ë of rows (4, 4)."""
@@ -98,9 +119,9 @@ class LateTube:
         return Errors(x[:, :2].T.ravel(), x[:, [1, 3]].T.ravel(), of_rows[:, 2], np.sum(
             of_rows[:, [1, 3]] * self._feedback, axis=1))
 
-    def _parts(self, late: np.ndarray) -> dict[str, np.ndarray]:
+    def _parts(self, late: np.ndarray, rows: LateRows) -> dict[str, np.ndarray]:
         """Returns bounds of e, ė, w and ë by source (4, 4), if those of what is late are these."""
-        return {MODEL: self._wrong} | self._rows.parts(self._errors(late))
+        return {MODEL: self._wrong} | rows.parts(self._errors(late))
 
 
 def held_rows(basis: Basis, rows: np.ndarray, loops: tuple[RowLoop, ...],

@@ -28,7 +28,7 @@ class InputLimit(Limit):
 
     bound: np.ndarray
     """Largest size of each entry (6+n,)."""
-    slides: Sequence[bool] = field(default=(), kw_only=True)
+    slides: Sequence[bool] | np.ndarray = field(default=(), kw_only=True)
     """Whether a joint is prismatic (n,); none is, if left out."""
 
     @abstractmethod

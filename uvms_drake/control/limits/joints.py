@@ -25,7 +25,7 @@ class Joints(Limit):
     """Smallest joint angles (n,) [rad]."""
     q_upper: np.ndarray
     """Largest joint angles (n,) [rad]."""
-    slides: Sequence[bool] = ()
+    slides: Sequence[bool] | np.ndarray = ()
     """Whether a joint is prismatic, its coordinate a length [m] (n,); none is, if left out."""
 
     def values(self, at: Points) -> np.ndarray:

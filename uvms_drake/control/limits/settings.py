@@ -84,7 +84,7 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
 
 def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surface: Surface,
                 *, accelerations: bool = True, thrusters: ThrusterParameters | None = None,
-                slides: Sequence[bool] = ()) -> dict[str, Limit]:
+                slides: Sequence[bool] | np.ndarray = ()) -> dict[str, Limit]:
     """Returns the limits of the real robot by name.
 
     Args:

@@ -27,7 +27,7 @@ class Speed(AbsoluteLimit):
     """Name of the speed: `nu1`, `nu2` or `qdot`."""
     bound: float
     """Largest norm; of ν₁ [m/s], of joints that slide [m/s], else [rad/s]."""
-    slides: Sequence[bool] = ()
+    slides: Sequence[bool] | np.ndarray = ()
     """Whether a joint is prismatic (n,); none is, if left out."""
 
     def values(self, at: Points) -> np.ndarray:
