@@ -156,6 +156,17 @@ def test_the_slides_have_a_table(run):
     assert run("slides.py", 0.1).split()[:4] == ["m", "mm/s", "N", "+-"]
 
 
+def test_a_drawn_mission_ends_and_presses_no_harder_than_it_may(run):
+    _, *lines = run("drawn_missions.py", 26.0).splitlines()
+    assert len(lines) == 2
+    for line in lines:
+        numbers, ended = re.fullmatch(r"(.*\d)  (\D+)", line).groups()
+        assert re.match("done|skipped in part|retreated", ended)
+        assert "Retreat" not in ended
+        largest, allowed = (float(number) for number in numbers.split()[-2:])
+        assert 5.0 < largest < allowed
+
+
 def test_a_mission_beside_the_station_presses_and_slides(run):
     *lines, last = run("inspection.py", 9.0).splitlines()
     rows = [line.split() for line in lines[1:]]

@@ -1,0 +1,81 @@
+"""Missions that are drawn: a wall, a place, a line, a current and, mostly, a fault.
+
+The vehicle is that of `jacket_inspection_real`, which is told what all walls are within: 10 degrees
+off a direction, 1000 N/m, a friction of 0.5. What is drawn is a plate, a leg or bumps of 5 mm, less
+than 10 degrees off, 150 to 990 N/m, a friction up to 0.45; one wall in ten is further ahead than
+the mission looks. Each is to end, with no more force along the direction than is allowed.
+"""
+
+import argparse
+
+import numpy as np
+
+import uvms_drake as uv
+from uvms_drake.report.mission import summarise_mission
+from uvms_drake.station.problem import load_model, true_surface
+from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.sensed import sensed_contact
+
+FAULTS = ("!LostForce {{start: {0}, duration: 2.0}}", "!FrozenForce {{start: {0}, duration: 2.0}}",
+          "!SaturatedForce {{start: {0}, duration: 2.0, largest: 6.0}}",
+          "!SolverFailure {{start: {0}, duration: 2.0}}", "!LostState {{start: {0}}}")
+"""What fails at a time [s], in the hold or in the slide if the wall is where it may be."""
+SHAPES = ("!Plane {{point: {0}, normal: {1}}}",
+          "!Cylinder {{point: {0}, normal: {1}, axis: {2}, radius: 0.6}}",
+          "!Bumpy {{point: {0}, normal: {1}, axis: {2}, amplitude: 0.0025, wavelength: 0.15}}")
+
+
+def drawn(number: int, duration: float) -> Scenario:
+    """Returns a mission of one spot."""
+    rng = np.random.default_rng([17, number])
+    lean, turn = rng.uniform(-0.08, 0.08, 2)
+    normal = np.array([-np.cos(lean) * np.cos(turn), np.sin(turn), np.sin(lean) * np.cos(turn)])
+    axis = np.cross(normal, [0.0, 1.0, 0.0])
+    base = uv.load_scenario("jacket_inspection_real")
+    start = np.asarray(base.start.eta) + np.append(rng.uniform(-0.05, 0.05, 3), np.zeros(3))
+    tip = load_model(base).task_pose(np.append(start, base.start.q))[:3]
+    at = (tip[[2, 1]] * [1.0, -1.0] + rng.uniform(-0.02, 0.02, 2)).tolist()
+    along = rng.uniform(0.03, 0.05) * np.array([np.cos(w := rng.uniform(0.0, 6.28)), np.sin(w)])
+    ahead = rng.choice([rng.uniform(0.07, 0.1), 0.3], p=[0.9, 0.1])
+    shape = SHAPES[rng.integers(len(SHAPES))].format(
+        (tip + [ahead, 0.0, 0.0]).tolist(), normal.tolist(),
+        (axis / np.linalg.norm(axis)).tolist())
+    fault = FAULTS[rng.integers(len(FAULTS))].format(rng.uniform(5.0, 13.0))
+    return uv.load_scenario("jacket_inspection_real", [
+        f"seed={number}", f"start.eta={start.tolist()}", f"surface.geometry={shape}",
+        f"surface.law.stiffness={np.exp(rng.uniform(*np.log([150.0, 990.0])))}",
+        f"surface.friction={rng.uniform(0.0, 0.45)}", "surface.creep=0.025",
+        "simulator.max_step_size=0.01", f"current={rng.uniform(-0.07, 0.07, 3).tolist()}",
+        f"faults=[{fault if rng.uniform() < 0.8 else ''}]", f"duration={duration}",
+        "mission.retries=0",
+        f"mission.steps=[!Approach {{at: {at}, within: 0.2, timeout: 12.0, settle: 0.5}}, "
+        "!Hold {seconds: 1.0, timeout: 3.0}, "
+        f"!Slide {{along: {along.tolist()}, timeout: 5.0}}, !Retreat {{timeout: 5.0}}]"])
+
+
+def main() -> None:
+    """Prints a line for each mission."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--missions", type=int, default=2, help="how many; each takes a minute")
+    parser.add_argument("--first", type=int, default=0, help="number of the first")
+    parser.add_argument("--duration", type=float, default=26.0, help="longest simulated time [s]")
+    arguments = parser.parse_args()
+    print(f"{'':>3}  {'surface':<10}{'N/m':>5}{'friction':>10}  {'fault':<16}{'at s':>5}"
+          f"{'largest N':>11}{'allowed':>9}  mission")
+    for number in range(arguments.first, arguments.first + arguments.missions):
+        scenario = drawn(number, arguments.duration)
+        record = uv.simulate(scenario)
+        mission, surface = summarise_mission(record), scenario.surface
+        fault = scenario.faults[0] if scenario.faults else None
+        most = np.max(true_surface(scenario).static_force(record.chi))
+        failed = [f"{row['kind']}: {row['ended']}" for row in mission["steps"]
+                  if row["ended"] != "done"]
+        print(f"{number:>3}  {type(surface.geometry).__name__:<10}{surface.law.stiffness:5.0f}"
+              f"{surface.friction:10.2f}  {type(fault).__name__ if fault else 'none':<16}"
+              f"{fault.start if fault else np.nan:5.1f}{most:11.2f}"
+              f"{sensed_contact(scenario).force:9.2f}  {'; '.join([mission['outcome'], *failed])}",
+              flush=True)
+
+
+if __name__ == "__main__":
+    main()
