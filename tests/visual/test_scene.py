@@ -18,8 +18,10 @@ from uvms_drake.report.replay import moment_of
 from uvms_drake.station.motions import make_ocp
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.setting import setting_of
+from uvms_drake.visual.bars import Bars
 from uvms_drake.visual.config import VisualConfig, check_visual
 from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, ForceSlider
+from uvms_drake.visual.hud import NEAR, Hud
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
 from uvms_drake.visual.props import PLAN, Mark
 from uvms_drake.visual.readout import Readout
@@ -54,6 +56,17 @@ def quiet_stage(given):
 @pytest.fixture
 def meshcat():
     return Meshcat(MeshcatParams(host="localhost"))
+
+
+@pytest.mark.parametrize("many", [12, 15, 20])
+def test_no_text_is_on_the_bars(meshcat, many):
+    """Time and the tube's caption, two lines of 0.055, are below the last row."""
+    hud = Hud(Stage(meshcat), np.array([0.0, -4.0, 0.0]), np.zeros(3), 1.0, ["limit"] * many, "")
+    lowest = min(packed_transform(meshcat, f"hud/limits/{i}")[2, 3] for i in range(many))
+    end = packed_transform(meshcat, "hud/limits")[2, 3] + lowest - 0.5 * Bars.LINE
+    assert end == pytest.approx(hud.below)
+    assert packed_transform(meshcat, "hud/time")[2, 3] + 0.5 * 0.085 < end
+    assert packed_transform(meshcat, hud.inset)[2, 3] / NEAR + 0.055 < end
 
 
 @pytest.fixture(scope="module")

@@ -25,10 +25,13 @@ class Bars:
     PITCH = 0.86  # of the columns
     LINE = 0.062  # from row to row
     LENGTH = 0.24  # of a limit that is used up
+    height: float
+    """Of the table, which ends that far below its origin."""
 
     def __init__(self, stage: Stage, path: str, names: Sequence[str]):
         self._stage = stage
         rows = -(-len(names) // self.COLUMNS)
+        self.height = rows * self.LINE
         used = -(-len(names) // rows) if rows else 0
         self._bars = [f"{path}/{i}" for i in range(len(names))]
         thick, middle = 0.55 * self.LINE, 0.5 * self.LENGTH

@@ -14,6 +14,8 @@ from uvms_drake.visual.textured import label
 NEAR = 0.5
 """Distance from the camera, as a fraction of that of the camera's target."""
 LONGEST = 999.0  # s
+TOP = 0.9
+"""Where the table of the limits begins, in the plane's measure."""
 
 
 class Hud:
@@ -29,6 +31,10 @@ class Hud:
 
     board: str = "hud/board"
     """Path of further numbers, in the plane and its measure."""
+    below: float
+    """Where the table of the limits ends, in that measure."""
+    inset: str
+    """Path of what is enlarged, in Meshcat's own axes; its text of two lines is at the origin."""
 
     def __init__(self, stage: Stage, camera: np.ndarray, target: np.ndarray, unit: float,
                  limits: Sequence[str], legend: str):
@@ -38,9 +44,11 @@ class Hud:
         X = RigidTransform(self.facing, self._origin).GetAsMatrix4()
         stage.meshcat.SetTransform("hud", X @ np.diag([*[self._scale] * 3, 1.0]))
         self._bars = Bars(stage, "hud/limits", limits)
-        stage.meshcat.SetTransform("hud/limits", frame_at([0.0, 0.0, 0.9]))
+        stage.meshcat.SetTransform("hud/limits", frame_at([0.0, 0.0, TOP]))
+        self.below = TOP - self._bars.height
+        self.inset = self.placed("inset", 1.22, self.below - 0.09)
         self._time = Readout(stage, "hud/time", "t = ", " s", LONGEST, 0.085)
-        stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, 0.52]))
+        stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, self.below - 0.13]))
         stage.meshcat.SetTransform(self.board, frame_at([0.93, 0.0, -0.42]))
         more = legend.count("\n") - 1  # lines than two
         stage.make("hud/legend", label(legend, 0.05), None,

@@ -137,8 +137,8 @@ class Scene:
                         self._legend(setting, level))
         name = "certified tube" if setting.certified else "declared tube"
         size = f"enlarged {self._enlarged:g}×" if self._enlarged != 1.0 else "to scale"
-        self._tube = DrawnTube(stage, f"{NED}/tube", self._hud.placed("inset", 1.22, 0.56), radius,
-                               self._enlarged, f"{name}\n{size}", 0.055 * unit, self._hud.facing)
+        self._tube = DrawnTube(stage, f"{NED}/tube", self._hud.inset, radius, self._enlarged,
+                               f"{name}\n{size}", 0.055 * unit, self._hud.facing)
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
                                   self._hud.facing) if setting.has_forces else None
         self._knowledge = DrawnKnowledge(

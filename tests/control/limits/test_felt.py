@@ -62,3 +62,17 @@ def test_the_cosine_changes_by_no_more_than_the_tube_takes_of_it(model):
     change = np.max(np.abs(values - others)[inside])
     taken = float(limit.tube_takes(TUBE)[0])
     assert 0.5 * taken < change <= taken
+
+
+def test_bars_say_what_they_show(points):
+    """Two of three speeds share one; of the angle it is the angle, not its cosine."""
+    speeds, tool = LIMITS
+    assert speeds.bars == ["tip speed along n  ≤ 0.1 m/s", "tip speed across n  ≤ 0.2 m/s"]
+    along, *across = np.abs(speeds.values(points)).T
+    np.testing.assert_allclose(speeds.bar_lengths(points).T,
+                               [along / 0.1, np.max(across, axis=0) / 0.2])
+    assert tool.bars == ["tool off n  ≤ 0.3 rad"]
+    turned = np.zeros(10)
+    turned[4] = 0.15 - np.arccos(DIRECTION[0])  # the axis of the tool, 0.15 rad off n
+    at = Points(points.model, turned, turned, turned)
+    assert tool.bar_lengths(at) == pytest.approx([0.5])

@@ -48,6 +48,17 @@ class ContactSpeed(Limit):
         """Returns m/s."""
         return "m/s"
 
+    @property
+    def bars(self) -> list[str]:
+        """The speed into the surface, and the larger one of the others."""
+        return [f"tip speed {way} n  ≤ {most:.3g} m/s"
+                for way, most in zip(("along", "across"), self.upper, strict=False)]
+
+    def bar_lengths(self, at: Points) -> np.ndarray:
+        """Returns that of n·𝔭̇ and the largest of the other two."""
+        along, *across = np.moveaxis(self.used(at), -1, 0)
+        return np.stack([along, np.maximum(*across)], axis=-1)
+
 
 @dataclass
 class ToolAngle(Limit):
@@ -87,9 +98,20 @@ class ToolAngle(Limit):
         """Returns nothing: it is a cosine."""
         return ""
 
+    @property
+    def bars(self) -> list[str]:
+        """The angle and its bound."""
+        return [f"tool off n  ≤ {_angle(self.lower)[0]:.3g} rad"]
+
+    def bar_lengths(self, at: Points) -> np.ndarray:
+        """Returns the part of the angle, not of its cosine."""
+        return _angle(self.values(at)) / _angle(self.lower)
+
     def complaint(self, at: Points) -> str:
         """Returns which angle would have to be within what."""
-        angle, most = (float(np.arccos(np.clip(each, -1.0, 1.0)))
-                       for each in (self.values(at)[0], self.lower[0]))
-        return (f"such that the tool's angle from the contact's direction, {angle:.3g}, is within "
-                f"{most:.3g}")
+        return ("such that the tool's angle from the contact's direction, "
+                f"{_angle(self.values(at))[0]:.3g}, is within {_angle(self.lower)[0]:.3g}")
+
+
+def _angle(cosine: np.ndarray) -> np.ndarray:
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -53,3 +53,9 @@ class TipBox(Limit):
     def labels(self) -> list[str]:
         """tip_x, tip_y, tip_z."""
         return [f"tip_{axis}" for axis in "xyz"]
+
+    @property
+    def bars(self) -> list[str]:
+        """The coordinates and their limits."""
+        return [f"tip {axis}  {lower:.2g} … {upper:.2g} m"
+                for axis, lower, upper in zip("xyz", self.lower, self.upper, strict=True)]
