@@ -46,7 +46,8 @@ class KinematicFeedback(LeafSystem):
         self._model, self._law = model, law
         self._configuration_port = self.DeclareVectorInputPort("configuration", model.size)
         self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
-        self.DeclareVectorOutputPort("zeta", model.size, self._calc_zeta)
+        self.DeclareVectorOutputPort(
+            "zeta", model.size, self._calc_zeta, {self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("lost", 1, self._calc_lost, {
             self.input_port_ticket(self._configuration_port.get_index())})
 

@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.common.wiring import added
 from uvms_drake.control.plan import Plan
 from uvms_drake.control.planner import (
     MPC_REPORT,
@@ -230,8 +231,4 @@ class NominalMpc(LeafSystem):
                      state: OutputPort | None = None, targets: Targets | None = None,
                      committed: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
         """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""
-        mpc = NominalMpc(solver, targets, committed)
-        builder.AddNamedSystem(name, mpc)
-        if state is not None:
-            builder.Connect(state, mpc.GetInputPort("state"))
-        return mpc
+        return added(builder, name, NominalMpc(solver, targets, committed), state=state)

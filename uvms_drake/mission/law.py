@@ -20,7 +20,8 @@ What fails goes to the Retreat of its spot, and the steps between are left out. 
 approach waits for a force that is lost: the controller stays off the wall as long.
 
 *Every mission ends.* A step lasts no longer than its time-out, and a spot is begun 1 + `retries`
-times at most: after `Mission.longest` all is over, whatever was felt or not. It is `DONE` if every
+times at most: after 1 + `retries` times the sum of all time-outs, and of one period of the clock a
+step, all is over, whatever was felt or not. It is `DONE` if every
 step is; else `RETREATED`, if it was stopped, went home or could not get back; else `SKIPPED`. At
 the end the targets are those of the last retreat: off the wall, no force.
 """

@@ -220,11 +220,6 @@ class Mission:
         _require_spots(self.steps)
         return replace(self, steps=[_checked(i, step) for i, step in enumerate(self.steps)])
 
-    @property
-    def longest(self) -> float:
-        """Time after which it is over in any case [s], but for one period of its clock a step."""
-        return (1 + self.retries) * sum(step.timeout for step in self.steps)
-
     def spot(self, i: int) -> tuple[int, int]:
         """Returns the indices of the approach and of the retreat of the spot of a step."""
         first = max(j for j in range(i + 1) if isinstance(self.steps[j], Approach))

@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.framework import State as ContextState
 
 from uvms_drake.common.errors import require, vector
+from uvms_drake.common.wiring import added
 from uvms_drake.mission.law import Measured, State, Targets, advance, begin, targets
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -135,8 +136,5 @@ class MissionControl(LeafSystem):
                      period: float = 0.05, name: str = "mission") -> "MissionControl":
         """Adds the mission and connects its inputs, but for `stop`; see the constructor."""
         system = MissionControl(mission, model, surface, origin, period=period)
-        builder.AddNamedSystem(name, system)
-        for port, source in (("state", state), ("felt_force", felt_force), ("touched", touched),
-                             ("force_lost", force_lost)):
-            builder.Connect(source, system.GetInputPort(port))
-        return system
+        return added(builder, name, system, state=state, felt_force=felt_force, touched=touched,
+                     force_lost=force_lost)

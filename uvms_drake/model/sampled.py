@@ -15,6 +15,8 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
+from uvms_drake.common.wiring import added
+
 SAME = 1e-6
 """Part of a period by which instants differ that are meant to be the same."""
 
@@ -129,7 +131,4 @@ class SampledVector(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, clocks: Sequence[Clock], *, vector: OutputPort,
                      name: str = "sampled_vector") -> "SampledVector":
         """Adds the system behind the port `vector`."""
-        system = SampledVector(vector.size(), clocks)
-        builder.AddNamedSystem(name, system)
-        builder.Connect(vector, system.get_input_port())
-        return system
+        return added(builder, name, SampledVector(vector.size(), clocks), vector=vector)

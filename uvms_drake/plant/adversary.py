@@ -251,7 +251,8 @@ class TaskAdversary(LeafSystem):
         self._bound = bound
         self._direction = unit_vector(np.asarray(direction), 6)
         self._e_port = self.DeclareVectorInputPort("e", 6)
-        self.DeclareVectorOutputPort("disturbance", 6, self._calc_disturbance)
+        self.DeclareVectorOutputPort(
+            "disturbance", 6, self._calc_disturbance, {self._e_port.ticket()})
 
     def _calc_disturbance(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._bound * toward(self._e_port.Eval(context), self._direction))

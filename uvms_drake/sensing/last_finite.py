@@ -46,7 +46,8 @@ class LastFinite(LeafSystem):
         self._let_go_port = self.DeclareVectorInputPort("let_go", 1)
         self.DeclareDiscreteState(np.full(size, np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._remember)
-        self.DeclareVectorOutputPort("finite", size, self._calc)
+        self.DeclareVectorOutputPort(
+            "finite", size, self._calc, {self.xd_ticket(), self.all_input_ports_ticket()})
 
     def _remember(self, context: Context, state: DiscreteValues) -> None:
         measured = self._port.Eval(context)

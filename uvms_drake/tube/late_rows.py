@@ -56,7 +56,6 @@ from uvms_drake.tube.row_loop import RowLoop
 PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM = (
     "the plan, late", "loads off the plan, late", "the thrusters, off the plan",
     "what turns meanwhile", "the contact, late", "the arm, late")
-SOURCES = (PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM)
 """Sources of the rows' errors by actuators that are late."""
 
 

@@ -117,7 +117,7 @@ class HomeButton(LeafSystem):
         super().__init__()
         self._meshcat = meshcat
         meshcat.AddButton(HOME, "KeyH")
-        # Somebody presses it when they like: its value must not be cached.
+        # Somebody presses it when they like: what was read counts for one instant only.
         self.DeclareVectorOutputPort("stop", 1, self._calc_stop, {self.time_ticket()})
 
     def _calc_stop(self, context: Context, output: BasicVector) -> None:

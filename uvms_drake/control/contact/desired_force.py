@@ -37,8 +37,9 @@ class DesiredForce(LeafSystem):
         require(0.0 <= default <= largest, "default", default, f"from 0 to {largest:g} N")
         self._default, self._largest = default, largest
         self._port = self.DeclareVectorInputPort("desired_force", 6)
-        self.DeclareVectorOutputPort("accepted_force", 6, self._calc_force)
-        self.DeclareVectorOutputPort("along", 1, self._calc_along)
+        asked = {self._port.ticket()}
+        self.DeclareVectorOutputPort("accepted_force", 6, self._calc_force, asked)
+        self.DeclareVectorOutputPort("along", 1, self._calc_along, asked)
 
     def _along(self, context: Context) -> float:
         if not self._port.HasValue(context):

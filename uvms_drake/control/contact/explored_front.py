@@ -83,6 +83,8 @@ class ExploredFront(LeafSystem):
         for part in nothing(sensing):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
+        # The inputs count until there is a reading.
+        known = {self.xd_ticket(), self.all_input_ports_ticket()}
         for name, size, calc in (
             ("safe_depth", 1, lambda now: safe_depth(surface, now.apex, now.past[-6:-3], margin)),
             ("front", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
@@ -95,7 +97,7 @@ class ExploredFront(LeafSystem):
                 Belief.of(now.belief), surface, now.past[-6:-3])),
             ("force_lost", 1, lambda now: now.missing >= sensing.patience),
         ):
-            self.DeclareVectorOutputPort(name, size, self._calc(calc))
+            self.DeclareVectorOutputPort(name, size, self._calc(calc), known)
 
     def _calc(self, of: Callable[[Felt], np.ndarray]) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))

@@ -168,7 +168,7 @@ class PressTarget(LeafSystem):
         self._ports = {name: self.DeclareVectorInputPort(name, size) for name, size in (
             ("reading", 4), ("touched", 1), ("slope", 1), ("tilt", 3), ("contact_depth", 1),
             ("safe_depth", 1), ("force_lost", 1))}
-        self.DeclareVectorOutputPort("target", 3, self._calc)
+        self.DeclareVectorOutputPort("target", 3, self._calc, {self.all_input_ports_ticket()})
 
     def _depth(self, context: Context, line: np.ndarray) -> np.ndarray:
         felt = {name: port.Eval(context) for name, port in self._ports.items()}
