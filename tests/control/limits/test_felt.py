@@ -67,7 +67,7 @@ def test_the_cosine_changes_by_no_more_than_the_tube_takes_of_it(model):
 def test_bars_say_what_they_show(points):
     """Two of three speeds share one; of the angle it is the angle, not its cosine."""
     speeds, tool = LIMITS
-    assert speeds.bars == ["tip speed along n  ≤ 0.1 m/s", "tip speed across n  ≤ 0.2 m/s"]
+    assert speeds.bars == ["tip along n  ≤ 0.1 m/s", "tip across n  ≤ 0.2 m/s"]
     along, *across = np.abs(speeds.values(points)).T
     np.testing.assert_allclose(speeds.bar_lengths(points).T,
                                [along / 0.1, np.max(across, axis=0) / 0.2])

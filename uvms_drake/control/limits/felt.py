@@ -51,7 +51,7 @@ class ContactSpeed(Limit):
     @property
     def bars(self) -> list[str]:
         """The speed into the surface, and the larger one of the others."""
-        return [f"tip speed {way} n  ≤ {most:.3g} m/s"
+        return [f"tip {way} n  ≤ {most:.3g} m/s"
                 for way, most in zip(("along", "across"), self.upper, strict=False)]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
