@@ -19,7 +19,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
 SENSING = ForceSensing(force_max=45.0, noise=1.0, period=0.1)
 MARGIN = 1e-3
-PLACE = np.array([0.3, -5.0, 0.4])
+PLACE = np.array([0.03, -5.0, 0.02])
 OUTPUTS = ("safe_depth", "apex", "touched", "reading", "slope", "contact_depth", "force_lost")
 
 
@@ -81,7 +81,7 @@ def test_it_finds_where_the_wall_is_and_how_steep():
     assert 1000.0 <= slope <= 1300.0
     assert begins == pytest.approx(0.01, abs=3e-3)
     assert values(simulator, target, "target")[0] == pytest.approx(
-        [0.3, x + (20.0 - load) / slope, 0.4])
+        [0.03, x + (20.0 - load) / slope, 0.02])
 
 
 def test_before_the_first_update_it_knows_what_it_sees():
@@ -92,6 +92,9 @@ def test_before_the_first_update_it_knows_what_it_sees():
     assert (touched, *reading, slope, lost) == (*np.zeros(5), 2000.0, 0.0)
     assert np.isnan(begins)
     assert values(simulator, target, "target")[0][1] == pytest.approx(safe + AHEAD)
+    target.GetInputPort("place").FixValue(
+        target.GetMyMutableContextFromRoot(simulator.get_mutable_context()), [0.03, 7.0, 0.05])
+    np.testing.assert_allclose(values(simulator, target, "target")[0], [0.03, 0.0, 0.05])
     np.testing.assert_array_equal(
         front.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(2).value(),
         NOTHING.state)
@@ -121,7 +124,7 @@ def test_a_reading_that_is_none_teaches_nothing():
             np.testing.assert_array_equal(one, two)
     begins, (_, x, _, _) = values(simulator, front, "contact_depth", "reading")
     assert np.isnan(begins)
-    np.testing.assert_allclose(values(simulator, target, "target")[0], [0.3, x - 0.05, 0.4])
+    np.testing.assert_allclose(values(simulator, target, "target")[0], [0.03, x - 0.05, 0.02])
     simulator.AdvanceTo(4.05)
     assert values(simulator, front, "reading")[0] == pytest.approx([0.0, 0.02, 0.0, 10.0])
     assert values(simulator, front, "force_lost")[0] == 0.0
@@ -134,7 +137,7 @@ def test_where_it_presses_can_be_said_while_it_runs():
     context = target.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     depth = values(simulator, target, "target")[0][1]
     for place, expected in (([1.0, 7.0, 2.0], [1.0, depth, 2.0]),
-                            ([np.nan] * 3, [0.3, depth, 0.4])):
+                            ([np.nan] * 3, [0.03, depth, 0.02])):
         target.GetInputPort("place").FixValue(context, place)
         np.testing.assert_allclose(values(simulator, target, "target")[0], expected)
 

@@ -70,6 +70,14 @@ def test_it_searches_beyond_the_front_until_there_is_a_wall():
     assert target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, NOWHERE, 0.25, 1.0) == 1.25
 
 
+def test_beside_its_place_it_searches_no_deeper():
+    """Where it has felt a wall, it presses as it would anywhere."""
+    for aside, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 1.25), (0.06, 0.5, 0.51)):
+        found = target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, 1.0,
+                             aside=aside)
+        assert found == pytest.approx(expected)
+
+
 def test_it_comes_back_to_a_wall_that_it_has_left_and_follows_one_that_yields():
     for x, expected in ((0.3, 0.51), (0.505, 0.515)):
         found = target_depth(20.0, np.array([x, 0.3]), False, 2000.0, 0.5, 0.6, 1.0)

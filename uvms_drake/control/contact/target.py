@@ -45,9 +45,10 @@ grows, and after n + 1 steps all are at most 1 − α(1 − r) times the largest
 limits of speed and front let it. If it is lost, the law goes on with no force from where the wall
 should begin, or from where the tip is, if that is further: it comes back to a wall it has left, and
 follows one that yields. A wall that should be felt there and is not is forgotten
-(`slope.with_reading`), and the search begins again. It aims `AHEAD` of the front and no further: to
-move across n uses up α of the front for each metre, so a tip whose target is r away stops αr beside
-its place, and once it touches is dragged there along the wall.
+(`slope.with_reading`), and the search begins again. It goes no deeper while the tip is `ASIDE` of
+its place or further: where a tip touches, it is dragged along the wall from there on, slowly and
+against the friction. It aims `AHEAD` of the front and no further: to move across n uses up α of the
+front for each metre, so a tip whose target is r away stops αr beside its place.
 
 *Off the wall.* Whoever asks for it may say how deep to steer at most: to search no further, to go
 back, to move along without a touch. The target is in no limit of the plan, so neither is that.
@@ -79,11 +80,14 @@ from uvms_drake.control.contact.explored_front import ExploredFront
 
 AHEAD = 0.1
 """How far beyond the front the search aims [m]."""
+ASIDE = 0.05
+"""How far from its place, across n, the tip goes no deeper in search of the wall [m]."""
 
 
 def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, slope: np.ndarray,
                  contact_depth: np.ndarray, safe_depth: np.ndarray, ahead: float,
-                 step: float = np.inf, beside: np.ndarray | float = 0.0) -> np.ndarray:
+                 step: float = np.inf, beside: np.ndarray | float = 0.0,
+                 aside: np.ndarray | float = 0.0) -> np.ndarray:
     """Returns the depth to steer for [m]; see the module. Of one wall, or of arrays of them.
 
     Args:
@@ -96,11 +100,13 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
         ahead: How far beyond the front the search aims [m].
         step: Largest step in contact [m].
         beside: −𝔱·(𝔲 − 𝔭), how much deeper the wall is at the place than at the tip [m].
+        aside: How far the tip is from the place, across n [m].
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
     pressing = depth + np.clip((desired - force) / slope, -step, step) + beside
-    return np.where(np.isnan(pressing), safe_depth + ahead, pressing)
+    search = np.where(aside < ASIDE, safe_depth + ahead, reading[0])
+    return np.where(np.isnan(pressing), search, pressing)
 
 
 def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray, clearance: float) -> np.ndarray:
@@ -173,12 +179,14 @@ class PressTarget(LeafSystem):
     def _depth(self, context: Context, line: np.ndarray) -> np.ndarray:
         felt = {name: port.Eval(context) for name, port in self._ports.items()}
         (*tip, force), tilt = felt.pop("reading"), felt.pop("tilt")
-        reading, (lost,) = np.array([self._direction @ tip, force]), felt.pop("force_lost")
+        depth, (lost,) = self._direction @ tip, felt.pop("force_lost")
+        reading, off = np.array([depth, force]), tip - depth * self._direction - line
         if lost:
             depth = retreat_depth(reading, felt["contact_depth"], self._clearance)
         else:
             depth = target_depth(self._desired_port.Eval(context), reading, **felt,
-                                 ahead=self._ahead, step=self._step, beside=tilt @ (tip - line))
+                                 ahead=self._ahead, step=self._step, beside=tilt @ (tip - line),
+                                 aside=np.linalg.norm(off))
         if self._deepest_port.HasValue(context):
             depth = np.minimum(depth, self._deepest_port.Eval(context))
         return depth
