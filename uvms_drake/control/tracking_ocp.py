@@ -10,6 +10,9 @@ position rows of y = (𝔭, 𝔬, q), a plan has an artificial translation a ∈
          N·𝔭 ≤ x_N for all facets N, at all times                             (see `limits.front`)
          ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
+The bound on the tip's velocity, along n and across it, is none of these: it is `contact_speed`, a
+limit of the real robot that the tube tightens as any other.
+
 The x_N and the target, the `Aim`, may be others at every sample; the facets are n alone, or the
 sides of a pyramid whose apex may move (`contact.front`), which is why the x_N may fall where no
 plan goes. r_x is such that in F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at most
