@@ -186,7 +186,7 @@ class PressTarget(LeafSystem):
         else:
             depth = target_depth(self._desired_port.Eval(context), reading, **felt,
                                  ahead=self._ahead, step=self._step, beside=tilt @ (tip - line),
-                                 aside=np.linalg.norm(off))
+                                 aside=float(np.linalg.norm(off)))
         if self._deepest_port.HasValue(context):
             depth = np.minimum(depth, self._deepest_port.Eval(context))
         return depth
