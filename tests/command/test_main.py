@@ -143,6 +143,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["bluerov2_contact", "dynamic", "resolved"],
         ["bluerov2_cp_probe", "dynamic", "resolved"],
         ["bluerov2_ideal", "dynamic", "resolved"],
+        ["bluerov2_real_loop", "dynamic", "tip-first"],
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
         ["girona500_felt_floor", "dynamic", "resolved"],

@@ -1,4 +1,4 @@
-"""The shipped scenario of a vehicle as it is: thrusters, a clock, a navigation, a wrong model."""
+"""The shipped scenarios of vehicles as they are: thrusters, clocks, navigation, wrong models."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,10 @@ from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 
-def test_it_says_what_no_proof_covers():
+@pytest.mark.parametrize("name", ["bluerov2_real_loop", "girona500_real_loop"])
+def test_it_says_what_no_proof_covers(name):
     given_up = [item.name.split(",")[0] for item in assumptions(
-        load_scenario("girona500_real_loop")) if not item.holds]
+        load_scenario(name)) if not item.holds]
     assert given_up == ["current", "model_error", "sensing[1]", "actuation[0]", "actuation[1]"]
 
 
