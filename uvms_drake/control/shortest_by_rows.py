@@ -26,11 +26,11 @@ from uvms_drake.control.shortest import Form, Shortest, linear_rows
 from uvms_drake.control.staged_program import StagedProgram
 from uvms_drake.control.working_set import KEPT, WorkingSet
 
-ROUNDS = 30
+ROUNDS = 12
 """Largest number of times that rows are added."""
 DUAL = 1e-6
 """Part by which ‖μ‖ may be larger, of what is rounded."""
-AT_THE_END = 0.01
+AT_THE_END = 1e-3
 """‖value‖ of a plan, where 1 is the edge of an ordinary terminal set, up to which the next one is
 taken to end at the tip too; where not, the search for r would mostly be in vain."""
 SMALLEST = 1e-12
