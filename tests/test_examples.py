@@ -17,16 +17,16 @@ README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capsys) -> Callable[[str, float], str]:
-    """Runs an example for so long [s] in an empty folder, and returns what it prints.
+def run(tmp_path, monkeypatch, capsys) -> Callable[..., str]:
+    """Runs an example for so long [s], with these options, in an empty folder; returns its text.
 
     It is run in this process, which has loaded Drake, and certifies by fewer searches: what the
     examples print of a certificate is what it fails for.
     """
-    def printed(name: str, duration: float) -> str:
+    def printed(name: str, duration: float, *options: str) -> str:
         few_in_all_files(monkeypatch)
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", [name, f"--duration={duration}"])
+        monkeypatch.setattr(sys, "argv", [name, f"--duration={duration}", *options])
         runpy.run_path(str(EXAMPLES / name), run_name="__main__")
         assert list(tmp_path.iterdir()) == [], "an example leaves nothing behind"
         out, err = capsys.readouterr()
@@ -165,6 +165,29 @@ def test_a_drawn_mission_ends_and_presses_no_harder_than_it_may(run):
         assert "Retreat" not in ended
         largest, allowed = (float(number) for number in numbers.split()[-2:])
         assert 5.0 < largest < allowed
+
+
+@pytest.mark.parametrize("row", ["mass + 20 %", "current 0.25 m/s", "thrusters - 10 %",
+                                 "20 Hz, slower tip", "DVL gaps of 0.4 s"])
+def test_what_the_controller_does_not_know_is_borne(row, run):
+    found = run("each_alone.py", 11.0, f"--row={row}").splitlines()[-1]
+    assert found.startswith(row)
+    assert found.endswith(" all kept")
+    tip, vehicle, of_tube, held, rms, worst, lost = map(float, found[22:].split()[:7])
+    assert held < 3.0
+    assert tip < 3.5
+    assert vehicle < 15.0
+    assert of_tube < 1.0
+    assert rms < worst < 3.0
+    assert lost == 0.0
+
+
+def test_a_tip_that_is_too_fast_for_20_hz_is_told(run):
+    found = run("each_alone.py", 1.5, "--row=20 Hz").splitlines()[-1]
+    tip, _, of_tube = map(float, found[22:].split()[:3])
+    assert tip > 10.0
+    assert of_tube > 2.0
+    assert "not pressed" in found
 
 
 def test_a_mission_beside_the_station_presses_and_slides(run):

@@ -1,0 +1,99 @@
+"""What a vehicle as it is bears of each thing that its controller does not know, one at a time.
+
+The vehicle is that of `girona500_real_loop`: thrusters that lag, 50 Hz, a navigation with noise, a
+felt wall; its current and its wrong mass are left out, and it starts near. `--before` does the same
+to `girona500_ideal`: the law `resolved`, an ideal loop, a wall that is known.
+"""
+
+import argparse
+
+import numpy as np
+
+import uvms_drake as uv
+from uvms_drake.control.tube_monitor import TUBE_REPORT
+from uvms_drake.report.signals import constraint_signals
+
+REAL = ["start.eta=[-1.04, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 0.4, 0.0]",
+        "current=[0.0, 0.0, 0.0]", "model_error.mass=1.0"]
+BEFORE = ["disturbance.bound=0.0"]
+TO_AND_FRO = ["waves=[{amplitude: 0.3236, period: 6.0, depth: 10.0, sea_depth: 10.0}]"]
+ROUND = ["waves=[{amplitude: 0.25, period: 6.0, depth: 2.4}]"]
+QUICKER = ["ancillary.vehicle.k=4.0", "ancillary.vehicle.observer=3.0"]
+AT_20_HZ = ["actuation.0.period=0.05", "ancillary.observer_period=0.05"]
+DVL = "{rate: 10.0, gap: 0.4, lost: 1.0, noise: [0.0017, 0.0017, 0.0017]}"
+ROBOT = {
+    "nothing": [],
+    "mass + 20 %": ["model_error.mass=1.2"],
+    "mass - 20 %": ["model_error.mass=0.8"],
+    "buoyancy + 2 %": ["model_error.buoyancy=1.02"],
+    "buoyancy - 2 %": ["model_error.buoyancy=0.98"],
+    "payload 0.5 kg": ["model_error.payload.mass=0.5"],
+    "friction 0.5 N m": ["model_error.joint_friction={coulomb: [0.5], creep: 0.02}",
+                         "simulator.max_step_size=0.002"],
+    "current 0.25 m/s": ["current=[0.0, 0.25, 0.0]"],
+    "waves to and fro": TO_AND_FRO, "waves round": ROUND,
+    "wall 50 mm off": ["surface_error.shift=[0.05, 0.0, 0.0]"],
+    "wall turned by 5 deg": ["surface_error.turn=[0.0, 0.0, 0.0873]"],
+    "wall of 1.4 x N/m": ["surface_error.stiffness=1.4"],
+    "wall of 0.5 x N/m": ["surface_error.stiffness=0.5"]}
+"""What of robot, water and wall is another than the controller knows; waves of 0.2 m/s, 6 s."""
+LOOP: dict[str, tuple[list[str], list[str] | None]] = {
+    "to and fro, quicker": (TO_AND_FRO + QUICKER, None), "round, quicker": (ROUND + QUICKER, None),
+    "thrusters + 10 %": (["actuation.1.error=[0.1]"], None),
+    "thrusters - 10 %": (["actuation.1.error=[-0.1]"], None),
+    "20 Hz": (AT_20_HZ, ["actuation=[!SampledCommand {period: 0.05, delay: 0.01}]"]),
+    "20 Hz, slower tip": ([*AT_20_HZ, "ancillary.tip.k=12.0", "ancillary.tip.sigma=6.0"], None),
+    "DVL gaps of 0.4 s": ([f"sensing.1.dvl={DVL}"],
+                          [f"sensing=[!Navigation {{dvl: {DVL}, drift: {{rate: 0.0}}}}]"])}
+"""What the loop is worse by, or made for it, now and before; an ideal wrench has no thrusters."""
+ROWS = {**{name: (each, each) for name, each in ROBOT.items()}, **LOOP}
+AFTER = 5.0
+"""Time from the first touch on after which the force counts [s]."""
+PARTS = ("position", "orientation", "joints", "z")
+"""Of the tube."""
+
+
+def measured(record: uv.Record) -> str:
+    """Returns the row of a run: the worst all along, and what holds once the force has settled."""
+    tip, vehicle = (1e3 * np.linalg.norm(now[:, :3] - planned[:, :3], axis=1)
+                    for now, planned in ((record.chi, record.chi_nominal),
+                                         (record.state, record.nominal_state)))
+    report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
+    tubes = {part: report[f"worst_set_{part}"] for part in PARTS}
+    row = f"{np.max(tip):8.2f}{np.max(vehicle):8.1f}{max(tubes.values()):8.2f}"
+    touching = record.penetration > 0.0
+    held = record.time >= AFTER + (record.time[np.argmax(touching)] if touching.any() else np.inf)
+    if not held.any():
+        return f"{row}  not pressed for {AFTER:g} s"
+    desired = record.desired_force[-1] / np.linalg.norm(record.desired_force[-1])
+    off = (record.force - record.desired_force)[held] @ desired
+    lost = np.count_nonzero(np.diff(touching[held].astype(int)) < 0)
+    left = [name for name, (signal, limit) in constraint_signals(record).items()
+            if (np.min(signal) < limit if name.endswith("_min") else np.max(signal) > limit)]
+    left += ["cut"] * bool(record.input_limited.any())
+    left += [f"tube of {part}" for part in PARTS if tubes[part] > 1.0]
+    return (f"{row}{np.max(tip[held]):8.2f}{np.sqrt(np.mean(off**2)):8.2f}"
+            f"{np.max(np.abs(off)):8.2f}{lost:6d}  {', '.join(left) or 'all kept'}")
+
+
+def main() -> None:
+    """Runs every row, and prints it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--duration", type=float, default=16.0, help="simulated time of each [s]")
+    parser.add_argument("--row", choices=ROWS, action="append", help="all if it is left out")
+    parser.add_argument("--before", action="store_true", help="the law before, in its ideal loop")
+    arguments = parser.parse_args()
+    name, common = ("girona500_ideal", BEFORE) if arguments.before else (
+        "girona500_real_loop", REAL)
+    print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'held':>8}{'rms N':>8}{'worst':>8}"
+          f"{'lost':>6}  what is left")
+    for row in arguments.row or ROWS:
+        overrides = ROWS[row][arguments.before]
+        if overrides is not None:
+            scenario = uv.load_scenario(name, [
+                f"duration={arguments.duration}", *common, *overrides])
+            print(f"{row:<22}{measured(uv.simulate(scenario))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
