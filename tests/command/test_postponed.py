@@ -7,6 +7,14 @@ import pytest
 from uvms_drake.command.interrupt import postponed, run_interruptible
 
 
+@pytest.fixture(autouse=True)
+def interrupted():
+    """What a process in the background ignores, interrupts here too."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_one_signal_waits_for_the_end_of_the_block(number, status, capsys):
     seen = []
