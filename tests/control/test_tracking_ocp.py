@@ -131,7 +131,7 @@ def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded
         moved += np.linalg.norm(positions[1] - positions[0])
         closest = min(closest, problem.aim.safe_depth - np.max(positions @ DIRECTION))
     assert moved > 1.0, "it does go somewhere"
-    assert closest < 0.01, "and plans up to the front"
+    assert closest < 0.02, "and plans close to the front"
 
 
 def test_each_problem_has_a_continuation_for_the_next_whatever_that_asks_for(ocp):
