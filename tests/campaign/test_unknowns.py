@@ -13,7 +13,7 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
-from uvms_drake.campaign.unknowns import SHARE
+from uvms_drake.campaign.unknowns import SHARE, as_declared
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
@@ -58,3 +58,21 @@ def test_what_is_unknown_is_as_large_as_the_bound_covers(campaign):
     assert max(result["induced"] for result in shared) > 0.2
     assert all(result["induced"] < 1e-6 for result in results if result not in shared)
     assert "largest errors: " in format_campaign(summary, summarise_times([]), "DIR")
+
+
+def test_without_a_bound_what_is_declared_is_drawn_up_to_its_size():
+    """Of either sign and from anywhere; what the scenario knows stays known, and it all counts."""
+    scenario = load_scenario("girona500_real_loop", ["model_error.payload.mass=0.2"])
+    drawn = [as_declared(scenario, np.random.default_rng(seed)) for seed in range(200)]
+    masses = np.array([each.model_error.mass for each in drawn])
+    assert np.all(np.abs(masses - 1.0) <= 0.1 + 1e-12)
+    assert np.min(masses) < 0.92 and np.max(masses) > 1.08
+    speeds = np.array([np.linalg.norm(each.current) for each in drawn])
+    assert np.all(speeds <= 0.1 + 1e-12)
+    assert 0.2 < np.mean(speeds > 0.1 - 1e-9) < 0.3 + 0.05
+    assert np.all(np.abs(np.mean([each.current for each in drawn], axis=0)) < 0.02)
+    payloads = [each.model_error.payload.mass for each in drawn]
+    assert 0.0 <= min(payloads) < 0.02 < 0.18 < max(payloads) <= 0.2
+    for each in drawn:
+        assert replace(each, current=scenario.current, model_error=scenario.model_error) == scenario
+        assert each.model_error.drag == each.model_error.added_mass == 1.0

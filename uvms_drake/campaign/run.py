@@ -83,13 +83,13 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     """Returns the figures of merit of a run.
 
     `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of all that disturbs, and `inside` is whether
-    that was at most 1. `margin` is the smallest of `margins`, and `constraint` its name. `noted` is
-    what the log says, each with the time at which it says so first. `limited` is whether a limit
-    cut the command. `within_at_end` is whether the robot is in its tube at the end, `proportional`
-    whether the deviation stayed within max(1, D/d̃) times its bound, None where nothing promises it:
-    where there is no such bound, and outside of the bounds where the measured state is wrong or a
-    limit cut the command. `logged` is whether an exit of the tube is in the log. `finite` is
-    whether all logged signals are.
+    that was at most 1, or d̃ is zero and covers nothing. `margin` is the smallest of `margins`, and
+    `constraint` its name. `noted` is what the log says, each with the time at which it says so
+    first. `limited` is whether a limit cut the command. `within_at_end` is whether the robot is in
+    its tube at the end, `proportional` whether the deviation stayed within max(1, D/d̃) times its
+    bound, None where nothing promises it: where there is no such bound, and outside of the bounds
+    where the measured state is wrong or a limit cut the command. `logged` is whether an exit of the
+    tube is in the log. `finite` is whether all logged signals are.
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
@@ -106,7 +106,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     return {
         "induced": None if size is None else float(
             np.max(record.scenario.disturbance.norm(induced)) / disturbance["bound"]),
-        "worst_disturbance": size, "inside": disturbance["exceeded"] == 0,
+        "worst_disturbance": size, "inside": size is None or disturbance["exceeded"] == 0,
         "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory": ratio,
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
         "margin": margins[name], "constraint": name, "margins": margins,

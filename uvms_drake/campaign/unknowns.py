@@ -3,7 +3,8 @@
 They act as a disturbance, and the tube holds wherever d comes from. So they are scaled down until
 the disturbance that they induce takes no more than a share of d̃; the drawn disturbance gets the
 rest. The scale is an estimate along the first plan. The run measures what is really induced, and
-does not count as one inside of the bounds if it was too much.
+does not count as one inside of the bounds if it was too much. Where d̃ is zero nothing is covered:
+then the scenario's own errors are the largest that are drawn, and every run counts.
 """
 
 from dataclasses import replace
@@ -29,6 +30,8 @@ TRIM = 0.1
 """Largest error of the buoyancy over that of other quantities: robots are trimmed."""
 LARGEST_PAYLOAD = 0.5
 """Largest mass of what the hand holds [kg]."""
+AT_FULL_SPEED = 0.25
+"""Probability of a current of the speed that a scenario declares, where no d̃ is to cover it."""
 SMALLER = 0.8
 ATTEMPTS = 10
 
@@ -107,3 +110,28 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
             return candidate
         scale *= SMALLER * room / induced
     return scenario
+
+
+def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """Returns the scenario with what it declares unknown drawn, up to the size that it declares.
+
+    That is for a scenario whose d̃ is zero: nothing is to cover what it names, and it is run to see
+    what comes of it. An error of either sign is drawn, and a current from any direction, in one
+    draw of four with all of its speed. What is known in the scenario stays known.
+
+    Args:
+        scenario: Its `model_error` and `current` are the largest.
+        rng: Source of the draws.
+    """
+    known, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+    relative = {name: 1.0 + (getattr(known, name) - 1.0) * rng.uniform(-1.0, 1.0)
+                for name in FACTORS}
+    shift = np.asarray(known.buoyancy_shift, dtype=float) * rng.uniform(-1.0, 1.0, 3)
+    held = rng.uniform()
+    payload = replace(known.payload, mass=held * known.payload.mass,
+                      displaced=held * known.payload.displaced)
+    direction, part = rng.normal(size=3), rng.uniform()
+    speed = np.linalg.norm(current) * (1.0 if rng.uniform() < AT_FULL_SPEED else part)
+    return replace(
+        scenario, current=speed * direction / np.linalg.norm(direction),
+        model_error=replace(known, **relative, buoyancy_shift=shift, payload=payload))

@@ -15,7 +15,7 @@ import numpy as np
 from uvms_drake.campaign.campaign import Campaign, with_target
 from uvms_drake.campaign.contacts import contact_of
 from uvms_drake.campaign.outside import kinds_outside, step_outside
-from uvms_drake.campaign.unknowns import with_unknowns
+from uvms_drake.campaign.unknowns import as_declared, with_unknowns
 from uvms_drake.campaign.walls import moved, turns_freely
 from uvms_drake.certificate.certify import first_plan
 from uvms_drake.common.errors import InvalidParameter, RunFailed
@@ -146,7 +146,12 @@ def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
 
 def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
             rng: np.random.Generator) -> Scenario:
-    """Returns the scenario, or with something unknown for which d̃ has to be enough too."""
+    """Returns the scenario, or with something unknown for which d̃ has to be enough too.
+
+    Where there is no d̃, it is what the scenario itself declares.
+    """
+    if scenario.disturbance.d_bound == 0.0:
+        return as_declared(scenario, rng)
     wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
     if not (wanted and motion_of(scenario).knows_force):
         return scenario
