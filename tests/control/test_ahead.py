@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import DiagramBuilder
 from support.lagging import CONFIG, Motion, run
 
-from uvms_drake.control.ahead import ForcesAhead, forces_ahead
+from uvms_drake.control.ahead import ForcesAhead, Pressed, forces_ahead
 from uvms_drake.control.commitment import committed_intervals
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
@@ -52,6 +52,25 @@ def test_it_is_what_the_plans_forces_change_until_they_act(model):
     assert not forces_ahead(model, plan, time, ON_TIME, plan.at(time)).any()
 
 
+def test_of_a_wall_that_is_felt_it_is_what_the_plan_will_press_more(model):
+    """By the slope and the inclination, deeper or less deep; never less than no force at all."""
+    plan, time, late = jumping(), 0.25, Lateness(0.3, 0.04)
+    n, inclined = np.array([0.6, 0.0, 0.8]), np.array([0.6, 0.1, 0.8])
+    tips, jacobians = (np.array([of(plan.at(time + each)[0])[:3] for each in (0.0, *late)])
+                       for of in (model.task_pose, model.task_jacobian))
+    deeper = (tips - tips[0]) @ inclined
+    free = forces_ahead(model, plan, time, late, plan.at(time))
+    for force, slope, cut in ((8.0, 500.0, False), (8.0, -500.0, False), (2.0, -500.0, True)):
+        along = force + slope * deeper
+        assert np.any(along < 0.0) == cut
+        torques = np.maximum(along, 0.0)[:, None] * (n @ jacobians)
+        more = forces_ahead(model, plan, time, late, plan.at(time),
+                            Pressed(n, force, slope * inclined)) - free
+        np.testing.assert_allclose(more, np.append(
+            torques[1, :6] - torques[0, :6], torques[2, 6:] - torques[0, 6:]), atol=1e-9)
+        assert np.linalg.norm(more[:6]) > 1.0
+
+
 def test_only_a_law_that_knows_of_actuators_asks_ahead(short_ocp):
     late = Lateness(0.25, 0.02)
     assert committed_intervals(TipFirst(), late, H) == 2
@@ -90,6 +109,22 @@ def test_as_a_system_it_reads_the_plan_of_now(model):
     np.testing.assert_array_equal(
         system.get_output_port().Eval(own),
         forces_ahead(model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25)))
+
+
+def test_as_a_system_it_reads_what_was_felt(model):
+    n, tilt = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.02, 0.01])
+    system, plan = ForcesAhead(model, Lateness(0.3, 0.04), n), jumping()
+    context = system.CreateDefaultContext()
+    context.SetTime(0.25)
+    config, zeta, zeta_dot = plan.at(0.25)
+    for name, value in (("plan", Value(plan)), ("nominal_state", np.append(config, zeta)),
+                        ("nominal_acceleration", zeta_dot), ("reading", [0.1, 0.2, 0.3, 6.0]),
+                        ("slope", [400.0]), ("tilt", tilt)):
+        system.GetInputPort(name).FixValue(context, value)
+    for touched, pressed in ((0.0, None), (1.0, Pressed(n, 6.0, 400.0 * (n + tilt)))):
+        system.GetInputPort("touched").FixValue(context, [touched])
+        np.testing.assert_array_equal(system.get_output_port().Eval(context), forces_ahead(
+            model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25), pressed))
 
 
 @pytest.mark.slow

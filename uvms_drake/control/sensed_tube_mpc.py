@@ -119,7 +119,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     builder.Connect(going.get_output_port(), front.GetInputPort("reach"))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
-    add_forces_ahead(builder, ocp.model, law, feedback, lateness, nominal=mpc)
+    add_forces_ahead(builder, ocp.model, law, feedback, lateness, nominal=mpc, front=front,
+                     direction=walls.direction)
 
     builder.ExportInput(state.get_input_port(), "state")
     export_inputs(builder, feedback, add_observer(
