@@ -6,6 +6,7 @@ import numpy as np
 from support.campaigns import CLOSE
 from support.true_model import model_with_error
 
+from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import (
     all_well,
@@ -76,3 +77,15 @@ def test_without_a_bound_what_is_declared_is_drawn_up_to_its_size():
     for each in drawn:
         assert replace(each, current=scenario.current, model_error=scenario.model_error) == scenario
         assert each.model_error.drag == each.model_error.added_mass == 1.0
+
+
+def test_without_a_bound_every_run_counts():
+    """There is nothing that d̃ would have to cover."""
+    scenario = load_scenario("girona500_real_loop", ["duration=0.3"])
+    result = run_one(make_campaign(scenario, 3, None), 0)["result"]
+    assert result["error"] is None
+    assert result["inside"] and result["worst_disturbance"] is None
+    assert 0.0 < abs(result["unknown"]["mass"]) < 0.1
+    assert 0.0 < result["unknown"]["current"] <= 0.1 + 1e-12
+    counts = summarise_campaign(make_campaign(scenario, 3, None), [result])["counts"]
+    assert (counts["counted"], counts["not_covered"]) == (1, 0)

@@ -16,6 +16,7 @@ from uvms_drake.control.ocp import FEASIBLE
 from uvms_drake.control.planner import (
     DROPPED,
     FAILED,
+    HOVERED,
     KEPT,
     LATE,
     MPC_REPORT,
@@ -510,6 +511,45 @@ def test_it_may_start_at_any_sampling_instant(short_ocp, start, time):
     setup.go(time + 1.5 * H)
     assert solver.calls == 2
     assert setup.read("plan").start_time == pytest.approx(time + H, abs=1e-9)
+
+
+def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, start):
+    """From where it was measured at first, whatever is measured then, and with the same plan."""
+    rest = start * np.repeat([1.0, 0.0], 10)
+    hovering, plain = FailingSolver(short_ocp), FailingSolver(short_ocp)
+    setup = Setup(hovering, rest)
+    setup.ocp.hover = 2.0 * H - 0.5 * H  # That is from the second sample on.
+    setup.go(0.5 * H)
+    setup.jump(rest + 0.001)
+    setup.give("fault", [FAILED])
+    setup.go(1.5 * H)
+    np.testing.assert_array_equal(setup.read("nominal_state"), rest)
+    np.testing.assert_array_equal(setup.read("nominal_acceleration"), np.zeros(10))
+    assert setup.report() == {**dict.fromkeys(MPC_REPORT, 0.0), "time": H, "status": HOVERED}
+    assert hovering.calls == 0
+    setup.give("fault", [SOLVED])
+    setup.go(3.5 * H)
+    other = Setup(plain, rest)
+    other.simulator.get_mutable_context().SetTime(2.0 * H)
+    other.go(3.5 * H)
+    assert hovering.calls == plain.calls == 2
+    assert setup.report() == other.report()
+    np.testing.assert_array_equal(setup.read("nominal_state"), other.read("nominal_state"))
+
+
+@pytest.mark.parametrize("pause", [0.5, 1.0, 1.5])
+def test_while_it_hovers_a_context_goes_on_in_a_clone(short_ocp, start, pause):
+    setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10), committed=2)
+    setup.ocp.hover = 2.0 * H
+    setup.go(pause * H)
+    setup.jump(start + 0.001)
+    other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
+    other.Initialize()
+    for simulator in (setup.simulator, other):
+        simulator.AdvanceTo(4.5 * H)
+    np.testing.assert_array_equal(
+        setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
+    assert np.linalg.norm(setup.read("nominal_state")[:10] - start[:10]) > 1e-4
 
 
 def test_it_does_not_start_between_two_sampling_instants(short_ocp, start):

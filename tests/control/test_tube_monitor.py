@@ -195,6 +195,23 @@ def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, pe
         assert said[0] == f"t = {report[f'{name}_first_exit']:g} s: {text}"
 
 
+def test_what_is_before_it_begins_is_not_looked_at(model, states):
+    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+
+    def state(t):
+        moved = rest.copy()
+        moved[0] += 0.005 * (0.1 < t < 0.3) + 0.002 * (0.45 < t < 0.5)
+        return moved
+
+    for begin, exits, worst in ((0.0, 2.0, 5.0), (0.4, 1.0, 2.0)):
+        simulator, monitor, context = scripted(
+            model, radii={"position": 0.001}, state=state, nominal=lambda t: rest, begin=begin)
+        simulator.AdvanceTo(0.6)
+        report = report_of(monitor, context)
+        assert report["set_exits"] == exits
+        assert report["worst_set_position"] == pytest.approx(worst)
+
+
 def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states):
     """0.03 m/s² is 3 times what a hull of 0.01 m/s² is bounded by, and nothing to a joint."""
     rest = np.concatenate([states["free"][0][:10], np.zeros(10)])

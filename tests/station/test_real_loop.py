@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.certificate.certify import assumptions
+from uvms_drake.report.events import events
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -17,9 +18,12 @@ def test_it_says_what_no_proof_covers(name):
 
 @pytest.mark.slow
 def test_it_hovers_until_its_forces_can_be_there_and_keeps_to_the_plan_then():
-    record = simulate(load_scenario("girona500_real_loop", ["duration=1.0"]))
+    """First for its observers, and then until what its plan asks for can be there."""
+    record = simulate(load_scenario("girona500_real_loop", ["duration=1.2", "mpc.hover=0.2"]))
     moving = np.any(record.nominal_state[:, 10:] != record.nominal_state[0, 10:], axis=1)
-    assert record.time[np.argmax(moving)] == pytest.approx(0.42)
+    assert record.time[np.argmax(moving)] == pytest.approx(0.62)
+    assert [(event.start, event.end) for event in events(record) if event.kind == "hovering"] == [
+        (0.0, pytest.approx(0.2))]
     vehicle = np.linalg.norm(record.state[:, :3] - record.nominal_state[:, :3], axis=1)
     tip = np.linalg.norm(record.chi[:, :3] - record.chi_nominal[:, :3], axis=1)
     assert np.max(vehicle) < 5e-3

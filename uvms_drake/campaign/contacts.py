@@ -105,7 +105,8 @@ class FeltContact(Contact):
             if wall is None:
                 continue
             speed, pressing = pace(scenario, ocp, wall, force)
-            most = min(FARTHEST, speed * (scenario.duration - pressing - SETTLING))
+            most = min(FARTHEST, speed * (
+                scenario.duration - scenario.mpc.hover - pressing - SETTLING))
             nearest = contact.clearance + SPARE
             gap = nearest + far * max(most - nearest, 0.0)
             wall = wall.moved(np.eye(3), gap * contact.direction)

@@ -72,6 +72,9 @@ class MpcConfig:
     `measured`, as (eq:diff_mpc) has it."""
     input_reference: str = "equilibrium"
     """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
+    hover: float = 0.0
+    """Time at the start for which the robot keeps its place before it plans, so that its observers
+    settle [s]. Without a certificate the tube counts from then on."""
     deadline: float | None = None
     """Wall time after which a plan, other than the first, is too late and thrown away [s]; none if
     it is left out. A run that has one is not reproducible bit for bit."""
@@ -187,6 +190,7 @@ class Ocp(ABC, Generic[P]):
         require(mpc.terminal_radius > 0.0, "terminal_radius", mpc.terminal_radius, "positive")
         require(mpc.deadline is None or 0.0 < mpc.deadline < np.inf, "deadline",
                 mpc.deadline, "positive")
+        require(0.0 <= mpc.hover < np.inf, "hover", mpc.hover, "zero or positive")
         for key, choices in (("initial_state", INITIAL_STATES),
                              ("input_reference", INPUT_REFERENCES)):
             require(getattr(mpc, key) in choices, key, getattr(mpc, key),
@@ -196,6 +200,7 @@ class Ocp(ABC, Generic[P]):
         self.horizon = mpc.horizon
         self.time_step = mpc.time_step
         self.iterations = mpc.iterations
+        self.hover = mpc.hover
         self.deadline = mpc.deadline
         # A plan about another equilibrium than the task's is not held back at its terminal set.
         self.ends_at_task = mpc.input_reference == "equilibrium"

@@ -24,17 +24,18 @@ FIRST_SOLVE_ITERATIONS = 50
 REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
-SOLVED, FAILED, LATE, DROPPED, KEPT = range(5)
+SOLVED, FAILED, LATE, DROPPED, KEPT, HOVERED = range(6)
 """Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
 away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
-terminal set where the new one is not."""
+terminal set where the new one is not; the robot keeps its place, for it is too early to plan."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused",
               "rows")
 """Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
-3, `KEPT` 4), the plan's objective, s of the terminal set, largest violation of a limit (in its own
-unit), convex programs solved, 1 if a new desired force was asked for and is refused, rows of limits
-in the last of the programs. A sample that is dropped changes the first two only."""
+3, `KEPT` 4, `HOVERED` 5), the plan's objective, s of the terminal set, largest violation of a limit
+(in its own unit), convex programs solved, 1 if a new desired force was asked for and is refused,
+rows of limits in the last of the programs. A sample that is dropped changes the first two only; of
+one that hovers all but these are zero."""
 
 TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
            DROPPED: "the sample was dropped"}
@@ -113,6 +114,8 @@ class Planner:
     def first(self, sample: Sample) -> MpcMemory:
         """Returns the memory with a first plan: until what it decides the robot coasts.
 
+        If the robot is to hover first, the plan is to stay where it is.
+
         Raises:
             RunFailed: There is none.
         """
@@ -122,18 +125,37 @@ class Planner:
                             f"sampling period, {h:g} s")
         if measured is None or not np.all(np.isfinite(measured)):
             raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
-        solver = self._current(sample, self.initial)
-        guess = solver.ocp.resting_plan(now, measured, self._committed)
+        return self._from_rest(sample, self.initial, measured)
+
+    def _from_rest(self, sample: Sample, memory: MpcMemory, state: np.ndarray) -> MpcMemory:
+        """Returns the memory with a plan from a state at rest, or one to stay there if it hovers.
+
+        Raises:
+            RunFailed: There is none.
+        """
+        solver = self._current(sample, memory)
+        guess = solver.ocp.resting_plan(sample.time, state, self._committed)
+        if sample.time < solver.ocp.hover - 1e-6 * guess.time_step:
+            report = np.zeros(len(MPC_REPORT))
+            report[:2] = sample.time, HOVERED
+            return replace(memory, plan=guess, solves=memory.solves + 1, report=report)
         free = guess.after(self._committed)
         solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
         slack = REACHED if solver.ocp.strict else np.inf
         if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
             why = why_no_plan(solver.ocp, free, solution.plan, solver.ocp.tolerance)
             raise RunFailed(f"the nominal MPC has no solution at the start: {why}")
-        return self._remember(sample, self.initial, guess, solution, SOLVED)
+        return self._remember(sample, memory, guess, solution, SOLVED)
 
     def again(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
-        """Returns the memory after a later sample."""
+        """Returns the memory after a later sample.
+
+        Raises:
+            RunFailed: The robot has hovered until now, and there is no first plan.
+        """
+        if memory.plan is not None and memory.report[1] == HOVERED:
+            hovering = np.concatenate(memory.plan.at(sample.time)[:2])
+            return self._from_rest(sample, memory, hovering[: self._solver.ocp.state_size])
         if sample.fault == DROPPED:
             return self._pass_over(sample, memory)
         old, memory = memory, memory if sample.asked is None else replace(

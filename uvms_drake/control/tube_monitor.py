@@ -132,6 +132,7 @@ class TubeMonitor(LeafSystem):
         along_run: Whether the law's bound along the run is watched: not where more than d pushes.
         period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
             which leaves the steps as they are.
+        begin: Samples before it are not looked at [s]: observers have not settled.
         slack: An exit is a deviation above (1 + slack) bound + floor. A disturbance of constant
             direction takes ‖𝔯‖ to R exactly, so the integrator's error decides which is larger. It
             is of the order of the integrator in the step: with `runge_kutta3` on a robot that meets
@@ -143,16 +144,17 @@ class TubeMonitor(LeafSystem):
     def __init__(self, model: UvmsModel, law: AncillaryLaw, d_bound: float,
                  radii: Mapping[str, float], *, weights: np.ndarray | float = 1.0,
                  kinematic: bool = False, along_run: bool = True, period: float = 0.01,
-                 slack: float = 1e-6, floor: float = FLOOR):
+                 begin: float = 0.0, slack: float = 1e-6, floor: float = FLOOR):
         super().__init__()
         law.check(kinematic=kinematic)
         require(0.0 <= d_bound < np.inf, "d_bound", d_bound, "zero or positive")
         require(0.0 <= period < np.inf, "period", period, "zero or positive")
+        require(0.0 <= begin < np.inf, "begin", begin, "zero or positive")
         require(0.0 <= slack < np.inf, "slack", slack, "zero or positive")
         require(set(radii) <= set(FIELDS), "radii", list(radii), f"among {', '.join(FIELDS)}")
         require(0.0 < floor < np.inf, "floor", floor, "positive")
         self._model, self._law, self._d_bound = model, law, d_bound
-        self._slack, self._floor = slack, floor
+        self._begin, self._slack, self._floor = begin, slack, floor
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
         require(not np.any(self._radii < 0.0), "radii", self._radii, "zero or positive")
         self._weights = weights * np.ones(6 if kinematic else model.size)
@@ -261,6 +263,8 @@ class TubeMonitor(LeafSystem):
         return _Samples.of(context.get_discrete_state_vector().value())
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        if context.get_time() < self._begin:
+            return EventStatus.DidNothing()
         old = self._samples(context)
         # The bounds that are left now.
         norms = np.tile(self._deviation.Eval(context).norms, 2)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.planner import DROPPED, FAILED, KEPT, LATE, TROUBLE
+from uvms_drake.control.planner import DROPPED, FAILED, HOVERED, KEPT, LATE, TROUBLE
 from uvms_drake.control.tube_monitor import FIELDS, SAID, beyond
 from uvms_drake.report.signals import (
     constraint_signals,
@@ -20,7 +20,12 @@ from uvms_drake.report.signals import (
     settling_index,
     wrench_unit,
 )
-from uvms_drake.station.diagram import MONITOR_SLACK, monitor_floor, set_wise_radii
+from uvms_drake.station.diagram import (
+    MONITOR_SLACK,
+    monitor_begin,
+    monitor_floor,
+    set_wise_radii,
+)
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.sensed import sensed_contact
@@ -33,11 +38,12 @@ GAP = 0.1
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited")
 """Kinds that are not as planned; the others are `contact`, from a touch to where it is lost,
-`settled`, `retarget`, `force_refused` and `plan_kept`."""
+`settled`, `retarget`, `force_refused`, `plan_kept` and `hovering`."""
 
 MPC_KINDS = {FAILED: ("solver_failed", TROUBLE[FAILED]), LATE: ("solver_late", TROUBLE[LATE]),
              DROPPED: ("sample_dropped", TROUBLE[DROPPED]),
-             KEPT: ("plan_kept", "the last plan was better and was kept")}
+             KEPT: ("plan_kept", "the last plan was better and was kept"),
+             HOVERED: ("hovering", "keeps its place while its observers settle")}
 """Kind and text of an event by the outcome of a sample of the MPC."""
 
 
@@ -133,7 +139,8 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     logged, and the monitor does not look at it.
     """
     norms, floor = record.tube_deviation, monitor_floor(record.scenario)
-    left = beyond(norms, bounds, MONITOR_SLACK, floor)
+    watched = record.time >= monitor_begin(record.scenario, bool(record.certified))
+    left = beyond(norms, bounds, MONITOR_SLACK, floor) & watched[:, None]
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 
     def text(when: slice) -> str:

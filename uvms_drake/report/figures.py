@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
-from uvms_drake.control.planner import KEPT, SOLVED
+from uvms_drake.control.planner import HOVERED, KEPT, SOLVED
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.report.coverage_figure import draw_coverage
 from uvms_drake.report.felt_figure import draw_felt
@@ -217,9 +217,10 @@ def draw_mpc(record: Record) -> Figure:
     """Draws the MPC's step time, failed samples, how many limits mattered, and its slack."""
     figure, axes = panels(3, 3.6)
     step_ms, sound = 1e3 * record.step_seconds, np.isin(record.mpc_status, (SOLVED, KEPT))
+    failed = ~sound & (record.mpc_status != HOVERED)
     for chosen, marker, color, label in (
             (sound, ".", BLUE, "solved, or the last plan kept"),
-            (~sound, "x", VERMILION, "failed, late or dropped")):
+            (failed, "x", VERMILION, "failed, late or dropped")):
         axes[0].plot(record.mpc_time[chosen], step_ms[chosen], marker, color=color, markersize=3.5,
                      label=label)
     axes[0].axhline(1e3 * record.scenario.mpc.time_step, **{**LIMIT, "label": "sampling period"})

@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
-from uvms_drake.control.planner import DROPPED, FAILED, KEPT, LATE
+from uvms_drake.control.planner import DROPPED, FAILED, HOVERED, KEPT, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
@@ -26,6 +26,7 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
+from uvms_drake.station.diagram import monitor_begin
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
@@ -69,10 +70,11 @@ def summarise_mpc(record: Record) -> dict[str, object]:
 
     `fallbacks` are the samples at which the last plan was continued: `failures` of the solver, and
     `late` plans; where it was `kept` because it was sounder than the new one, nothing failed. At
-    `dropped` samples there was no solve.
+    `dropped` samples there was no solve, and none while the robot hovered.
     `worst_violation` is that of the plans, in the unit of the limit that they violate.
     """
-    status, step_ms = record.mpc_status, 1e3 * record.step_seconds
+    planned = record.mpc_status != HOVERED
+    status, step_ms = record.mpc_status[planned], 1e3 * record.step_seconds[planned]
     quantiles = (dict(zip(("p50", "p95", "p99"), np.percentile(step_ms, [50, 95, 99]), strict=True))
                  if len(step_ms) else dict.fromkeys(("p50", "p95", "p99")))
     return {
@@ -192,12 +194,13 @@ def summarise_tube(record: Record) -> dict[str, object]:
     """
     tube = record.scenario.tube
     report = dict(zip(TUBE_REPORT, record.tube_report, strict=True))
+    watched = record.time >= monitor_begin(record.scenario, bool(record.certified))
     return {
         "certified": bool(record.certified),
         "law": record.scenario.law,
         "error": "y" if record.scenario.ancillary.protects_joints else "chi",
-        "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")),
-        "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")),
+        "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")[watched], initial=0.0),
+        "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")[watched], initial=0.0),
         "exits": int(report["set_exits"]),
         "first_exit_s": report["set_first_exit"],
         "exits_along_the_run": int(report["trajectory_exits"]),

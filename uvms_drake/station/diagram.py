@@ -180,7 +180,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         disturbance=signals["disturbance"],
         pair=controller.GetOutputPort("pair") if shared else None,
         kinematic=not motion.has_forces, along_run=motion.along_run,
-        period=scenario.log_period, slack=MONITOR_SLACK,
+        period=scenario.log_period, begin=monitor_begin(scenario, certified),
+        slack=MONITOR_SLACK,
         floor=monitor_floor(scenario))
     for name in ("deviation", "bound"):
         signals[f"tube_{name}"] = monitor.GetOutputPort(name)
@@ -218,6 +219,11 @@ def applied_disturbance(scenario: Scenario) -> Disturbance:
     disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
     excess = math.prod(fault.factor for fault in faults_at("disturbance", scenario.faults).values())
     return replace(disturbance, bound=excess * left * disturbance.bound)
+
+
+def monitor_begin(scenario: Scenario, certified: bool) -> float:
+    """Returns from when on a `TubeMonitor` looks [s]: what is certified holds from the start."""
+    return 0.0 if certified else scenario.mpc.hover
 
 
 def monitor_floor(scenario: Scenario) -> float:
