@@ -123,6 +123,9 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
+    if scenario.contact.felt:
+        given_up.append(("contact.aside_lag, friction that the law is told of late",
+                         sensed_contact(scenario).aside_lag))
     given_up += motion_of(scenario).given_up(mpc)
     given_up += [(f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
                  for i, term in enumerate(mpc.terms)]

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import require, within
+from uvms_drake.control.contact.slow_aside import SlowAside
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.planner import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
@@ -150,9 +151,14 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
                 largest=sensing.largest, state=measured, measured_force=fresh).get_output_port()
             builder.Connect(fresh, controller.GetInputPort("fresh_force"))
             let_go = signals["force_lost"] = controller.GetOutputPort("force_lost")
-        felt = LastFinite.AddToBuilder(builder, measured=fresh, let_go=let_go)
-        signals["felt_force"] = felt.get_output_port()
-        builder.Connect(felt.get_output_port(), controller.GetInputPort(MEASURED_FORCE))
+        felt = LastFinite.AddToBuilder(
+            builder, measured=fresh, let_go=let_go).get_output_port()
+        if scenario.contact.felt and sensed_contact(scenario).aside_lag > 0.0:
+            contact = sensed_contact(scenario)
+            felt = SlowAside.AddToBuilder(builder, contact.direction, contact.aside_lag,
+                                          contact.period, measured=felt).get_output_port()
+        signals["felt_force"] = felt
+        builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
     if scenario.contact.felt:
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     command = controller.GetOutputPort(motion.command)

@@ -48,6 +48,10 @@ class SensedContact:
     """How old the force may be that a reading shows [s]: five lags and a period of the sensor."""
     period: float = 0.01
     """Time between two looks at the measured force [s]."""
+    aside_lag: float = 0.0
+    """Time constant with which the law follows the measured force across `direction` [s]; zero, and
+    it takes it as it is read. A law with a clock cancels friction late, which makes the tip heavier
+    by that time and the slope of friction. No proof covers one."""
     speed: float = 0.1
     """Largest speed of the tip along `direction`, either way [m/s]."""
     speed_across: float = 0.15
@@ -88,7 +92,7 @@ class SensedContact:
         for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
-                    "clearance"):
+                    "aside_lag", "clearance"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         return replace(self, direction=direction)
 
