@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
-from uvms_drake.control.correction import Correction, excesses
+from uvms_drake.control.correction import Correction, excesses, shortest_solution
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.control.staged_solver import solve_staged
 from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
@@ -123,3 +123,7 @@ def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
     assert ocp.is_sound(solution.evaluation)
     before = ocp.evaluate(guess).cost
     assert before - solution.evaluation.cost > 0.9 * (before - whole.cost) > 0.0
+
+
+def test_without_a_row_that_moves_there_is_nothing_to_correct():
+    np.testing.assert_array_equal(shortest_solution(np.zeros((0, 5)), np.zeros(0)), np.zeros(5))

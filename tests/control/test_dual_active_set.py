@@ -83,3 +83,31 @@ def test_the_corner_of_two_walls(distance):
 def test_dependent_equalities_have_no_answer():
     polyhedron = DualActiveSet(np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 2.0]))
     assert polyhedron.shortest() is None
+
+
+def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
+    """Rounding makes some multipliers negative there; then there is no answer."""
+    answers = 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        pairs = rng.normal(size=(4, 12))
+        tight = np.vstack([pairs, pairs + 3e-5 * rng.normal(size=pairs.shape)])
+        r = -tight.T @ (100.0 * rng.uniform(0.1, 1.0, size=8))
+        free = rng.normal(size=(10, 12))
+        G, b = np.vstack([tight, free]), np.append(tight @ r, free @ r + rng.uniform(size=10))
+        polyhedron = DualActiveSet(np.zeros((0, 12)), np.zeros(0))
+        polyhedron.add(G, b)
+        found = polyhedron.shortest()
+        if found is not None:
+            answers += 1
+            assert np.min(found[1]) >= -1e-8 * np.max(found[1])
+            assert np.max(G @ found[0] - b) < 1e-6
+    assert answers > 80
+
+
+@pytest.mark.parametrize(("row", "bound"), [([1.0, 0.0], np.nan), ([np.nan, 0.0], 1.0)])
+def test_what_is_no_number_has_no_answer(row, bound):
+    polyhedron = DualActiveSet(np.zeros((0, 2)), np.zeros(0))
+    polyhedron.add(np.array([row, [0.0, 1.0]]), np.array([bound, -1.0]))
+    with np.errstate(invalid="ignore"):
+        assert polyhedron.shortest() is None

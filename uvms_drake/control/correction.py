@@ -4,7 +4,8 @@ A convex program keeps the limits to first order, so a long step along a curved 
 the second-order rest. A line search then cuts the step however good it is (Maratos 1978), the
 shorter the closer the plan already is to the limit. Instead the plan after the step is moved back
 by the shortest r, in the metric of the cost, that gives every limit which is reached or exceeded
-there the value that the program predicted. What is left is of the order of the rest's square.
+there the value that the program predicted. What is left is of the order of the rest's square with
+slopes of there; with those of the plan before, which are at hand, of the rest times the step.
 """
 
 from typing import NamedTuple
@@ -113,6 +114,6 @@ class Correction:
 def shortest_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns the shortest r with F r = b in what F (m, n) spans, by its Gram matrix (m, m)."""
     squares, directions = np.linalg.eigh(F @ F.T)
-    spanned = squares > DEPENDENT**2 * squares[-1]
+    spanned = squares > DEPENDENT**2 * squares[-1:]
     directions = directions[:, spanned]
     return F.T @ (directions @ (directions.T @ b / squares[spanned]))

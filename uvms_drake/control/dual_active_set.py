@@ -23,6 +23,8 @@ DEPENDENT = 1e-11
 """Square of the part of a unit row that is not in those that are held; less counts as none."""
 STEPS = 3
 """Largest number of steps a row."""
+ROUNDING = 1e-9
+"""Part of the largest multiplier by which one may be negative."""
 
 
 class DualActiveSet:
@@ -52,20 +54,31 @@ class DualActiveSet:
     def shortest(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Returns r (n,) and the multipliers of all rows, the equalities first; or None.
 
-        There is none if there is no such vector, or if it is not found in `STEPS` a row.
+        There is none if there is no such vector, if it is not found in `STEPS` a row, or if rows
+        are so nearly dependent that what is found is no optimum for rounding. So none proves
+        nothing; a vector that is returned keeps all rows, those that are held to the same
+        tolerance, with multipliers of the right sign.
         """
         M, first, held = self._M, self._equalities, self._held
+        if not np.isfinite(M).all() or np.isnan(self._b).any():
+            return None
         tolerance, left = BROKEN / self._size, STEPS * len(self._b)
         while True:
-            # Made anew, for what is updated gathers errors.
+            # Made anew, for what is updated gathers errors, and once more for what is left.
+            of_held = M[np.ix_(held, held)]
             try:
-                inverse = np.linalg.inv(M[np.ix_(held, held)])
+                inverse = np.linalg.inv(of_held)
             except np.linalg.LinAlgError:
                 return None
             price = -inverse @ self._b[held]
+            price -= inverse @ (of_held @ price + self._b[held])
             excess = -M[:, held] @ price - self._b
+            missed = np.abs(excess[held])
             excess[held] = -np.inf
             if np.all(excess <= tolerance):
+                if np.any(missed > tolerance[held]) or np.any(
+                        price[first:] < -ROUNDING * np.max(np.abs(price), initial=0.0)):
+                    return None
                 break
             while np.any(excess > tolerance):
                 row, paid = int(np.argmax(excess - tolerance)), 0.0

@@ -8,11 +8,12 @@ are enough.
 The terminal set has a kink where there is room for nothing, and in front of a wall that nobody has
 felt a plan ends there nearly always, for its reference is as near to the front as it may be:
 value + T x_N = 0, which is as many equalities. With their multipliers μ, and ν_i of the rows
-0 ≤ room_i + row_iᵀx_N, this is the solution with the cone if and only if
+0 ≤ room_i + row_iᵀx_N, this is the solution with the cone if
 
     ‖μ‖ ≤ Σ ν_i ≤ ρ_s,
 
-the first since (Σ ν_i, μ) has to be in the cone, which is its own dual, at the tip of ‖·‖ ≤ t; the
+and for independent rows only if (the front's rows at knot N are a combination of those): the first
+since (Σ ν_i, μ) has to be in the cone, which is its own dual, at the tip of ‖·‖ ≤ t; the
 second since a slack would else be cheaper. Where it is not, or the terminal set matters in any
 other way, the conic solver is asked (`shortest`). So it is where there is no solution without an
 excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is the best.

@@ -121,6 +121,6 @@ class StagedSolution(NamedTuple):
     excess: float
     """Excess v of the softened limits."""
     cone_programs: int
-    """Number of conic programs solved; 0 where no limit mattered."""
+    """Number of conic programs solved; 0 where no limit mattered, or rows were enough."""
     rows: int
-    """Number of rows of limits in the last one."""
+    """Number of rows of limits that were looked at in the end."""

@@ -44,6 +44,8 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         return None
     N, nx, nw = program.B.shape
     z = motion(program, regulator)
+    if not np.isfinite(z).all():
+        return None
     kept = WorkingSet.broken(program, z, 0.0)
     if not kept.any():
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)

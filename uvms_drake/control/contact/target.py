@@ -45,10 +45,13 @@ grows, and after n + 1 steps all are at most 1 − α(1 − r) times the largest
 limits of speed and front let it. If it is lost, the law goes on with no force from where the wall
 should begin, or from where the tip is, if that is further: it comes back to a wall it has left, and
 follows one that yields. A wall that should be felt there and is not is forgotten
-(`slope.with_reading`), and the search begins again. It goes no deeper while the tip is `ASIDE` of
-its place or further: where a tip touches, it is dragged along the wall from there on, slowly and
-against the friction. It aims `AHEAD` of the front and no further: to move across n uses up α of the
-front for each metre, so a tip whose target is r away stops αr beside its place.
+(`slope.with_reading`), and the search begins again. While the tip is `ASIDE` of its place or
+further it steers for the depth at which it is: where a tip touches, it is dragged along the wall
+from there on, slowly and against the friction. So it goes no deeper by the plan, but by what it is
+off the plan, e: with a plan that follows T behind it creeps at e/T. A place that runs away from a
+tip, by more than `ASIDE` all the time, is not searched at. It aims `AHEAD` of the front and no
+further: to move across n uses up α of the front for each metre, so a tip whose target is r away
+stops αr beside its place; that has to be less than `ASIDE`, or it would wait there.
 
 *Off the wall.* Whoever asks for it may say how deep to steer at most: to search no further, to go
 back, to move along without a touch. The target is in no limit of the plan, so neither is that.

@@ -14,8 +14,11 @@ from uvms_drake.common.errors import InvalidParameter, require, vector
 from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
-STEEPEST = 0.5
-"""Largest angle α that is accepted [rad]; the theory needs tan α finite, a task far less."""
+STEEPEST = 0.45
+"""Largest angle α that is accepted [rad]; the search of a wall needs tan α < 0.5, see
+`control.contact.target`, a task far less."""
+MOST_ASLANT = 0.5
+"""Largest `tool_angle` that is accepted [rad]."""
 
 
 @dataclass
@@ -87,8 +90,8 @@ class SensedContact:
         require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), "direction", direction,
                 "a unit vector")
         require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
-        require(0.0 < self.tool_angle <= STEEPEST, "tool_angle", self.tool_angle,
-                f"positive, up to {STEEPEST:g} rad")
+        require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
+                f"positive, up to {MOST_ASLANT:g} rad")
         for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
