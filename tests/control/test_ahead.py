@@ -119,12 +119,15 @@ def test_as_a_system_it_reads_what_was_felt(model):
     config, zeta, zeta_dot = plan.at(0.25)
     for name, value in (("plan", Value(plan)), ("nominal_state", np.append(config, zeta)),
                         ("nominal_acceleration", zeta_dot), ("reading", [0.1, 0.2, 0.3, 6.0]),
-                        ("slope", [400.0]), ("tilt", tilt)):
+                        ("slope", [400.0]), ("tilt", tilt), ("force_lost", [0.0])):
         system.GetInputPort(name).FixValue(context, value)
     for touched, pressed in ((0.0, None), (1.0, Pressed(n, 6.0, 400.0 * (n + tilt)))):
         system.GetInputPort("touched").FixValue(context, [touched])
         np.testing.assert_array_equal(system.get_output_port().Eval(context), forces_ahead(
             model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25), pressed))
+    system.GetInputPort("force_lost").FixValue(context, [1.0])
+    np.testing.assert_array_equal(system.get_output_port().Eval(context), forces_ahead(
+        model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25)))
 
 
 @pytest.mark.slow

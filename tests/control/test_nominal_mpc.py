@@ -537,6 +537,14 @@ def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, 
     np.testing.assert_array_equal(setup.read("nominal_state"), other.read("nominal_state"))
 
 
+def test_it_keeps_its_place_however_it_was_measured_to_move(short_ocp, start):
+    """A velocity of which part is noise is none to coast at, sample after sample."""
+    setup = Setup(FailingSolver(short_ocp), start, committed=2)
+    setup.ocp.hover = 4.0 * H
+    setup.go(3.9 * H)
+    np.testing.assert_array_equal(setup.read("nominal_state"), start * np.repeat([1.0, 0.0], 10))
+
+
 @pytest.mark.parametrize("pause", [0.5, 1.0, 1.5])
 def test_while_it_hovers_a_context_goes_on_in_a_clone(short_ocp, start, pause):
     setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10), committed=2)

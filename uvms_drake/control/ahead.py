@@ -48,7 +48,7 @@ from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.model.part import Lateness
 from uvms_drake.model.uvms_model import UvmsModel
 
-FELT = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3}
+FELT = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3, "force_lost": 1}
 """Ports of an `ExploredFront` that say what was felt, and their sizes."""
 
 
@@ -102,12 +102,14 @@ class ForcesAhead(LeafSystem):
         - reading (optional, with a direction)
         - slope (optional, with a direction)
         - tilt (optional, with a direction)
+        - force_lost (optional, with a direction)
         output_ports:
         - ahead
 
     - `plan`: the current `DynamicPlan` (abstract).
     - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.
-    - `touched` (1), `reading` (4), `slope` (1), `tilt` (3): of an `ExploredFront`.
+    - `touched` (1), `reading` (4), `slope` (1), `tilt` (3), `force_lost` (1): of an
+      `ExploredFront`. While the force is lost nothing is known of the wall.
     - `ahead`: see `forces_ahead` (6+n) [N, N m].
 
     It has no state.
@@ -130,7 +132,11 @@ class ForcesAhead(LeafSystem):
         self.DeclareVectorOutputPort("ahead", model.size, self._calc)
 
     def _pressed(self, context: Context) -> Pressed | None:
-        if self._direction is None or not self._felt_ports["touched"].Eval(context)[0]:
+        if self._direction is None:
+            return None
+        touched, lost = (self._felt_ports[name].Eval(context)[0]
+                         for name in ("touched", "force_lost"))
+        if lost or not touched:
             return None
         reading, slope, tilt = (
             self._felt_ports[name].Eval(context) for name in ("reading", "slope", "tilt"))

@@ -134,8 +134,11 @@ class Planner:
             RunFailed: There is none.
         """
         solver = self._current(sample, memory)
+        hovers = sample.time < solver.ocp.hover - 1e-6 * solver.ocp.time_step
+        if hovers:  # A measured velocity, if only noise, would be what it coasts at.
+            state = np.where(np.arange(len(state)) < solver.ocp.model.size, state, 0.0)
         guess = solver.ocp.resting_plan(sample.time, state, self._committed)
-        if sample.time < solver.ocp.hover - 1e-6 * guess.time_step:
+        if hovers:
             report = np.zeros(len(MPC_REPORT))
             report[:2] = sample.time, HOVERED
             return replace(memory, plan=guess, solves=memory.solves + 1, report=report)

@@ -56,6 +56,14 @@ def test_a_force_that_is_no_number_teaches_nothing():
     np.testing.assert_allclose(setup.read(), before, atol=2.0 * PERIOD)
 
 
+def test_nothing_is_across_where_nothing_is_pressed():
+    """A wall that was left, or a force that the law is told to be none."""
+    setup = Setup(np.append(FORCE, np.zeros(3)))
+    setup.simulator.AdvanceTo(1.0)
+    setup.give(np.zeros(6))
+    np.testing.assert_array_equal(setup.read(), np.zeros(6))
+
+
 def test_all_that_changes_is_in_the_context():
     setup = Setup(np.append(FORCE, np.zeros(3)))
     setup.simulator.AdvanceTo(0.105)

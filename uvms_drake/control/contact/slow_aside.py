@@ -34,6 +34,10 @@ from pydrake.systems.framework import (
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
 
+MOST = 1.5
+"""Largest part that friction and a wall off n may have of the force along n: more is of a wall that
+was left, or of a force that is lost."""
+
 
 def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: float
              ) -> np.ndarray:
@@ -61,7 +65,8 @@ class SlowAside(LeafSystem):
         - force
 
     - `measured`: 𝔉 in Σ_I (6) [N, N m]; 𝔣 stays as it is while that is not finite.
-    - `force`: 𝔉_law of (S), its torque as it is measured (6) [N, N m].
+    - `force`: 𝔉_law of (S), 𝔣 cut to `MOST` of what is along n, its torque as it is measured (6)
+      [N, N m].
 
     The discrete state is 𝔣 (3), updated once in a period; zero at the start.
 
@@ -90,8 +95,9 @@ class SlowAside(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         force = self._port.Eval(context).copy()
-        force[:3] = ((self._direction @ force[:3]) * self._direction
-                     + context.get_discrete_state_vector().value())
+        along, slow = self._direction @ force[:3], context.get_discrete_state_vector().value()
+        size, most = np.linalg.norm(slow), MOST * np.maximum(along, 0.0)
+        force[:3] = along * self._direction + (slow if size <= most else slow * (most / size))
         output.SetFromVector(force)
 
     @staticmethod
