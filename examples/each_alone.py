@@ -81,18 +81,18 @@ def measured(record: uv.Record) -> str:
 def main() -> None:
     """Runs every row, and prints it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--duration", type=float, default=20.0, help="simulated time of each [s]")
+    parser.add_argument("--duration", type=float, help="of each [s]; 20, and 16 before")
     parser.add_argument("--row", choices=ROWS, action="append", help="all if it is left out")
     parser.add_argument("--before", action="store_true", help="the law before, in its ideal loop")
     arguments = parser.parse_args()
     name, common = ("girona500_ideal", BEFORE) if arguments.before else (
         "girona500_real_loop", REAL)
+    duration = arguments.duration or (16.0 if arguments.before else 20.0)
     print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'held':>8}{'rms N':>8}{'worst':>8}"
           f"{'lost':>6}  what is left")
     for row in arguments.row or ROWS:
         if (overrides := ROWS[row][arguments.before]) is not None:
-            scenario = uv.load_scenario(name, [
-                f"duration={arguments.duration}", *common, *overrides])
+            scenario = uv.load_scenario(name, [f"duration={duration}", *common, *overrides])
             print(f"{row:<22}{measured(uv.simulate(scenario))}", flush=True)
 
 

@@ -26,6 +26,7 @@ from uvms_drake.control.contact.target import AHEAD
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface import KnownSurface, ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
+from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import dump_scenario, load_scenario
@@ -71,6 +72,13 @@ def test_every_wall_is_of_the_class_and_stands_in_front_of_the_tip(drawn, base, 
         distances.append((wall.anchor - start) @ contact.direction)
     assert max(distances) <= FARTHEST
     assert np.std(distances) > 0.01
+
+
+def test_a_drawn_wall_has_no_error_of_the_scenarios_own_wall(base, ocp):
+    wrong = replace(base, surface_error=SurfaceError(shift=[0.05, 0.0, 0.0], stiffness=1.4))
+    error = FeltContact().drawn(wrong, ocp, np.random.default_rng(0)).surface_error
+    assert error.stiffness == 1.0
+    assert not np.any(error.shift)
 
 
 def test_what_is_asked_for_can_be_given_in_the_time(drawn, base, ocp):

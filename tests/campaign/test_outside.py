@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from uvms_drake.campaign.outside import kinds_outside
+from uvms_drake.campaign.outside import kinds_outside, step_outside
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import (
     all_well,
@@ -12,6 +13,15 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
+from uvms_drake.station.scenario import load_scenario
+
+
+def test_nothing_happens_while_the_robot_hovers():
+    scenario = load_scenario("girona500_ideal", ["mpc.hover=6", "duration=10"])
+    rng = np.random.default_rng(0)
+    instants = [step_outside("state lost", scenario, 0.2, rng).faults[0].start for _ in range(50)]
+    assert 6.4 <= min(instants) < 6.6
+    assert 8.6 < max(instants) <= 8.8
 
 
 def test_outside_of_the_bounds_every_promise_is_kept(campaign):

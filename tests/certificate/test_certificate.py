@@ -82,7 +82,7 @@ def test_what_is_no_certificate_is_refused(text, tmp_path):
 @pytest.mark.parametrize(("override", "stale"), [
     ("seed=3", False), ("duration=2", False), ("tube.e=0.01", False),
     ("mpc.terminal_radius=0.1", False), ("description=another", False),
-    ("task.force_tolerance=1", False), ("current.0=0.1", True),
+    ("task.force_tolerance=1", False), ("mpc.hover=2", False), ("current.0=0.1", True),
     ("disturbance.frequency=3", False),
     ("disturbance.bound=0.11", True),
     ("disturbance.weights=[1, 1, 1, 1, 1, 1, 2, 2, 2, 2]", True),

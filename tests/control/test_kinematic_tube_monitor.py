@@ -315,17 +315,19 @@ def test_where_nothing_moves_the_bounds_are_closed_forms(model, name):
                 law.sigma * np.linalg.norm(J_x_nominal[:6], 2) * bound["task"])
 
 
-def test_it_may_start_at_any_time_and_starts_at_its_first_sample(model):
+@pytest.mark.parametrize("begin", [0.0, 0.33])
+def test_it_may_start_at_any_time_and_starts_at_its_first_sample_that_counts(model, begin):
     nominal = np.concatenate([START, np.zeros(10)])
     state = np.concatenate([START + PUSH, np.zeros(10)])
-    simulator, monitor, context = scripted(model, LAWS["resolved"], state, nominal, period=0.01)
+    simulator, monitor, context = scripted(model, LAWS["resolved"], state, nominal, period=0.01,
+                                           begin=begin)
     simulator.get_mutable_context().SetTime(0.123)
     deviation, bound = (monitor.GetOutputPort(name) for name in ("deviation", "bound"))
-    for time in (0.123, 0.128):
-        simulator.AdvanceTo(time)
+    for time in (0.123, 0.128, begin - 0.002):
+        simulator.AdvanceTo(max(time, simulator.get_context().get_time()))
         assert context.get_continuous_state_vector()[0] == NOT_STARTED
         np.testing.assert_array_equal(bound.Eval(context)[:4], deviation.Eval(context)[:4])
-    simulator.AdvanceTo(0.23)
+    simulator.AdvanceTo(max(0.13, begin) + 0.1)
     task = deviation.Eval(context)[0]
     radius, sigma = W_BOUND / 3.0, 3.0
     assert bound.Eval(context)[0] == pytest.approx(

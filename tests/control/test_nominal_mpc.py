@@ -545,6 +545,23 @@ def test_it_keeps_its_place_however_it_was_measured_to_move(short_ocp, start):
     np.testing.assert_array_equal(setup.read("nominal_state"), start * np.repeat([1.0, 0.0], 10))
 
 
+def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short_ocp, start):
+    setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10))
+    setup.ocp.hover, setup.ocp.starts_at_measured = H, True
+    setup.go(0.5 * H)
+    setup.jump(start)
+    setup.go(1.5 * H)
+    np.testing.assert_array_equal(setup.read("plan").start, start)
+
+
+def test_without_a_plan_after_hovering_the_run_fails_and_says_when(short_ocp, start):
+    setup = Setup(ViolatingSolver(short_ocp, None), start * np.repeat([1.0, 0.0], 10))
+    setup.ocp.hover = H
+    setup.go(0.5 * H)
+    with pytest.raises(RunFailed, match=f"no solution at the start, t = {H:g} s: "):
+        setup.go(1.5 * H)
+
+
 @pytest.mark.parametrize("pause", [0.5, 1.0, 1.5])
 def test_while_it_hovers_a_context_goes_on_in_a_clone(short_ocp, start, pause):
     setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10), committed=2)

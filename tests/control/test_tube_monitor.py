@@ -212,6 +212,17 @@ def test_what_is_before_it_begins_is_not_looked_at(model, states):
         assert report["worst_set_position"] == pytest.approx(worst)
 
 
+def test_a_disturbance_counts_before_it_begins(model, states):
+    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    simulator, monitor, context = scripted(
+        model, radii={"position": 0.001}, state=lambda t: rest, nominal=lambda t: rest, begin=0.3,
+        disturbance=lambda t: 0.2 * np.eye(10)[0] * (t < 0.1))
+    simulator.AdvanceTo(0.5)
+    report = report_of(monitor, context)
+    assert report["disturbance_exits"] == 1.0
+    assert report["worst_disturbance"] == pytest.approx(2.0)
+
+
 def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states):
     """0.03 m/s² is 3 times what a hull of 0.01 m/s² is bounded by, and nothing to a joint."""
     rest = np.concatenate([states["free"][0][:10], np.zeros(10)])

@@ -5,6 +5,7 @@ import pytest
 
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.report.events import events
+from uvms_drake.station.diagram import make_station
 from uvms_drake.station.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
@@ -15,6 +16,14 @@ def test_it_says_what_no_proof_covers(name):
         load_scenario(name)) if not item.holds]
     assert given_up == [
         "current", "model_error", "contact.aside_lag", "sensing[1]", "actuation[0]", "actuation[1]"]
+
+
+def test_what_is_logged_as_felt_is_what_the_law_takes_slowly():
+    station = make_station(load_scenario("girona500_real_loop"))
+    sources = {(to[0].get_name(), to[0].get_input_port(to[1]).get_name()): of[0].get_name()
+               for to, of in station.connection_map().items()}
+    assert sources["slow_aside", "measured"] == sources["log.felt_force", "data"] == "last_finite"
+    assert sources["tube_mpc", "measured_force"] == "slow_aside"
 
 
 @pytest.mark.slow

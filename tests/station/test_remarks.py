@@ -17,6 +17,8 @@ def test_nothing_is_in_vain_in_a_shipped_scenario(name):
      "faults[1].start = 20 s is after the end of the run: it never happens"),
     ("task.pose.0=7", "task.pose is 6.98 m off the surface: along its normal, the desired force "
      "decides where the end-effector goes"),
+    ("mpc.hover=30", "mpc.hover = 30 s is not before the end of the run: the robot only keeps its "
+     "place, and no tube is watched without a certificate"),
     ("simulator.max_step_size=1",
      "simulator.max_step_size = 1 s is cut to 0.02 s by the log or the MPC")])
 def test_what_has_no_effect_is_said(override, expected):

@@ -14,6 +14,7 @@ from uvms_drake.control.contact.target import AHEAD
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
+from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.dynamic import lateness_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
@@ -112,7 +113,7 @@ class FeltContact(Contact):
             wall = wall.moved(np.eye(3), gap * contact.direction)
             if wall.geometry.depth(start) > -contact.clearance:
                 continue
-            drawn = replace(scenario, surface=wall)
+            drawn = replace(scenario, surface=wall, surface_error=SurfaceError())
             at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))
             creep = max(LEAST_CREEP, at_unit_creep / steepest)
             return replace(drawn, surface=replace(wall, creep=creep))

@@ -25,7 +25,7 @@ from uvms_drake.station.scenario import Scenario
 
 FAULT_SECONDS = 0.5
 EARLIEST, LATEST = 0.1, 0.7
-"""Range of the instant at which a fault begins, over the duration of a run."""
+"""Range of the instant at which a fault begins, over the duration of a run from where it plans."""
 SHIFT, TURN, CURRENT = 0.02, 0.05, 0.3
 """Largest error of the surface's pose [m, rad], and largest current [m/s]."""
 TRIM, PAYLOAD = 0.02, 0.5
@@ -92,7 +92,8 @@ def _waves(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scen
 
 
 def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
-    return float(rng.uniform(EARLIEST, LATEST) * scenario.duration)
+    hover = scenario.mpc.hover
+    return hover + float(rng.uniform(EARLIEST, LATEST)) * (scenario.duration - hover)
 
 
 STUCK = "joint stuck"

@@ -172,6 +172,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
         relevant["duration"] = scenario.duration
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)
+    relevant["mpc"].pop("hover", None)  # At rest where it starts: the tube holds from then on.
     relevant["task"].pop("force_tolerance")
     return {"files": files, "inputs": _digest(jsonable(relevant, names=True)),
             "versions": {"uvms_drake": VERSION, "drake": version("drake")}}

@@ -29,7 +29,8 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
                                "declares")
     campaign.add_argument("--model-error", type=float, default=0.2, metavar="E",
                           help="largest relative error of the model that is drawn, as far as the "
-                               "disturbance's bound covers it; 0 for a controller that knows "
+                               "disturbance's bound covers it (where that is 0, the scenario's "
+                               "own errors are drawn); 0 for a controller that knows "
                                "robot, surface and water exactly, and nothing is drawn where it "
                                "feels the surface (default: %(default)s)")
     campaign.add_argument("--outside", action="store_true",

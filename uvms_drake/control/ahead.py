@@ -27,7 +27,11 @@ asks for nothing but forces of the plan: what keeps the plan's within limits kee
 *A wall that is felt* is in 𝔉 by what was felt of it last: where the plan goes deeper by Δ𝔭̄ until
 t + ℓ, the force along n is n·𝐅 + κ̂(n + 𝔱)·Δ𝔭̄ then, and not less than zero, with the slope κ̂ and the
 inclination 𝔱 that are learned (`contact.slope`). For a wall that was not touched yet nothing is
-asked for. This is a prediction: what it is off by comes as late as all of it would without it.
+asked for. This is a prediction: on a wall of slope κ it is off by (κ̂ − κ) n·Δ𝔭̄, and without it by
+−κ n·Δ𝔭̄. κ̂ is the most that is believed, κ₊ at the first touch: that helps where the force rises
+fastest, on stiff walls, and costs on walls of less than κ̂/2, whose force rises slowly. The pitch
+of a BlueROV2 told of κ₊ = 500 N/m swings by 22 instead of 47 mrad on 500 N/m, and by 22 instead of
+12 on 90 N/m, where nothing is near its limit; with the mean of what is believed by 27 and 12.
 
 *A new plan* keeps what was asked for, see `commitment`: what it changed within ℓ of its start would
 come as late as without (P). The largest such change would be the first plan, where before there was

@@ -49,7 +49,8 @@ class NominalMpc(LeafSystem):
     fall back to: `RunFailed`.
 
     A problem with a time to `hover` is not solved before that: until then the plan is to stay where
-    the robot was measured at the initialization, for observers to settle, and nothing fails.
+    the robot was measured at the initialization, for observers to settle, and nothing fails but the
+    first plan after it: `RunFailed`, too.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
     the first one coasts there, which a robot at rest calls hovering; see `commitment`.

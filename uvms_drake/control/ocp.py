@@ -73,8 +73,9 @@ class MpcConfig:
     input_reference: str = "equilibrium"
     """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
     hover: float = 0.0
-    """Time at the start for which the robot keeps its place before it plans, so that its observers
-    settle [s]. Without a certificate the tube counts from then on."""
+    """Time until which the robot keeps its place before it plans, so that its observers settle [s]:
+    of the Context, that is from t = 0, and until the first sample not before it. A mission's clocks
+    run meanwhile. Without a certificate the tube counts from then on."""
     deadline: float | None = None
     """Wall time after which a plan, other than the first, is too late and thrown away [s]; none if
     it is left out. A run that has one is not reproducible bit for bit."""

@@ -147,7 +147,8 @@ class Planner:
         slack = REACHED if solver.ocp.strict else np.inf
         if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
             why = why_no_plan(solver.ocp, free, solution.plan, solver.ocp.tolerance)
-            raise RunFailed(f"the nominal MPC has no solution at the start: {why}")
+            raise RunFailed(f"the nominal MPC has no solution at the start, t = {sample.time:g} s: "
+                            f"{why}")
         return self._remember(sample, memory, guess, solution, SOLVED)
 
     def again(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
@@ -158,7 +159,10 @@ class Planner:
         """
         if memory.plan is not None and memory.report[1] == HOVERED:
             hovering = np.concatenate(memory.plan.at(sample.time)[:2])
-            return self._from_rest(sample, memory, hovering[: self._solver.ocp.state_size])
+            start = self._measured_start(sample)
+            return self._from_rest(
+                sample, memory,
+                hovering[: self._solver.ocp.state_size] if start is None else start)
         if sample.fault == DROPPED:
             return self._pass_over(sample, memory)
         old, memory = memory, memory if sample.asked is None else replace(
@@ -194,10 +198,13 @@ class Planner:
         guess = ocp.continued(plan)
         while guess.start_time < sample.time - 0.5 * plan.time_step:
             guess = ocp.continued(guess)  # Sampling instants were missed.
-        measured = sample.measured
-        if ocp.starts_at_measured and measured is not None and np.all(np.isfinite(measured)):
-            guess = guess.redone(measured, guess.decision)
-        return guess
+        start = self._measured_start(sample)
+        return guess if start is None else guess.redone(start, guess.decision)
+
+    def _measured_start(self, sample: Sample) -> np.ndarray | None:
+        """Returns the measured state if a later plan is to start there and it is finite."""
+        state = sample.measured if self._solver.ocp.starts_at_measured else None
+        return state if state is not None and np.all(np.isfinite(state)) else None
 
     def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, guess: Plan
                ) -> tuple[np.ndarray, Solution, int]:

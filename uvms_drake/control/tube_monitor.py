@@ -132,7 +132,7 @@ class TubeMonitor(LeafSystem):
         along_run: Whether the law's bound along the run is watched: not where more than d pushes.
         period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
             which leaves the steps as they are.
-        begin: Samples before it are not looked at [s]: observers have not settled.
+        begin: No deviation before it is looked at [s]: observers have not settled.
         slack: An exit is a deviation above (1 + slack) bound + floor. A disturbance of constant
             direction takes ‖𝔯‖ to R exactly, so the integrator's error decides which is larger. It
             is of the order of the integrator in the step: with `runge_kutta3` on a robot that meets
@@ -227,7 +227,7 @@ class TubeMonitor(LeafSystem):
         value.set_value(self._law.deviation(self._pair.Eval(context)))
 
     def _start(self, context: Context, state: State) -> EventStatus:
-        if self._has_started(context):
+        if self._has_started(context) or context.get_time() < self._begin:
             return EventStatus.DidNothing()
         x = state.get_mutable_continuous_state().get_mutable_vector()
         x.SetFromVector(self._deviation.Eval(context).norms[: x.size()])
@@ -263,11 +263,11 @@ class TubeMonitor(LeafSystem):
         return _Samples.of(context.get_discrete_state_vector().value())
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        if context.get_time() < self._begin:
-            return EventStatus.DidNothing()
         old = self._samples(context)
         # The bounds that are left now.
-        norms = np.tile(self._deviation.Eval(context).norms, 2)
+        counts = context.get_time() >= self._begin
+        norms = np.tile(self._deviation.Eval(context).norms, 2) if counts else np.zeros(
+            2 * len(FIELDS))
         bounds = np.concatenate([self._radii, self._bounds(context)])
         set_wise, along = np.split(beyond(norms, bounds, self._slack, self._floor), 2)
         d = 0.0

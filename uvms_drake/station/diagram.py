@@ -65,6 +65,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
     true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
     signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
+    Where the contact has an `aside_lag`, a `SlowAside` stands between.
     If a part of actuation gives the signal `vehicle_wrench`, a law that `takes_wrench` takes it.
     An observer knows the parts of actuation, and takes what comes out of them for applied, with
     this wrench; it does not know of faults.
@@ -103,7 +104,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     Args:
         scenario: Everything the run depends on.
         meshcat: Where an `Illustration` draws, if at all.
-        certified: Whether the tube is that of a certificate that holds; it is only shown.
+        certified: Whether the tube is that of a certificate that holds: then it is watched from the
+            start, not only when a robot has hovered. Else it is only shown.
         model: The controller's model; loaded if it is left out.
 
     Raises:
@@ -153,11 +155,11 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             let_go = signals["force_lost"] = controller.GetOutputPort("force_lost")
         felt = LastFinite.AddToBuilder(
             builder, measured=fresh, let_go=let_go).get_output_port()
+        signals["felt_force"] = felt
         if scenario.contact.felt and sensed_contact(scenario).aside_lag > 0.0:
             contact = sensed_contact(scenario)
             felt = SlowAside.AddToBuilder(builder, contact.direction, contact.aside_lag,
                                           contact.period, measured=felt).get_output_port()
-        signals["felt_force"] = felt
         builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
     if scenario.contact.felt:
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)

@@ -20,6 +20,9 @@ def remarks(scenario: Scenario) -> list[str]:
         if np.linalg.norm(off) > 2.0 * depth:
             lines.append(f"task.pose is {np.linalg.norm(off):.3g} m off the surface: along its "
                          "normal, the desired force decides where the end-effector goes")
+    if scenario.mpc.hover >= scenario.duration:
+        lines.append(f"mpc.hover = {scenario.mpc.hover:g} s is not before the end of the run: the "
+                     "robot only keeps its place, and no tube is watched without a certificate")
     shortest = min(scenario.log_period, scenario.mpc.time_step)
     if step > shortest:
         lines.append(f"simulator.max_step_size = {step:g} s is cut to {shortest:g} s by the log or "
