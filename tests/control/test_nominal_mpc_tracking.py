@@ -116,7 +116,7 @@ def test_a_start_whose_plan_cannot_end_in_the_set_is_refused(ocp):
     start = at_rest(ocp, POSITION)
     start[6:10] += 0.4 * (ocp.limits["q"].upper - start[6:10])
     start[3:5] = 0.0
-    with pytest.raises(RunFailed, match=r"no solution at the start: .*out of the reach"):
+    with pytest.raises(RunFailed, match=r"no solution at the start, t = 0 s: .*out of the reach"):
         Loop(ocp, start, target=POSITION).simulator.Initialize()
 
 

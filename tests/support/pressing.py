@@ -108,7 +108,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
         # What is felt.
         at, moving = real[:, None, None] * ALONG, rate[:, None, None] * ALONG
         new = apex(surface, at, moving, force[:, None] * ALONG, FORCE_MAX, NOISE)
-        tip = np.where(replaces(surface, new, tip, 0.0)[:, None], new, tip)
+        tip = np.where(replaces(surface, new, tip, np.zeros((2, 2)))[:, None], new, tip)
         safe = safe_depth(surface, tip, at[:, 0], margin)
         touched = np.abs(force) > NOISE
         belief = with_reading(

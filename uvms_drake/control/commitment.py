@@ -16,7 +16,7 @@ one trajectory is late, not one after another.
 *Every problem is feasible* if it was so without: the end of plan i after t_{i+1} + nh, continued by
 the terminal controller, begins where problem i + 1 does, and keeps its limits as in `tracking_ocp`.
 The limits of the committed part are not looked at again. They held for it when it was free: what
-lasts does so still, and a front that moves loses nothing in reach of the plan (`front.replaces`),
+lasts does so still, and a front that moves loses nothing where the plan goes (`front.replaces`),
 all of whose knots count, the committed ones too (`PlanReach`). And as it is said there, the cost
 of the free part falls by h‖ξ‖²_Q of its first knot: it goes where it is asked to, nh later.
 

@@ -114,8 +114,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     for source, port in ((press.get_output_port(), "target"),
                          (front.GetOutputPort("front"), "safe_depth")):
         builder.Connect(source, mpc.GetInputPort(port))
-    going = PlanReach.AddToBuilder(
-        builder, ocp, walls, plan=mpc.GetOutputPort("plan"), state=measured)
+    going = PlanReach.AddToBuilder(builder, ocp, walls, plan=mpc.GetOutputPort("plan"))
     builder.Connect(going.get_output_port(), front.GetInputPort("reach"))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)

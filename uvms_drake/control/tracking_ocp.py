@@ -25,8 +25,8 @@ grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖�
 N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval ahead. So it is
 feasible for this `Aim`. The target is in no limit: it is
 feasible for every later `Aim` that leaves room for it, as x_N that do not fall do, and a pyramid
-that takes another's place by `front.replaces`: within ℓ of the tip it has all of the old one, with
-the reference, for that is in reach. A fixed set,
+that takes another's place by `front.replaces`: it has all of the old one wherever the last plan
+goes, at the reference, too. A fixed set,
 kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
 could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
 

@@ -148,7 +148,7 @@ class Sensed(Dynamic):
         contact, n = sensed_contact(scenario), ocp.direction
         before, sensing = nothing(sensing_of(contact)), sensing_of(contact)
         tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
-        known = felt(contact.walls, sensing, 0.0, before, tip, np.zeros(3))
+        known = felt(contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
         margin = front_margin(scenario)
         depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
         across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n

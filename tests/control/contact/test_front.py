@@ -1,6 +1,5 @@
 """Tests of `uvms_drake.control.contact.front`: cones that are safe on every wall of a class."""
 
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -135,33 +134,38 @@ def test_the_pyramid_is_inside_of_the_cone_and_meets_it_across_its_axes():
     assert len(straight().facets) == 1
 
 
-@pytest.mark.parametrize("reach", [0.0, 0.02, 0.2])
-def test_an_apex_is_replaced_iff_nothing_in_reach_is_lost(reach):
+@pytest.mark.parametrize("size", [0.0, 0.02, 0.2])
+def test_an_apex_is_replaced_iff_nothing_is_lost_in_a_box_of_places(size):
+    """The box is anywhere beside both, and sampled densely: at its ends, too."""
     rng = np.random.default_rng(3)
     surface = SurfaceClass(random_direction(rng), angle=0.4)
-    R = surface.axes.T
-    corners = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])
-    share = np.linspace(0.0, 1.0, 41)[:, None]
-    edges = np.concatenate([(1.0 - share) * one + share * other
-                            for one, other in pairwise(corners)])
-    diamonds = np.concatenate([r * edges @ R[:, 1:].T for r in reach * np.linspace(0.0, 1.0, 21)])
-    taken = 0
-    for _ in range(100):
+    R, taken = surface.axes.T, 0
+    for _ in range(200):
         new, old = rng.normal(0.0, 0.03, (2, 3))
         old += surface.direction * (surface.depth(new - old) + rng.normal(0.0, 0.03))
-        to_old = surface.around(new - old)
-        direct = (old - new) - surface.depth(old - new) * surface.direction
-        places = np.vstack([new + diamonds, new + min(reach / to_old, 1.0) * direct])
+        box = surface.across(new) + np.sort(size * rng.uniform(-1.0, 1.0, (2, 2)), axis=0)
+        places = np.stack(np.meshgrid(*np.linspace(*box, 41).T), axis=-1).reshape(-1, 2)
+        places = places @ R[:, 1:].T
         gain = np.min(lateral(surface, new, places) - lateral(surface, old, places))
-        assert bool(replaces(surface, new, old, reach)) == (gain >= -1e-12), gain
+        assert bool(replaces(surface, new, old, box)) == (gain >= -1e-12), gain
         taken += gain >= 0.0
-    assert 10 < taken < 90
+    assert 20 < taken < 180
+
+
+def test_what_is_behind_a_tip_that_slides_is_given_up_and_what_is_ahead_is_not():
+    """α is gained for each metre that the old apex is left behind by."""
+    surface = SurfaceClass(angle=0.2)
+    old, new = np.zeros(3), surface.axes.T @ [-0.9 * surface.tilt * 0.05, 0.05, 0.0]
+    ahead, both = np.array([[0.05, 0.0], [0.3, 0.0]]), np.array([[0.0, 0.0], [0.3, 0.0]])
+    assert replaces(surface, new, old, ahead)
+    assert not replaces(surface, new, old, both)
+    assert not replaces(surface, new - 0.2 * surface.tilt * 0.05 * surface.direction, old, ahead)
 
 
 def test_any_apex_is_better_than_none_and_none_replaces_any():
     surface, none = straight(), np.full(3, np.nan)
-    assert replaces(surface, np.zeros(3), none, 0.1)
-    assert not replaces(surface, none, np.zeros(3), 0.1)
+    assert replaces(surface, np.zeros(3), none, np.zeros((2, 2)))
+    assert not replaces(surface, none, np.zeros(3), np.zeros((2, 2)))
 
 
 def test_behind_the_bounds_a_tip_that_is_off_by_the_margin_is_in_the_cone():
@@ -191,7 +195,9 @@ def test_a_tip_that_slides_on_a_tilted_wall_keeps_contact_and_is_safe():
     for _ in range(400):
         force = surface.stiffness * max(p @ normal, 0.0)
         new = apex(surface, p[None], at_rest(p[None]), force * normal, FORCE_MAX, NOISE)
-        old = new if replaces(surface, new, old, reach) else old
+        box = surface.across(p) + np.sort(np.outer([0.0, reach], surface.across(
+            np.array([0.0, 1.0, 0.0]))), axis=0)
+        old = new if replaces(surface, new, old, box) else old
         assert room(surface, old, p) > 0.0
         worst = max(worst, surface.stiffness * (normal @ (
             p + room(surface, old, p) * surface.direction)))

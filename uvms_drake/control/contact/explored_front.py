@@ -45,8 +45,8 @@ class ExploredFront(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `reach` (1): ℓ of the plan that is followed, which takes the place of the argument as soon as
-      there is a front [m].
+    - `reach` (4): least, then largest place across n of the rest of the plan that is followed, see
+      `replaces` [m]; where it is not connected, plans stay where the tip is.
     - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
     - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
@@ -67,19 +67,16 @@ class ExploredFront(LeafSystem):
         surface: The class of walls.
         sensing: The sensor.
         margin: E, of the planned tip [m]; see `safe_depth`.
-        reach: ℓ, how far from the tip across n any plan goes [m]; see `replaces`.
     """
 
     def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensing, *,
-                 margin: float, reach: float = 0.0):
+                 margin: float):
         super().__init__()
-        for key, value in (("margin", margin), ("reach", reach)):
-            require(0.0 <= value < np.inf, key, value, "zero or positive")
+        require(0.0 <= margin < np.inf, "margin", margin, "zero or positive")
         self._model, self._surface, self._sensing = model, surface, sensing
-        self._reach = reach
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._force_port = self.DeclareVectorInputPort("measured_force", 6)
-        self._reach_port = self.DeclareVectorInputPort("reach", 1)
+        self._reach_port = self.DeclareVectorInputPort("reach", 4)
         for part in nothing(sensing):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
@@ -120,9 +117,9 @@ class ExploredFront(LeafSystem):
         else:
             tip = unseen(before)
         force = self._force_port.Eval(context)[:3]
-        reach = self._reach
+        reach = np.tile(self._surface.across(tip[:3]), (2, 1))
         if np.isfinite(before.apex[0]) and self._reach_port.HasValue(context):
-            reach = float(self._reach_port.Eval(context)[0])
+            reach = self._reach_port.Eval(context).reshape(2, 2)
         return felt(self._surface, self._sensing, reach, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
@@ -132,7 +129,7 @@ class ExploredFront(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
-                     sensing: ForceSensing, *, margin: float, reach: float = 0.0,
+                     sensing: ForceSensing, *, margin: float,
                      state: OutputPort, measured_force: OutputPort | None = None,
                      name: str = "explored_front") -> "ExploredFront":
         """Adds the front and connects it.
@@ -143,10 +140,9 @@ class ExploredFront(LeafSystem):
             surface: The class of walls.
             sensing: The sensor.
             margin: E [m].
-            reach: ℓ [m].
             state: Gives (𝔮, ζ) measured.
             measured_force: Gives 𝔉 as the sensor does; left to the caller if None.
             name: Name of the system.
         """
-        front = ExploredFront(model, surface, sensing, margin=margin, reach=reach)
+        front = ExploredFront(model, surface, sensing, margin=margin)
         return added(builder, name, front, state=state, measured_force=measured_force)

@@ -87,7 +87,7 @@ def unseen(before: Felt) -> np.ndarray:
     return np.append(before.past[-6:-3], np.full(3, np.nan))
 
 
-def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Felt,
+def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before: Felt,
          tip: np.ndarray, force: np.ndarray) -> Felt:
     """Returns what is known after one more reading.
 
@@ -97,7 +97,7 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: float, before: Fel
     Args:
         surface: The class of walls.
         sensing: The sensor.
-        reach: ℓ, see `replaces` [m].
+        reach: Where plans go (2, 2), see `replaces` [m].
         before: What was known.
         tip: Position and velocity now (6,) [m, m/s]; or `unseen`.
         force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.

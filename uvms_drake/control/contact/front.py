@@ -20,11 +20,11 @@ end gives the older past the weight e^(−W/T), so the force is at most the read
 take W = 3T and ν for the 5 %.) Within W the wall is taken for flat, so that forces that turn do not
 cancel in the average.
 
-*The pyramid never shrinks* in reach of the plan. A plan keeps linear rows, `SurfaceClass.facets`:
+*The pyramid never shrinks* where the plan goes. A plan keeps linear rows, `SurfaceClass.facets`:
 the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
-if nothing in reach of the plan is lost, see `replaces`, so a plan that was allowed still is; ℓ
-bounds how far across n the rest of a plan goes, from every tip position along it: that of the plan
-that is followed (`plan_reach`), so that a tip that comes to rest far from an old apex gets its own.
+if nothing is lost over all places across n at which the rest of the plan that is followed is
+(`plan_reach`), see `replaces`, so a plan that was allowed still is. What lies behind a tip that
+slides is lost, for no plan goes there.
 
 *The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
 along n and E_t across, then N·(𝔭̄ − 𝔞) ≤ −(E_n + √2 αE_t) for all facets N puts the real one in
@@ -94,27 +94,30 @@ def room(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray
     return np.where(np.isnan(left), -np.inf, left)
 
 
-def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: float) -> np.ndarray:
-    """Returns whether an apex takes the place of the old one: nothing in reach is lost by it.
+def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: np.ndarray
+             ) -> np.ndarray:
+    """Returns whether an apex takes the place of the old one: nothing is lost where plans go.
 
-    With ‖·‖ that of `SurfaceClass.around`, at lateral places 𝔲 within ℓ of the new apex's, which is
-    the tip's, the new pyramid has all of the old one iff s' − α‖𝔲 − 𝔲'‖ ≥ s − α‖𝔲 − 𝔲₀‖ there,
-    s = n·𝔞. With d between the places and r ≤ ℓ from the new one, the difference of the distances
-    is at most d, and at most r − (d − r); both are reached on the line through the places. Hence
+    With ‖·‖ that of `SurfaceClass.around`, at a lateral place 𝔲 the new pyramid has all of the old
+    one iff s' − α‖𝔲 − 𝔲'‖ ≥ s − α‖𝔲 − 𝔲₀‖, s = n·𝔞 and 𝔲', 𝔲₀ the apexes' own places. Along each
+    axis the difference |uᵢ − u'ᵢ| − |uᵢ − u₀ᵢ| is monotone in uᵢ, so in a box of places it is
+    largest at an end, and
 
-        s' ≥ s + α min(d, 2ℓ − d).
+        s' ≥ s + α Σᵢ max over the ends uᵢ of (|uᵢ − u'ᵢ| − |uᵢ − u₀ᵢ|)
 
-    A tip that presses at a place keeps all that it has. One that slides leaves the old apex behind
-    once it is out of reach, where the wall's tilt has used it up.
+    iff nothing is lost in all of the box. A tip that presses at a place keeps all that it has. One
+    that slides gains α for each metre that it leaves behind, more than any wall takes.
 
     Args:
         surface: The class of walls.
         new: Apex of the latest reading (..., 3); NaN replaces nothing.
         old: The one so far (..., 3); NaN is replaced by any.
-        reach: ℓ, how far from the tip across n plans go, in the norm of `around` [m].
+        reach: Ends of the box, least and largest 𝔲 = (t₁, t₂)·𝔭 of places (..., 2, 2) [m].
     """
-    d = surface.around(new - old)
-    better = surface.depth(new - old) >= surface.tilt * np.minimum(d, 2.0 * reach - d)
+    places = surface.across(new)[..., None, :], surface.across(old)[..., None, :]
+    closer = np.subtract(*(np.abs(reach - place) for place in places))
+    lost = surface.tilt * np.sum(np.max(closer, axis=-2), axis=-1)
+    better = surface.depth(new - old) >= lost
     return ~np.isnan(new[..., 0]) & (np.isnan(old[..., 0]) | better)
 
 

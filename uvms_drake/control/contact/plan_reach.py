@@ -1,14 +1,13 @@
-"""How far across the direction of a contact the rest of a plan goes from where the tip is."""
+"""Where across the direction of a contact the rest of a plan goes."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     DiagramBuilder,
     LeafSystem,
     OutputPort,
-    ValueProducer,
 )
 
 from uvms_drake.common.wiring import added
@@ -33,20 +32,18 @@ def plan_places(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
 
 
 class PlanReach(LeafSystem):
-    """Puts out ℓ of the plan that is followed, see `front.replaces`.
+    """Puts out between which places the plan that is followed goes, see `front.replaces`.
 
     .. pydrake_system::
 
         name: PlanReach
         input_ports:
         - plan
-        - state
         output_ports:
         - reach
 
     - `plan`: the current `TrackingPlan` (abstract); knots that are over count, too.
-    - `state`: (𝔮, ζ) (2(6+n)) measured.
-    - `reach` (1): largest distance of `plan_places` from the tip, in `SurfaceClass.around` [m].
+    - `reach` (4): least, then largest `SurfaceClass.across` of `plan_places` [m].
 
     It has no state.
 
@@ -59,25 +56,15 @@ class PlanReach(LeafSystem):
         super().__init__()
         self._ocp, self._surface = ocp, surface
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
-        self._state_port = self.DeclareVectorInputPort("state", 2 * ocp.model.size)
-        # A plan is followed for many readings of a sensor.
-        self._places = self.DeclareCacheEntry(
-            description="where the plan goes", value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(()), calc=self._calc_places),
-            prerequisites_of_calc={self._plan_port.ticket()})
-        self.DeclareVectorOutputPort(
-            "reach", 1, self._calc, {self._places.ticket(), self._state_port.ticket()})
-
-    def _calc_places(self, context: Context, value: AbstractValue) -> None:
-        value.set_value(plan_places(self._ocp, self._plan_port.Eval(context)))
+        # A plan is followed for many readings of a sensor: its places are cached by the port.
+        self.DeclareVectorOutputPort("reach", 4, self._calc, {self._plan_port.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        config = self._state_port.Eval(context)[: self._ocp.model.size]
-        tip = self._ocp.model.task_pose(config)[:3]
-        output[0] = float(np.max(self._surface.around(self._places.Eval(context) - tip)))
+        places = self._surface.across(plan_places(self._ocp, self._plan_port.Eval(context)))
+        output.SetFromVector(np.append(places.min(axis=0), places.max(axis=0)))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,
-                     plan: OutputPort, state: OutputPort, name: str = "plan_reach") -> "PlanReach":
-        """Adds the system and connects it; the arguments are its constructor's and its inputs."""
-        return added(builder, name, PlanReach(ocp, surface), plan=plan, state=state)
+                     plan: OutputPort, name: str = "plan_reach") -> "PlanReach":
+        """Adds the system and connects it; the arguments are its constructor's and its input."""
+        return added(builder, name, PlanReach(ocp, surface), plan=plan)

@@ -88,10 +88,14 @@ class SurfaceClass:
         facets.setflags(write=False)
         return facets
 
+    def across(self, point: np.ndarray) -> np.ndarray:
+        """Returns (t₁, t₂)·𝔭 (..., 2) [m], where a point 𝔭 (..., 3) is across n."""
+        places: np.ndarray = point @ self.axes[1:].T
+        return places
+
     def around(self, motion: np.ndarray) -> np.ndarray:
         """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `aside`."""
-        across: np.ndarray = motion @ self.axes[1:].T
-        return np.sum(np.abs(across), axis=-1)
+        return np.sum(np.abs(self.across(motion)), axis=-1)
 
     def advance(self, motion: np.ndarray) -> np.ndarray:
         """Returns ⟨m⟩ (...), the most that the depth can grow by a motion m (..., 3) [m or m/s].
