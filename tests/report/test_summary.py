@@ -316,6 +316,19 @@ def test_the_disturbance_is_measured_by_its_norm():
         "applied": pytest.approx(0.05), "exceeded": 1}
 
 
+def test_where_no_bound_of_what_disturbs_is_declared_none_is_exceeded():
+    record = synthetic_record()
+    scenario = replace(record.scenario, disturbance=replace(record.scenario.disturbance, bound=0.0))
+    record = replace(record, scenario=scenario, certified=np.array(False),
+                     effective_disturbance=record.effective_disturbance + 0.05)
+    summary = summarise(record)
+    assert summary["disturbance"]["exceeded"] is None
+    assert "no bound is declared" in format_summary(summary)
+    assert not [each for each in summary["events"] if each["kind"] == "disturbance_exceeded"]
+    certified = summarise(replace(record, certified=np.array(True)))
+    assert certified["disturbance"]["exceeded"] == 1
+
+
 def test_with_weights_the_disturbance_is_measured_by_the_bounds_of_its_components():
     """0.03 m/s² of a hull of a tenth, which is too much, and 0.04 rad/s² of a joint of all of d̃."""
     record = synthetic_record()

@@ -106,7 +106,7 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     return {
         "induced": None if size is None else float(
             np.max(record.scenario.disturbance.norm(induced)) / disturbance["bound"]),
-        "worst_disturbance": size, "inside": size is None or disturbance["exceeded"] == 0,
+        "worst_disturbance": size, "inside": not disturbance["exceeded"],
         "ratio_set": tube["worst_ratio"]["set"], "ratio_trajectory": ratio,
         "exits_set": tube["exits"], "exits_trajectory": tube["exits_along_the_run"],
         "margin": margins[name], "constraint": name, "margins": margins,

@@ -7,6 +7,7 @@ import numpy as np
 from uvms_drake.control.limits import Limit, tighten
 from uvms_drake.control.points import Points
 from uvms_drake.model.surface.law import Surface
+from uvms_drake.station.diagram import bounds_disturbance
 from uvms_drake.station.motions import limits_of
 from uvms_drake.station.record import Record
 
@@ -19,8 +20,10 @@ STEP = 1e-5
 
 
 def disturbance_above(record: Record) -> np.ndarray:
-    """Returns whether all that disturbs is outside of ‖Ŵ⁻¹d‖₂ ≤ d̃ (T,)."""
+    """Returns whether all that disturbs is outside of ‖Ŵ⁻¹d‖₂ ≤ d̃ (T,), if that is declared."""
     declared = record.scenario.disturbance
+    if not bounds_disturbance(record.scenario, bool(record.certified)):
+        return np.zeros(len(record.time), dtype=bool)
     effective = declared.norm(record.effective_disturbance)
     return effective > (1.0 + BOUND_SLACK) * declared.d_bound + BOUND_FLOOR
 

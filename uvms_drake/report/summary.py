@@ -26,7 +26,7 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
-from uvms_drake.station.diagram import monitor_begin
+from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
@@ -172,16 +172,18 @@ def summarise_disturbance(record: Record) -> dict[str, object]:
     """Returns d̃, the largest disturbance, and how often it was above d̃.
 
     `worst` is of the effective disturbance, with all that the controller does not know about;
-    `applied` of the simulated one alone. `exceeded` counts the separate times of being above. With
-    weights `bound` is d̃, the largest of the components' bounds, and the other two are of ‖Ŵ⁻¹d‖₂,
-    of which it is the bound.
+    `applied` of the simulated one alone. `exceeded` counts the separate times of being above; it is
+    None where no bound is declared. With weights `bound` is d̃, the largest of the components'
+    bounds, and the other two are of ‖Ŵ⁻¹d‖₂, of which it is the bound.
     """
     above, declared = disturbance_above(record), record.scenario.disturbance
+    bounded = bounds_disturbance(record.scenario, bool(record.certified))
     return {"bound": declared.d_bound,
             "unit": motion_of(record.scenario).disturbance_unit,
             "worst": np.max(declared.norm(record.effective_disturbance)),
             "applied": np.max(declared.norm(record.disturbance)),
-            "exceeded": np.count_nonzero(np.diff(above.astype(int), prepend=0) > 0)}
+            "exceeded": (
+                np.count_nonzero(np.diff(above.astype(int), prepend=0) > 0) if bounded else None)}
 
 
 def summarise_tube(record: Record) -> dict[str, object]:
@@ -308,8 +310,9 @@ def _format_robustness(summary: dict) -> list[str]:
     return [
         f"{'disturbance':<14}{disturbance['worst']:.4g} at most with what the controller does not "
         f"know ({disturbance['applied']:.4g} applied)",
-        f"{'':<14}bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
-        f"{disturbance['exceeded']} times",
+        f"{'':<14}" + ("no bound is declared" if disturbance["exceeded"] is None else
+                       f"bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
+                       f"{disturbance['exceeded']} times"),
         f"{'tube':<14}law {tube['law']}; "
         f"|{error} - {error}_nominal| {1e3 * tube['worst_e']:.3g} mm, mrad "
         f"(bound {1e3 * tube['bound_e']:.3g}),",

@@ -185,7 +185,8 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder, model, scenario.ancillary, scenario.disturbance.d_bound,
         set_wise_radii(scenario), weights=weights, state=signals["state"],
         nominal_state=signals["nominal_state"],
-        disturbance=signals["disturbance"],
+        disturbance=(
+            signals["disturbance"] if bounds_disturbance(scenario, certified) else None),
         pair=controller.GetOutputPort("pair") if shared else None,
         kinematic=not motion.has_forces, along_run=motion.along_run,
         period=scenario.log_period, begin=monitor_begin(scenario, certified),
@@ -232,6 +233,14 @@ def applied_disturbance(scenario: Scenario) -> Disturbance:
 def monitor_begin(scenario: Scenario, certified: bool) -> float:
     """Returns from when on a `TubeMonitor` looks [s]: what is certified holds from the start."""
     return 0.0 if certified else scenario.mpc.hover
+
+
+def bounds_disturbance(scenario: Scenario, certified: bool) -> bool:
+    """Returns whether the scenario bounds all that disturbs.
+
+    A d̃ of zero that is not certified bounds nothing: the plant is wrong by other means.
+    """
+    return certified or scenario.disturbance.d_bound > 0.0
 
 
 def monitor_floor(scenario: Scenario) -> float:
