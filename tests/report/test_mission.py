@@ -136,6 +136,17 @@ def test_every_reading_of_a_step_that_presses_is_a_line(record, tmp_path):
     assert rows[:, 5] == pytest.approx(np.ones(len(rows)), abs=1e-2)
 
 
+def test_an_inspector_is_told_how_far_the_tool_is_off_the_normal():
+    record = made()
+    chi = record.chi.copy()
+    chi[:, 3:6] = [0.3, 0.06, -0.08]  # Its roll turns the tool about its own axis.
+    rows = inspection_table(replace(record, chi=chi))
+    held = rows[rows[:, COLUMNS.index("slid")] == 0.0]
+    assert len(held) > 10
+    assert held[:, COLUMNS.index("aslant_rad")] == pytest.approx(
+        np.arccos(np.cos(0.06) * np.cos(0.08)), abs=1e-9)
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.5])
 @pytest.mark.parametrize("angle", [0.0, 0.05, -0.08])
 def test_the_normal_that_is_learned_on_a_straight_way_has_no_friction_in_it(friction, angle):

@@ -64,7 +64,8 @@ class NonlinearSolver(Generic[P]):
         program = self.ocp.staged_program(guess)
         linear = program.linear
         norms = np.concatenate([limit.bound**2 for limit in program.norms])
-        ends = np.zeros(1 if program.terminal.room is None else 3)
+        room = program.terminal.room
+        ends = np.zeros(1 if room is None else 1 + 2 * len(room.size))
         return (np.concatenate([linear.lower.ravel(), np.full(len(norms) + len(ends), -np.inf)]),
                 np.concatenate([linear.upper.ravel(), norms, ends]))
 

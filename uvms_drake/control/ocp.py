@@ -334,6 +334,17 @@ class Ocp(ABC, Generic[P]):
         """Returns the radius of the terminal set that a plan has to end in."""
         return self.terminal.radius
 
+    def terminal_axes(self, plan: P) -> np.ndarray:
+        """Returns the orthogonal T such that P, 𝔎 and F are those of T ξ."""
+        return np.eye(len(self.terminal.P))
+
+    def turned(self) -> "tuple[tuple[np.ndarray, Self], ...]":
+        """Returns other problems with their T for which F has to hold as well.
+
+        T ξ moves there as ξ does here, and costs the same; limits and what is `reached` may differ.
+        """
+        return ()
+
     def _stage_cost(self, plan: P) -> TaskCost:
         """Returns the task's cost of a plan."""
         return self.task_cost
@@ -344,7 +355,8 @@ class Ocp(ABC, Generic[P]):
         Outside of the terminal set the controller is given ξ_N as far as the set's edge, because
         nothing keeps what it makes of a ξ far away within limits.
         """
-        xi = self.errors(plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
+        xi = self.terminal_axes(plan) @ self.errors(
+            plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
         size, radius = np.linalg.norm(self.terminal.root @ xi), self.terminal_radius(plan)
         if size > radius + FEASIBLE:
             xi = max(radius, 0.0) / size * xi
@@ -360,7 +372,8 @@ class Ocp(ABC, Generic[P]):
         knots, ends = points or self.points(plan)
         xi = self.errors(plan, knots.y)
         stages = sum(term.value(ends[0]) for term in (self._stage_cost(plan), *self.own_terms))
-        terminal = float(xi[-1] @ self.terminal.P @ xi[-1])
+        end = self.terminal_axes(plan) @ xi[-1]
+        terminal = float(end @ self.terminal.P @ end)
         slack = max(0.0, np.sqrt(terminal) - self.terminal_radius(plan))
         excess = np.maximum(np.concatenate([
             each.ravel() for _, _, each in self._excesses(knots, ends)]), 0.0)
@@ -431,7 +444,8 @@ class Ocp(ABC, Generic[P]):
         for term in self.own_terms:
             more_H, more_g = term.quadratic(points, Slopes(*by_z), self.time_step)
             H, g = H + more_H, g + more_g
-        penalty, root, width = self.terminal.P, self.terminal.root, H.shape[-1]
+        axes, width = self.terminal_axes(plan), H.shape[-1]
+        penalty, root = axes.T @ self.terminal.P @ axes, self.terminal.root @ axes
         return StagedProgram(
             A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
             linear=self._linear_limits(knots, ends, width),
@@ -494,7 +508,8 @@ class Ocp(ABC, Generic[P]):
             norms=tuple(norm._replace(value=late(cone.value))
                         for norm, cone in zip(program.norms, cones, strict=True)),
             terminal=program.terminal._replace(
-                value=self.terminal.root @ self.errors(plan, knots.y)[-1]))
+                value=self.terminal.root @ self.terminal_axes(plan) @ self.errors(
+                    plan, knots.y)[-1]))
 
     def _linear_limit(self, limit: Limit, points: Points, chain: Slopes) -> LinearLimits:
         """Returns a limit as rows of every stage that is among the points; the last may not be.

@@ -12,6 +12,7 @@ from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
 from uvms_drake.control.contact.plan_reach import PlanReach
 from uvms_drake.control.contact.target import PressTarget
+from uvms_drake.control.contact.wall_normal import WallNormal
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc
@@ -32,7 +33,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         desired_force ─▶ desired_force ─▶ press_target ◀─ place, deepest
                                   ▲ what was felt  │ target
                                   │                ▼
-        fresh_force ──────▶ explored_front ──▶ nominal_mpc
+        fresh_force ──────▶ explored_front ──▶ nominal_mpc ◀─ turn, of wall_normal
                                   ▲      front     │ nominal state, ...
                            state ─┴──────────▶ ancillary ──▶ tau, u
         measured_force, vehicle_wrench ─────────▲
@@ -63,6 +64,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - solve_seconds
         - accepted_force
         - target
+        - turn
         - safe_depth
         - touched
         - slope
@@ -79,6 +81,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     - `deepest`: largest depth along n to steer for (1) [m]; see `PressTarget`.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
+    - `turn`: how far the wall is turned about the vertical, by what was felt (1) [rad]; with
+      `ocp.turn` the robot turns with it.
     - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: what was felt, see
       `ExploredFront`.
     - the others: see `make_tube_mpc`.
@@ -103,6 +107,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     # What was felt, and where to press next.
     front = ExploredFront.AddToBuilder(
         builder, ocp.model, walls, sensing.watched, margin=margin, state=measured)
+    normal = WallNormal.AddToBuilder(builder, front, walls, sensing.period)
     desired = DesiredForce.AddToBuilder(builder, walls.direction, force, largest)
     press = PressTarget.AddToBuilder(builder, front, walls.direction, ocp.y_des[:3],
                                      desired_force=desired.GetOutputPort("along"))
@@ -112,8 +117,10 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         builder, SequentialConvexSolver(ocp), state=measured,
         committed=committed_intervals(law, lateness, ocp.time_step))
     for source, port in ((press.get_output_port(), "target"),
+                         (normal.get_output_port(), "turn"),
                          (front.GetOutputPort("front"), "safe_depth")):
-        builder.Connect(source, mpc.GetInputPort(port))
+        if port in ocp.inputs_given:
+            builder.Connect(source, mpc.GetInputPort(port))
     going = PlanReach.AddToBuilder(builder, ocp, walls, plan=mpc.GetOutputPort("plan"))
     builder.Connect(going.get_output_port(), front.GetInputPort("reach"))
     feedback = AncillaryFeedback.AddToBuilder(
@@ -125,6 +132,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     export_inputs(builder, feedback, add_observer(
         builder, ocp.model, law, feedback, state=measured))
     builder.ExportInput(front.GetInputPort("measured_force"), "fresh_force")
+    builder.ConnectInput("fresh_force", normal.GetInputPort("measured_force"))
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")
     for name in ("place", "deepest"):
@@ -134,6 +142,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         (mpc, ("nominal_state", "nominal_input", "plan", "report", "solve_seconds")),
         (desired, ("accepted_force",)),
         (press, ("target",)),
+        (normal, ("turn",)),
         (front, ("safe_depth", "touched", "slope", "contact_depth", "force_lost")),
     ):
         for name in names:

@@ -46,6 +46,15 @@ V_o(a′) ≤ (1 − λ)V_o(a) + λV_o(a°) + O(‖ξ_0‖²), for V_o is convex
 for every small λ: V_o(a) → V_o(a°). This asks of the solver a plan that is no worse than that one,
 which a converged one from there is; for a single convex program per sample the sum is finite and
 rest the only place to stay, and that it then finds a° is seen in tests, not proven.
+
+*It turns, too.* Gravity is along the vertical, so motion does not change under a turn ψ of all of
+the robot about it either, and ζ, f, u, q and two of the tool's ZYX angles stay as they are. With
+`turn`, a ∈ R⁴ has ψ as its last component, E adds it to the tool's yaw, and in the axes of that
+reference, T ξ = (R_z(−ψ)ξ_𝔭, ...), the loop is that of y_des: P, controller and decrease are those
+of T ξ, for Q weighs both horizontal directions alike. What has a direction in Σ_I does change:
+facets, forces of a contact, limits along n. So F is looked at, and r_x is the largest, for turns
+from −`turn` to `turn` (`turned`), and ρ(a) is at most 20 ε (1 − |ψ|/`turn`), too. What continues a
+plan leaves ψ as it is, so with such an F all of the above holds.
 """
 
 from copy import copy
@@ -66,12 +75,19 @@ from uvms_drake.control.plan import DynamicPlan
 from uvms_drake.control.points import Points
 from uvms_drake.control.staged_program import Room, StagedProgram
 from uvms_drake.control.tracking_plan import TrackingPlan
+from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.uvms_model import UvmsModel
 
 HEADROOM = 1.05
 """r_x over that of the linearisation at the reference."""
 FAR = 1000.0
 """Distance over which model and limits are looked at for being the same everywhere [m]."""
+YAW = 5
+"""Which component of y is the tool's yaw."""
+TURNS = 5
+"""For how many turns the terminal set is looked at."""
+TURNED_FREELY = 0.95
+"""Part of the largest turn up to which nothing of the terminal set is taken for it."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +98,8 @@ class Aim:
     """Where the end-effector is to be, 𝔭 (3,) in Σ_I [m]."""
     safe_depth: np.ndarray | float = np.inf
     """x_N, largest N·𝔭 of each facet (m,) [m], less what the tube takes; see `TrackingOcp`."""
+    turn: float = 0.0
+    """By how much the reference is to be turned about the vertical [rad], if it may be."""
 
 
 class TrackingOcp(DynamicOcp):
@@ -96,6 +114,7 @@ class TrackingOcp(DynamicOcp):
         direction: Unit vector n (3,) in Σ_I, into the surface.
         facets: N (m, 3); n alone if None.
         offset: V_o.
+        turn: Largest turn of the reference about the vertical [rad]; zero, and there is none.
     """
 
     strict: ClassVar[bool] = True
@@ -103,7 +122,7 @@ class TrackingOcp(DynamicOcp):
 
     def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
                  limits: dict[str, Limit], direction: np.ndarray, facets: np.ndarray | None = None,
-                 offset: OffsetCost | None = None):
+                 offset: OffsetCost | None = None, turn: float = 0.0):
         super().__init__(model, mpc, y_des, limits)
         for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
                             ("terms", not mpc.terms)):
@@ -115,9 +134,11 @@ class TrackingOcp(DynamicOcp):
         self.facets = self.direction[None] if facets is None else np.asarray(facets, dtype=float)
         self.offset = offset or OffsetCost()
         self.offset.check()
+        self.turn = turn
+        self._moved = np.array([0, 1, 2, YAW] if turn else [0, 1, 2])
         self._require_the_same_everywhere()
         self._lasting = limits
-        self.depth_reach = self._reach()
+        self.depth_reach = max([self._reach(), *(other._reach(T) for T, other in self.turned())])
         self.aim = Aim(y_des[:3])
 
     def _require_the_same_everywhere(self) -> None:
@@ -135,21 +156,54 @@ class TrackingOcp(DynamicOcp):
                 require(np.allclose(limit.values(there), limit.values(here)),
                         f"limits.{limit.name}", type(limit).__name__,
                         "left out, or the same everywhere, for the reference moves")
+        if not self.turn:
+            return
+        require(0.0 < self.turn < np.pi / 2.0, "turn", self.turn, "from 0 to a right angle")
+        require(bool(np.allclose(model.R_WT[2], [0.0, 0.0, 1.0])), "turn", self.turn,
+                "zero, where the end-effector's yaw (task.frame) is not about the vertical")
+        require(self.Q[0, 0] == self.Q[1, 1], "weight_y", np.diag(self.Q)[:2],
+                "the same for both horizontal directions, where the reference turns")
+        turned = model.configuration(y + 0.3 * np.eye(len(y))[YAW])
+        require(np.allclose(model.drift(turned, zeta), model.drift(config, zeta)), "turn",
+                self.turn, "zero, where the drift changes with the heading")
 
-    def _reach(self) -> float:
-        """Returns r_x [m]."""
+    def _axes(self, turn: float) -> np.ndarray:
+        """Returns T of a reference that is turned [rad]."""
+        T = np.eye(self.state_size)
+        T[:3, :3] = rotation_matrix(np.array([0.0, 0.0, -turn]))
+        return T
+
+    def turned(self) -> tuple[tuple[np.ndarray, Self], ...]:
+        """Returns the problems of some turns of the reference."""
+        out = []
+        for turn in np.linspace(-self.turn, self.turn, TURNS) if self.turn else ():
+            other = copy(self)
+            other.turn, other.y_des = 0.0, self.y_des + turn * np.eye(self.model.size)[YAW]
+            other.task_cost = replace(self.task_cost, y_des=other.y_des)
+            out.append((self._axes(turn), other))
+        return tuple(out)
+
+    def terminal_axes(self, plan: DynamicPlan) -> np.ndarray:
+        """Returns T."""
+        assert isinstance(plan, TrackingPlan)
+        return self._axes(plan.a[3] if self.turn else 0.0)
+
+    def _reach(self, axes: np.ndarray | None = None) -> float:
+        """Returns r_x [m], with the T of a turned problem."""
+        T = np.eye(self.state_size) if axes is None else axes
         size = self.model.size
         J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
         here = np.pad(self.facets, ((0, 0), (0, 2 * size - 3)))
         ahead = here + 0.5 * self.time_step * np.pad(self.facets @ J_x[:3], ((0, 0), (size, 0)))
-        inverse = np.linalg.inv(self.terminal.P)
+        inverse = T.T @ np.linalg.inv(self.terminal.P) @ T
         return HEADROOM * max(float(np.sqrt(np.max(np.sum(each @ inverse * each, axis=1))))
                               for each in (here, ahead))
 
     @property
     def inputs_given(self) -> dict[str, int]:
         """Sizes of the parts of an `Aim`, by the names of ports."""
-        return {"target": 3, "safe_depth": len(self.facets)}
+        turn = {"turn": 1} if self.turn else {}
+        return {"target": 3, "safe_depth": len(self.facets), **turn}
 
     @property
     def reach_names(self) -> tuple[str, ...]:
@@ -169,9 +223,10 @@ class TrackingOcp(DynamicOcp):
         return out
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
-        """Returns the problem of what is asked for: target and safe depth."""
+        """Returns the problem of what is asked for: target, safe depth and turn."""
+        (turn,) = values.get("turn", np.array([self.aim.turn]))
         return self.aimed(Aim(values.get("target", self.aim.target),
-                              values.get("safe_depth", np.inf)))
+                              values.get("safe_depth", np.inf), turn))
 
     @property
     def lasting_limits(self) -> dict[str, Limit]:
@@ -189,13 +244,16 @@ class TrackingOcp(DynamicOcp):
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> TrackingPlan:
         """Returns a first guess: coast, then come to rest, with the reference there."""
         plan = super().resting_plan(time, state, coasting)
-        return TrackingPlan(
-            **vars(plan), a=self.model.task_pose(plan.config[-1])[:3] - self.y_des[:3])
+        a, most = self._error(plan.config[-1])[self._moved], TURNED_FREELY * self.turn
+        a[3:] = np.clip(a[3:], -most, most)
+        return TrackingPlan(**vars(plan), a=a)
 
     def reference(self, plan: DynamicPlan) -> np.ndarray:
         """Returns y_des + E a (6+n,)."""
         assert isinstance(plan, TrackingPlan)
-        return self.y_des + np.pad(plan.a, (0, len(self.y_des) - 3))
+        out = self.y_des.copy()
+        out[self._moved] += plan.a
+        return out
 
     def errors(self, plan: DynamicPlan, y: np.ndarray) -> np.ndarray:
         """Returns ξ = (y − y_des − E a, ζ) at the knots (N+1, 2(6+n))."""
@@ -203,11 +261,20 @@ class TrackingOcp(DynamicOcp):
 
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns ρ(a)."""
-        return float(min(self.terminal.radius, *self._rooms(plan)))
+        return float(np.min(self._room(plan).size, initial=self.terminal.radius))
 
-    def _rooms(self, plan: DynamicPlan) -> np.ndarray:
-        """Returns (x_N − N·(E ᵀy_des + a))/r_x of each facet (m,)."""
-        return (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
+    def _room(self, plan: DynamicPlan) -> Room:
+        """Returns what bounds ρ(a), but for ε, and how it changes with a: fronts, and turns."""
+        assert isinstance(plan, TrackingPlan)
+        sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
+        rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (0, len(self._moved) - 3)))
+        if self.turn:
+            per = self.terminal.radius / ((1.0 - TURNED_FREELY) * self.turn)
+            turns = per * np.array([[0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 1.0]])
+            sizes = np.append(sizes, per * self.turn + turns @ plan.a)
+            rows = np.concatenate([rows, turns])
+        there = np.isfinite(sizes)
+        return Room(sizes[there], rows[there])
 
     def _stage_cost(self, plan: DynamicPlan) -> TaskCost:
         return replace(self.task_cost, y_des=self.reference(plan))
@@ -216,23 +283,44 @@ class TrackingOcp(DynamicOcp):
         """Returns E ᵀy_des + a − target (3,) [m]."""
         return self.reference(plan)[:3] - self.aim.target
 
+    def _unturned(self, plan: DynamicPlan) -> np.ndarray:
+        """Returns ψ less what is asked for (1,) [rad]; (0,) if it does not turn."""
+        assert isinstance(plan, TrackingPlan)
+        most = TURNED_FREELY * self.turn
+        return plan.a[3:] - np.clip(self.aim.turn, -most, most)
+
     def evaluate(self, plan: DynamicPlan, points: PlanPoints | None = None) -> Evaluation:
         """Returns the objective, V_o in it, and the violations of a plan."""
         value = super().evaluate(plan, points)
-        return replace(value, cost=value.cost + self.offset.value(self._missing(plan)))
+        missing, turn = self._missing(plan), self._unturned(plan)
+        return replace(value, cost=(
+            value.cost + self.offset.value(missing) + self.offset.value(turn)))
 
     def staged_program(self, plan: DynamicPlan) -> StagedProgram:
         """Returns the convex program about a plan; its w are the changes of a and of ζ̄̇."""
-        program, room = super().staged_program(plan), None
+        program, room = super().staged_program(plan), self._room(plan)
         program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
-        if np.any(np.isfinite(self.aim.safe_depth)):
-            rows = np.pad(-self.facets / self.depth_reach, ((0, 0), (2 * self.model.size, 0)))
-            room = Room(self._rooms(plan), rows)
-        return with_place(program, *self.offset.quadratic(self._missing(plan)), room)
+        room = room._replace(rows=np.pad(room.rows, ((0, 0), (self.state_size, 0))))
+        H, g = np.zeros((len(self._moved), len(self._moved))), np.zeros(len(self._moved))
+        H[:3, :3], g[:3] = self.offset.quadratic(self._missing(plan))
+        H[3:, 3:], g[3:] = self.offset.quadratic(self._unturned(plan))
+        program = with_place(program, self._moved, H, g, room if len(room.size) else None)
+        return self._with_turning_end(program, plan) if self.turn else program
+
+    def _with_turning_end(self, program: StagedProgram, plan: DynamicPlan) -> StagedProgram:
+        """Returns the program with what T ξ_N changes as T turns, too."""
+        assert isinstance(plan, TrackingPlan)
+        xi = self.errors(plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
+        across = np.cross([0.0, 0.0, -1.0], (self._axes(plan.a[3]) @ xi)[:3])  # ∂(R_z(−ψ) ξ_𝔭)/∂ψ
+        end = program.terminal
+        T = end.T.copy()
+        T[:, -1] = self.terminal.root[:, :3] @ across
+        return replace(program, H_end=2.0 * T.T @ T, g_end=2.0 * T.T @ end.value,
+                       terminal=end._replace(T=T))
 
     def revalued(self, program: StagedProgram, plan: DynamicPlan, points: PlanPoints
                  ) -> StagedProgram:
         """Returns a program with its own slopes, and what is limited and room at another plan."""
         out, room = super().revalued(program, plan, points), program.terminal.room
         return replace(out, terminal=out.terminal._replace(
-            room=room and room._replace(size=self._rooms(plan))))
+            room=room and room._replace(size=self._room(plan).size)))

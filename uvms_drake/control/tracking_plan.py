@@ -9,17 +9,18 @@ from uvms_drake.control.plan import DynamicPlan
 
 @dataclass(frozen=True)
 class TrackingPlan(DynamicPlan):
-    """A `DynamicPlan` about the task y_des + E a, moved by a translation a of its position."""
+    """A `DynamicPlan` about the task y_des + E a, moved by a."""
 
     a: np.ndarray
-    """Translation a (3,) in Σ_I [m]."""
+    """a: a translation in Σ_I [m], and if there may be one a turn about the vertical [rad]."""
 
     @property
     def decision(self) -> np.ndarray:
         """(N+1, 6+n): first (a, 0), then ζ̄̇."""
         return np.concatenate([np.zeros_like(self.zeta[:1]), self.zeta_dot]) + np.pad(
-            self.a[None], ((0, len(self.zeta_dot)), (0, self.zeta.shape[1] - 3)))
+            self.a[None], ((0, len(self.zeta_dot)), (0, self.zeta.shape[1] - len(self.a))))
 
     def redone(self, start: np.ndarray, decision: np.ndarray) -> "TrackingPlan":
         """Returns the plan from another (𝔮, ζ) or with another decision."""
-        return TrackingPlan(**vars(super().redone(start, decision[1:])), a=decision[0, :3])
+        a = decision[0, : len(self.a)]
+        return TrackingPlan(**vars(super().redone(start, decision[1:])), a=a)

@@ -125,7 +125,8 @@ class Hold(Pressing):
 class Slide(Pressing):
     """Goes along a line while it presses: F(t) = force + amplitude sin(2π frequency t).
 
-    Done when the line's end was asked for, and the tip is there. The tool keeps its attitude.
+    Done when the line's end was asked for, and the tip is there. The tool keeps its attitude,
+    but for `contact.turn`.
     """
 
     touches: ClassVar[bool] = True

@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.report.mission import pressing_samples, progress_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.sensed import sensed_contact
@@ -28,9 +29,10 @@ WINDOW = 2.0
 WAY = 0.02
 """Shortest way in that time on which the tip has slid [m]."""
 COLUMNS = ("time_s", "step", "x_m", "y_m", "z_m", "normal_x", "normal_y", "normal_z", "slid",
-           "force_N", "desired_N")
+           "force_N", "desired_N", "aslant_rad")
 """Columns of the table; `slid` is 1 where the normal is by force and path, else 0: the direction
-that the controller is told. `force_N` is the felt force along the normal."""
+that the controller is told. `force_N` is the felt force along the normal, `aslant_rad` the angle
+between it and the tool's axis."""
 
 
 def learned_normals(time: np.ndarray, tip: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -54,13 +56,13 @@ def learned_normals(time: np.ndarray, tip: np.ndarray, force: np.ndarray) -> np.
 
 
 def inspection_table(record: Record) -> np.ndarray:
-    """Returns the rows of `COLUMNS` (m, 11): the logged samples at which the mission presses."""
+    """Returns the rows of `COLUMNS` (m, 12): the logged samples at which the mission presses."""
     pressing, step = pressing_samples(record), progress_of(record)["step"]
     force, n = record.signals["felt_force"][:, :3], sensed_contact(record.scenario).direction
-    tip = record.chi[:, :3]
+    chi = record.chi
     if "measured_state" in record.signals:
-        config = record.signals["measured_state"][:, : record.model.size]
-        tip = record.model.task_pose(config)[:, :3]
+        chi = record.model.task_pose(record.signals["measured_state"][:, : record.model.size])
+    tip, axis = chi[:, :3], rotation_matrix(chi[:, 3:6])[..., 0] @ record.model.R_WT.T
     normals = np.full((len(pressing), 3), np.nan)
     changes = np.diff(np.where(pressing, step, -1), prepend=-1, append=-1) != 0
     edges = np.flatnonzero(changes)
@@ -72,7 +74,8 @@ def inspection_table(record: Record) -> np.ndarray:
     normals[~slid] = n
     rows = np.column_stack([
         record.time, step, tip, normals, slid, np.sum(force * normals, axis=1),
-        record.signals["mission_force"]])
+        record.signals["mission_force"],
+        np.arccos(np.clip(np.sum(axis * normals, axis=1), -1.0, 1.0))])
     return rows[pressing]
 
 
@@ -80,5 +83,5 @@ def format_inspection(record: Record) -> str:
     """Returns the table as CSV."""
     out = io.StringIO()
     np.savetxt(out, inspection_table(record), delimiter=",", header=",".join(COLUMNS), comments="",
-               fmt=["%.3f", "%d", *["%.5f"] * 6, "%d", "%.3f", "%.3f"])
+               fmt=["%.3f", "%d", *["%.5f"] * 6, "%d", *["%.3f"] * 3])
     return out.getvalue()

@@ -46,8 +46,8 @@ class Sensed(Dynamic):
     """Forces move the robot under water, to a wall that it feels and does not know."""
 
     knows_force = along_run = False
-    controller_signals = (*Dynamic.controller_signals, "target", "safe_depth", "touched", "slope",
-                          "contact_depth")
+    controller_signals = (*Dynamic.controller_signals, "target", "turn", "safe_depth", "touched",
+                          "slope", "contact_depth")
 
     def make_ocp(self, scenario: Scenario, model: ContactModel) -> TrackingOcp:
         """Returns the problem for every target, with inputs for all contact forces."""
@@ -58,7 +58,7 @@ class Sensed(Dynamic):
                   for name, limit in limits.items()}
         with within("mpc"):
             return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
-                               contact.walls.facets)
+                               contact.walls.facets, turn=contact.turn)
 
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
         """Returns the tube-based NMPC that presses where it feels."""
@@ -157,9 +157,10 @@ class Sensed(Dynamic):
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
              ) -> np.ndarray:
-        """Returns the last target, in the attitude of the task."""
-        pose = super().goal(scenario, model, logs)
-        return np.concatenate([logs["target"][-1], pose[3:]])
+        """Returns the last target, in the attitude of the task, turned as far as it may be."""
+        pose, most = super().goal(scenario, model, logs), sensed_contact(scenario).turn
+        turn = np.clip(logs["turn"][-1], -most, most)
+        return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + turn])
 
     def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:

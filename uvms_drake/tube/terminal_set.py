@@ -14,7 +14,7 @@ that are linear or conic in ξ have a closed form (`linear_radius`). The others 
 nonlinear map: at samples on the boundary and inside, among them the support points of every limit,
 and at local minima of the margins that a nonlinear program finds from the worst samples; as ξ → 0,
 by an eigenvalue of the linearisation. It is a search for a counterexample that finds none, not a
-proof.
+proof. Where a problem has one set for several references (`Ocp.turned`), all are looked at.
 """
 
 from dataclasses import dataclass
@@ -73,7 +73,12 @@ class TerminalCheck:
 
 
 class TerminalLoop:
-    """The nominal system about its equilibrium, under a terminal controller, valued by a P."""
+    """The nominal system about its equilibrium, under a terminal controller, valued by a P.
+
+    Args:
+        ocp: The problem; those that it is `turned` to are looked at, too.
+        axes: T, if the problem is such a one: states are T ξ of it.
+    """
 
     closed: np.ndarray
     """Matrix of the linearised loop: ξ⁺ = closed · ξ."""
@@ -84,8 +89,10 @@ class TerminalLoop:
     names: tuple[str, ...]
     """Names of the conditions on the nonlinear map, in the order of `margins`."""
 
-    def __init__(self, ocp: Ocp):
+    def __init__(self, ocp: Ocp, axes: np.ndarray | None = None):
         self.ocp, size = ocp, ocp.state_size
+        self._axes = np.eye(size) if axes is None else axes
+        self._others = [TerminalLoop(other, T) for T, other in ocp.turned()]
         self.P, self.gain = ocp.terminal.P, ocp.terminal.gain
         least = float(np.linalg.eigvalsh(self.P)[0])
         require(least > 0.0, "smallest eigenvalue of P", least, "positive: F is unbounded else")
@@ -100,12 +107,13 @@ class TerminalLoop:
                                   for end in ("begin", "end") for part in limit.parts),
                       *(part for limit in self.sampled for part in limit.parts), *ocp.reach_names)
         step = 1j * COMPLEX_STEP * np.eye(size + ocp.model.size)
-        after, w, begin, end = ocp.move(step[:, :size], step[:, size:])
-        moved = (item.imag.T / COMPLEX_STEP for item in (after, w, np.concatenate(
+        after, w, begin, end = ocp.move(step[:, :size] @ self._axes, step[:, size:])
+        moved = (item.imag.T / COMPLEX_STEP for item in (after @ self._axes.T, w, np.concatenate(
             [self._limited("values", begin, end), ocp.reached(begin)[0]], axis=-1)))
         (A, B), (C, D), (E, F) = (np.split(item, [size], axis=1) for item in moved)
         self.closed, self.input_rows, self.rows = (
             by_xi + by_decision @ self.gain for by_xi, by_decision in ((A, B), (C, D), (E, F)))
+        self.rows = np.concatenate([self.rows, *(other.rows for other in self._others)])
 
     def _limited(self, what: str, begin: Points, end: Points) -> np.ndarray:
         """Returns `values` or `used` of the limits that have no closed form (..., their number)."""
@@ -117,13 +125,17 @@ class TerminalLoop:
     def margins(self, xi: np.ndarray) -> np.ndarray:
         """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0."""
         ocp = self.ocp
-        after, w, begin, end = ocp.move(xi, xi @ self.gain.T)
+        after, w, begin, end = ocp.move(xi @ self._axes, xi @ self.gain.T)
         stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))
-        decrease = (_square(xi, self.P) - _square(after, self.P)) / stage - 1.0
+        decrease = (_square(xi, self.P) - _square(after @ self._axes.T, self.P)) / stage - 1.0
         left = 1.0 - self._limited("used", begin, end)
         reached, per = ocp.reached(begin)
         near = 1.0 - reached / (per * np.sqrt(_square(xi, self.P))[..., None])
-        return np.concatenate([decrease[..., None], left, near], axis=-1)
+        worst = np.concatenate([decrease[..., None], left, near], axis=-1)
+        for other in self._others:
+            margins = other.margins(xi)
+            worst = np.where(margins.real < worst.real, margins, worst)
+        return worst
 
     def margin_at_rest(self) -> float:
         """Returns the smallest (V − V⁺)/ℓ − 1 as ξ → 0, a generalised eigenvalue."""
@@ -146,7 +158,11 @@ class TerminalLoop:
             values = limit.values(rest)
             rooms = np.minimum(limit.upper - values, values - limit.lower)
             for part, form, room, half in zip(limit.parts, forms, rooms, limit.half, strict=True):
-                out[part] = (room, self._reach(form.through(self.ocp.state_rows())), half)
+                out[part] = (room, self._reach(
+                    form.through(self.ocp.state_rows()) @ self._axes.T), half)
+        for other in self._others:
+            for part, less in other.closed_form_limits().items():
+                out[part] = min(out[part], less, key=lambda each: each[0] / max(each[1], 1e-12))
         return out
 
     def _reach(self, A: np.ndarray) -> float:

@@ -23,6 +23,11 @@ ratios: κΓ/(Γ + 1) < κ̂ < κΓ/(Γ − 1). A tip that follows steps without
 place at speed v, T behind, has a target that recedes by v tan θ, and a force that is off by
 κ̂T v tan θ all the way.
 
+*What moves is followed late.* A plan is quadratic about its reference: following one that moves at
+v it is T v behind, T = h(1 − Φ)⁻¹ on 𝔭 for the terminal controller's Φ. T is a matrix, so a slide
+along d leaves n·Td v along n, too: 0.04 s of it, 0.7 mm and 0.5 N too deep at 20 mm/s and 700 N/m,
+are what a steady slide of `girona500_inspection` is off by.
+
 *What remains.* With a reading F + n, |n| ≤ ν, and a tip off its target by ε, |ε| ≤ E_n, the tip
 moves by (e − n)/κ̂ + ε and e' = (1 − κ/κ̂) e + (κ/κ̂) n − κε, so in the end
 

@@ -23,9 +23,9 @@ class OffsetCost:
     """
 
     slope: float = 100.0
-    """Cost of a metre, far from the target [1/m]."""
+    """Cost of a metre, far from the target, or of a radian [1/m, 1/rad]."""
     width: float = 1e-3
-    """Distance below which the cost is quadratic [m]."""
+    """Distance below which the cost is quadratic [m, rad]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first parameter that has no meaning."""
@@ -33,13 +33,13 @@ class OffsetCost:
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
 
     def value(self, e: np.ndarray) -> float:
-        """Returns V_o(e), e (3,) [m]."""
+        """Returns V_o(e), e (m,) [m], or (1,) [rad]."""
         return float(self.slope * (np.sqrt(e @ e + self.width**2) - self.width))
 
     def quadratic(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns H (3, 3) and g (3,): V_o(e + b) ≤ V_o(e) + gᵀb + ½ bᵀHb, equal at b = 0.
+        """Returns H (m, m) and g (m,): V_o(e + b) ≤ V_o(e) + gᵀb + ½ bᵀHb, equal at b = 0.
 
         A square root lies below its tangent: √(r + t) ≤ √r + t/(2√r).
         """
         weight = self.slope / np.sqrt(e @ e + self.width**2)
-        return weight * np.eye(3), weight * e
+        return weight * np.eye(len(e)), weight * e

@@ -63,6 +63,9 @@ class SensedContact:
     """How far ahead of the tip there is no wall at the start, while the sensor is tared [m]."""
     tool_angle: float = 0.25
     """Largest angle between the tool's axis and `direction` [rad]."""
+    turn: float = 0.0
+    """How far the robot may turn about the vertical, to either side, to follow with its tool the
+    normal that it learns as it slides [rad]; zero, and it keeps the heading of the task."""
 
     def told(self, surface: Surface) -> "UnmeasuredWall":
         """Returns the surface of the controller's model, whatever the world's is."""
@@ -92,6 +95,9 @@ class SensedContact:
         require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
         require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
                 f"positive, up to {MOST_ASLANT:g} rad")
+        require(0.0 <= self.turn < np.pi / 4.0, "turn", self.turn, "from 0 to 0.78 rad")
+        require(not self.turn or bool(np.hypot(*direction[:2]) > 0.1), "turn", self.turn,
+                "0 where `direction` is vertical, as is what it turns about")
         for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",

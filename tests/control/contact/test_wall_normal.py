@@ -1,0 +1,143 @@
+"""Tests of `uvms_drake.control.contact.wall_normal`."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from uvms_drake.control.contact.wall_normal import (
+    LENGTH,
+    RATE,
+    STEP,
+    UNKNOWN,
+    WallNormal,
+    learned,
+    wall_turn,
+)
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+WALLS = SurfaceClass(np.array([1.0, 0.0, 0.0]), angle=0.2)
+TILT = np.array([0.0, 0.12, -0.05])
+"""Of a plane of the class."""
+
+
+KAPPA = 500.0
+"""Its slope along n [N/m]."""
+
+
+def force(d, friction, normal_force=10.0):
+    """Returns 𝐅 of a tip that slides along d on the plane, which friction drags along."""
+    normal = (WALLS.direction + TILT) / np.linalg.norm(WALLS.direction + TILT)
+    along = d - (d @ normal) * normal
+    return normal_force * (normal + friction * along / np.linalg.norm(along))
+
+
+def tip(d, way, along=10.0):
+    """Returns where a tip is that presses with a force along n [N], some way along d."""
+    return way * d + (along / KAPPA - way * (d @ TILT)) * WALLS.direction
+
+
+def slid(d, friction, forces=lambda way: 10.0, length=0.15, step=1e-3):
+    """Returns what is known after a slide in small steps."""
+    known = UNKNOWN
+    for way in np.arange(0.0, length + 1e-9, step):
+        felt = force(d, friction, forces(way))
+        known = learned(known, WALLS, tip(d, way, felt @ WALLS.direction), felt, KAPPA)
+    return known
+
+
+@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.6, -0.64, 0.48]])
+@pytest.mark.parametrize("turn", [-0.4, 0.0, 0.1])
+def test_a_wall_is_turned_by_what_turns_its_normal_about_the_vertical(direction, turn):
+    """That of a wall which is turned by it: n + 𝔱 is along its normal, whose part along n is n."""
+    n = np.array(direction)
+    c, s = np.cos(turn), np.sin(turn)
+    normal = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ n
+    assert wall_turn(n, normal / (n @ normal) - n) == pytest.approx(turn, abs=1e-12)
+    assert wall_turn(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])) == 0.0
+    assert wall_turn(np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.1, 0.0])) == 0.0
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.4])
+@pytest.mark.parametrize("way", [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.6, -0.8]])
+@pytest.mark.parametrize("forces", [lambda way: 10.0, lambda way: 10.0 + 60.0 * way])
+def test_it_learns_a_plane_by_force_and_path(way, friction, forces):
+    """Whatever the friction is, and while the force changes: a slope of the force is no tilt."""
+    found = slid(np.array(way), friction, forces).tilt
+    left = np.exp(-0.15 / LENGTH)
+    assert found == pytest.approx((1.0 - left) * TILT, abs=0.02 * friction + 1e-3)
+    assert WALLS.direction @ found == pytest.approx(0.0, abs=1e-12)
+
+
+def test_on_a_wall_that_bends_it_is_that_of_where_the_tip_was():
+    """A cylinder of 0.75 m: the mean of the last way, `LENGTH` and half of a `STEP` behind."""
+    known, radius, turns = UNKNOWN, 0.75, np.linspace(0.0, 0.2, 400)
+    for turn in turns:
+        normal = np.array([np.cos(turn), np.sin(turn), 0.0])
+        place = radius * np.array([1.0 - np.cos(turn), -np.sin(turn), 0.0])
+        slope = KAPPA * normal[0] ** 2
+        known = learned(known, WALLS, place + 10.0 / KAPPA * normal, 10.0 * normal, slope)
+    behind = turns[-1] - wall_turn(WALLS.direction, known.tilt)
+    assert behind == pytest.approx((LENGTH + 0.5 * STEP) / radius, rel=0.2)
+
+
+def test_while_a_press_begins_the_path_says_nothing():
+    """The force rises by 2 N on 5 mm, on a wall that is taken for twice as stiff."""
+    d = np.array([0.0, 1.0, 0.0])
+    before = learned(UNKNOWN, WALLS, tip(d, 0.0, 5.0), force(d, 0.3, 5.0), 2.0 * KAPPA)
+    after = learned(before, WALLS, tip(d, 0.006, 9.0), force(d, 0.3, 9.0), 2.0 * KAPPA)
+    assert d @ after.tilt == 0.0
+    assert after.tilt[2] < -0.005, "the force across the way does"
+
+
+def test_at_rest_or_without_a_force_nothing_is_learned():
+    d = np.array([0.0, 0.0, 1.0])
+    rest = learned(UNKNOWN, WALLS, np.zeros(3), force(d, 0.3), KAPPA)
+    for _ in range(100):
+        rest = learned(rest, WALLS, 0.9 * STEP * d, force(-d, 0.3), KAPPA)
+    assert rest.tilt == pytest.approx(np.zeros(3))
+    for nothing in (np.full(3, np.nan), np.array([0.5, 3.0, 0.0])):
+        after = learned(rest, WALLS, 2.0 * STEP * d, nothing, KAPPA)
+        assert after.tilt == pytest.approx(np.zeros(3))
+        assert np.all(np.isnan(after.reading)), "the way begins anew"
+
+
+def test_what_is_learned_is_of_the_class():
+    d, strange = np.array([0.0, 0.0, 1.0]), np.array([1.0, 5.0, 0.0])
+    known = learned(UNKNOWN, WALLS, np.zeros(3), strange, KAPPA)
+    for k in range(1, 30):
+        known = learned(known, WALLS, 0.01 * k * d, strange, KAPPA)
+        assert np.linalg.norm(known.tilt) <= WALLS.tilt + 1e-12
+    assert np.linalg.norm(known.tilt) == pytest.approx(WALLS.tilt)
+
+
+def test_the_system_reads_its_ports_and_keeps_what_it_learned_off_the_wall():
+    system = WallNormal(WALLS, 0.01)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    d = np.array([0.0, 0.0, 1.0])
+    felt = force(d, 0.3)
+
+    def fix(place, touched):
+        for name, value in (("reading", [*place, 10.0]), ("touched", [touched]), ("slope", [KAPPA]),
+                            ("measured_force", [*felt, 0.0, 0.0, 0.0])):
+            system.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
+
+    known = UNKNOWN
+    for k in range(20):
+        place = tip(d, 0.004 * k)
+        fix(place, 1.0)
+        simulator.AdvanceTo(0.01 * (k + 1) - 0.001)
+        known = learned(known, WALLS, place, felt, KAPPA)
+        assert context.get_discrete_state(0).value() == pytest.approx(known.tilt, abs=1e-12)
+    assert system.get_output_port().Eval(context)[0] < 20 * 0.01 * RATE
+    fix(np.zeros(3), 0.0)
+    simulator.AdvanceTo(0.3)
+    assert context.get_discrete_state(0).value() == pytest.approx(known.tilt)
+    assert np.all(np.isnan(context.get_discrete_state(1).value()))
+    assert known.tilt[1] > 0.08
+    before = system.get_output_port().Eval(context)[0]
+    simulator.AdvanceTo(1.3)
+    assert system.get_output_port().Eval(context)[0] == pytest.approx(before + RATE, rel=0.02)
+    simulator.AdvanceTo(20.0)
+    assert system.get_output_port().Eval(context) == pytest.approx(
+        wall_turn(WALLS.direction, known.tilt), abs=1e-12)
