@@ -79,6 +79,7 @@ class NominalMpc(LeafSystem):
         - desired_force (optional, with targets)
         - target (optional, with a TrackingOcp)
         - safe_depth (optional, with a TrackingOcp)
+        - turn (optional, with a TrackingOcp that may turn)
         output_ports:
         - nominal_state
         - nominal_acceleration (with a DynamicOcp)
@@ -98,8 +99,8 @@ class NominalMpc(LeafSystem):
     - `plan`: the current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
     - `solve_seconds`: wall time of the last step [s]; not reproducible, unlike all else.
-    - `target` (3), `safe_depth` (one for each facet): the `Aim` [m]; see `TrackingOcp` for when
-      every problem is feasible.
+    - `target` (3), `safe_depth` (one for each facet), `turn` (1): the `Aim` [m, rad]; see
+      `TrackingOcp` for when every problem is feasible.
     - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
 
     The state is one abstract `MpcMemory`. Beside it the system remembers the problems of the latest
