@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
-from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
+from support.tracking import DIRECTION, POSITION, SURFACE, at_rest, follow, tracking_ocp
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.nlp import NonlinearSolver
@@ -107,17 +107,19 @@ def test_it_turns_no_further_than_it_may_and_keeps_its_terminal_set_there(ocp):
         pytest.approx(0.0, abs=1e-12))
 
 
-def test_turns_and_places_at_random_leave_every_problem_feasible():
-    """Another place and another turn at every sample; the safe depth never falls."""
-    ocp, rng, depth = tracking_ocp(overrides=("mpc.horizon=3",), turn=TURN), np.random.default_rng(
-        5), POSITION[0] + 0.02
+@pytest.mark.parametrize("facets", [DIRECTION[None], SURFACE.facets])
+def test_turns_and_places_at_random_leave_every_problem_feasible(facets):
+    """Another place and another turn at every sample; the front never falls."""
+    ocp = tracking_ocp(overrides=("mpc.horizon=3",), facets=facets, turn=TURN)
+    rng, depth = np.random.default_rng(5), POSITION[0] + 0.02
 
     def aims():
         nonlocal depth
         for _ in range(60):
             depth += rng.choice([0.0, 0.0, 0.0005, 0.004])
             off = rng.uniform([-0.1, -0.4, -0.4], 0.4)
-            yield Aim(np.array([depth, *POSITION[1:]]) + off, depth, rng.uniform(-0.5, 0.5))
+            apex = np.array([depth, *POSITION[1:]])
+            yield Aim(apex + off, facets @ apex, rng.uniform(-0.5, 0.5))
 
     way = 0.0
     for problem, guess, plan in follow(ocp, aims(), ocp.resting_plan(0.0, at_rest(ocp, POSITION))):

@@ -18,7 +18,7 @@ from uvms_drake.control.limits import Limits
 from uvms_drake.control.nominal_mpc import NominalMpc
 from uvms_drake.control.observer import add_observer, export_inputs
 from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.control.tracking_ocp import TrackingOcp
+from uvms_drake.control.tracking_ocp import TURNED_FREELY, TrackingOcp
 from uvms_drake.model.part import ON_TIME, Lateness
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -81,8 +81,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     - `deepest`: largest depth along n to steer for (1) [m]; see `PressTarget`.
     - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
     - `target`: where the end-effector is sent (3) in Σ_I [m].
-    - `turn`: how far the wall is turned about the vertical, by what was felt (1) [rad]; with
-      `ocp.turn` the robot turns with it.
+    - `turn`: by how much the reference is to be turned about the vertical, after the wall (1)
+      [rad]; zero without `ocp.turn`.
     - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: what was felt, see
       `ExploredFront`.
     - the others: see `make_tube_mpc`.
@@ -107,7 +107,8 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     # What was felt, and where to press next.
     front = ExploredFront.AddToBuilder(
         builder, ocp.model, walls, sensing.watched, margin=margin, state=measured)
-    normal = WallNormal.AddToBuilder(builder, front, walls, sensing.period)
+    normal = WallNormal.AddToBuilder(
+        builder, front, walls, TURNED_FREELY * ocp.turn, sensing.period)
     desired = DesiredForce.AddToBuilder(builder, walls.direction, force, largest)
     press = PressTarget.AddToBuilder(builder, front, walls.direction, ocp.y_des[:3],
                                      desired_force=desired.GetOutputPort("along"))

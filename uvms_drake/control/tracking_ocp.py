@@ -52,9 +52,11 @@ the robot about it either, and ζ, f, u, q and two of the tool's ZYX angles stay
 `turn`, a ∈ R⁴ has ψ as its last component, E adds it to the tool's yaw, and in the axes of that
 reference, T ξ = (R_z(−ψ)ξ_𝔭, ...), the loop is that of y_des: P, controller and decrease are those
 of T ξ, for Q weighs both horizontal directions alike. What has a direction in Σ_I does change:
-facets, forces of a contact, limits along n. So F is looked at, and r_x is the largest, for turns
-from −`turn` to `turn` (`turned`), and ρ(a) is at most 20 ε (1 − |ψ|/`turn`), too. What continues a
-plan leaves ψ as it is, so with such an F all of the above holds.
+facets, forces of a contact, limits along n. So F is looked at, and r_x is the largest, for five
+turns from −`turn` to `turn` (`turned`), and ρ(a) is at most 20 ε (1 − |ψ|/`turn`), too. What
+continues a plan leaves ψ as it is, so with an F for all turns all of the above holds. What ψ is
+asked to be, within 0.95 `turn`, has a V_o of its own; that J_x turns adds O(λ²) to the way from a
+to a′, which Cλ² has.
 """
 
 from copy import copy

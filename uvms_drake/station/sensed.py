@@ -16,7 +16,7 @@ from uvms_drake.control.limits.contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
-from uvms_drake.control.tracking_ocp import TURNED_FREELY, Aim, TrackingOcp
+from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.part import ForceReading
 from uvms_drake.model.surface import SensedContact
@@ -157,11 +157,9 @@ class Sensed(Dynamic):
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
              ) -> np.ndarray:
-        """Returns the last target, in the attitude of the task, turned as far as it may be."""
+        """Returns the last target, in the attitude of the task, turned as it is asked to be."""
         pose = super().goal(scenario, model, logs)
-        most = TURNED_FREELY * sensed_contact(scenario).turn
-        turn = np.clip(logs["turn"][-1], -most, most)
-        return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + turn])
+        return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
 
     def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:

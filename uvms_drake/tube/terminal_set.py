@@ -123,7 +123,10 @@ class TerminalLoop:
             *(getattr(limit, what)(begin) for limit in self.sampled)], axis=-1)
 
     def margins(self, xi: np.ndarray) -> np.ndarray:
-        """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0."""
+        """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0.
+
+        Of all references that the problem is `turned` to it is the worst.
+        """
         ocp = self.ocp
         after, w, begin, end = ocp.move(xi @ self._axes, xi @ self.gain.T)
         stage = ocp.time_step * (_square(xi, ocp.Q) + _square(w, ocp.R))

@@ -6,7 +6,8 @@ from pydrake.systems.analysis import Simulator
 
 from uvms_drake.control.contact.wall_normal import (
     LENGTH,
-    RATE,
+    PER_WAY,
+    STEADY,
     STEP,
     UNKNOWN,
     WallNormal,
@@ -36,12 +37,12 @@ def tip(d, way, along=10.0):
     return way * d + (along / KAPPA - way * (d @ TILT)) * WALLS.direction
 
 
-def slid(d, friction, forces=lambda way: 10.0, length=0.15, step=1e-3):
+def slid(d, friction, forces=lambda way: 10.0, length=0.15, step=1e-3, factor=1.0):
     """Returns what is known after a slide in small steps."""
     known = UNKNOWN
     for way in np.arange(0.0, length + 1e-9, step):
         felt = force(d, friction, forces(way))
-        known = learned(known, WALLS, tip(d, way, felt @ WALLS.direction), felt, KAPPA)
+        known = learned(known, WALLS, tip(d, way, felt @ WALLS.direction), felt, factor * KAPPA)
     return known
 
 
@@ -59,7 +60,7 @@ def test_a_wall_is_turned_by_what_turns_its_normal_about_the_vertical(direction,
 
 @pytest.mark.parametrize("friction", [0.0, 0.4])
 @pytest.mark.parametrize("way", [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.6, -0.8]])
-@pytest.mark.parametrize("forces", [lambda way: 10.0, lambda way: 10.0 + 60.0 * way])
+@pytest.mark.parametrize("forces", [lambda way: 10.0, lambda way: 10.0 + 20.0 * way])
 def test_it_learns_a_plane_by_force_and_path(way, friction, forces):
     """Whatever the friction is, and while the force changes: a slope of the force is no tilt."""
     found = slid(np.array(way), friction, forces).tilt
@@ -80,11 +81,19 @@ def test_on_a_wall_that_bends_it_is_that_of_where_the_tip_was():
     assert behind == pytest.approx((LENGTH + 0.5 * STEP) / radius, rel=0.2)
 
 
+@pytest.mark.parametrize("ramp", [20.0, 50.0, 130.0])
+def test_a_slope_that_is_taken_for_twice_as_stiff_turns_the_wall_by_no_more_than_is_said(ramp):
+    d = np.array([0.0, 1.0, 0.0])
+    found = slid(d, 0.0, lambda way: 5.0 + ramp * way, factor=2.0).tilt
+    off = d @ (found - (1.0 - np.exp(-0.15 / LENGTH)) * TILT)
+    assert abs(off) <= STEADY + 0.01 or d @ found == 0.0
+
+
 def test_while_a_press_begins_the_path_says_nothing():
     """The force rises by 2 N on 5 mm, on a wall that is taken for twice as stiff."""
     d = np.array([0.0, 1.0, 0.0])
     before = learned(UNKNOWN, WALLS, tip(d, 0.0, 5.0), force(d, 0.3, 5.0), 2.0 * KAPPA)
-    after = learned(before, WALLS, tip(d, 0.006, 9.0), force(d, 0.3, 9.0), 2.0 * KAPPA)
+    after = learned(before, WALLS, tip(d, 0.012, 9.0), force(d, 0.3, 9.0), 2.0 * KAPPA)
     assert d @ after.tilt == 0.0
     assert after.tilt[2] < -0.005, "the force across the way does"
 
@@ -111,7 +120,7 @@ def test_what_is_learned_is_of_the_class():
 
 
 def test_the_system_reads_its_ports_and_keeps_what_it_learned_off_the_wall():
-    system = WallNormal(WALLS, 0.01)
+    system = WallNormal(WALLS, 0.1, 0.01)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     d = np.array([0.0, 0.0, 1.0])
@@ -122,22 +131,28 @@ def test_the_system_reads_its_ports_and_keeps_what_it_learned_off_the_wall():
                             ("measured_force", [*felt, 0.0, 0.0, 0.0])):
             system.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
 
-    known = UNKNOWN
-    for k in range(20):
-        place = tip(d, 0.004 * k)
+    known, way = UNKNOWN, 0.004 * np.arange(50)
+    for k, along in enumerate(way):
+        place = tip(d, along)
         fix(place, 1.0)
         simulator.AdvanceTo(0.01 * (k + 1) - 0.001)
         known = learned(known, WALLS, place, felt, KAPPA)
-        assert context.get_discrete_state(0).value() == pytest.approx(known.tilt, abs=1e-12)
-    assert system.get_output_port().Eval(context)[0] < 20 * 0.01 * RATE
+        if along == 0.04:
+            first = system.get_output_port().Eval(context)[0]
+    assert context.get_discrete_state(0).value() == pytest.approx(known.tilt, abs=1e-12)
+    assert 0.5 * PER_WAY * 0.04 < first <= PER_WAY * 0.04
+    gone = PER_WAY * way[-1]
+    assert system.get_output_port().Eval(context)[0] == pytest.approx(gone, abs=PER_WAY * 2 * STEP)
+    before = system.get_output_port().Eval(context)[0]
+    fix(tip(d, way[-1]), 1.0)  # At rest, then off the wall: it does not turn.
+    simulator.AdvanceTo(1.0)
     fix(np.zeros(3), 0.0)
-    simulator.AdvanceTo(0.3)
+    simulator.AdvanceTo(1.5)
+    assert system.get_output_port().Eval(context)[0] == before
     assert context.get_discrete_state(0).value() == pytest.approx(known.tilt)
     assert np.all(np.isnan(context.get_discrete_state(1).value()))
-    assert known.tilt[1] > 0.08
-    before = system.get_output_port().Eval(context)[0]
-    simulator.AdvanceTo(1.3)
-    assert system.get_output_port().Eval(context)[0] == pytest.approx(before + RATE, rel=0.02)
-    simulator.AdvanceTo(20.0)
-    assert system.get_output_port().Eval(context) == pytest.approx(
-        wall_turn(WALLS.direction, known.tilt), abs=1e-12)
+    assert known.tilt[1] > 0.1
+    for k, along in enumerate(way):  # On goes the way, up to the largest turn.
+        fix(tip(d, along), 1.0)
+        simulator.AdvanceTo(1.5 + 0.01 * (k + 1) - 0.001)
+    assert system.get_output_port().Eval(context)[0] == pytest.approx(0.1)

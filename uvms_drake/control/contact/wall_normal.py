@@ -6,18 +6,20 @@ On the wall, with its inward normal along n + 𝔱, 𝔱 ⊥ n, a tip that moves
 
 Across its way, 𝔱 − (d·𝔱) d is that part of 𝐅/(n·𝐅), whatever the friction. Along its way 𝐅 has the
 friction in it, but the path is on the wall: over a way s the tip goes deeper by Δx = Δφ/κ − s d·𝔱,
-which says nothing where Δφ/κ is much, as while a press begins, for κ is not known well.
+which says little where Δφ/κ is much, as while a press begins, for κ̂ is above κ more often than not.
 Both are averaged over the way, `LENGTH`: a tip at rest learns nothing, as friction may then point
 anywhere, and a way shorter than `STEP` says too little of d. What is off: a force across of b of
 the normal one (a bias of the sensor) is b [rad]; a d that is off by δ, μδ; a depth that is off by
-ε, or a force by κε, ε/`LENGTH`; and on a wall that bends it is where the tip was `LENGTH` ago. What
+ε, or a force by κε, ε/`LENGTH`; a κ̂ above κ, up to (κ̂/κ − 1) `STEADY` while the force changes; and
+on a wall that bends it is where the tip was `LENGTH` ago. What
 `slope` estimates of 𝔱 counts on errors of the force as large as is declared, and is slower.
 
 It is no bound, and need be none: by how much a reference turns is in no limit of a plan
 (`TrackingOcp`). A robot that may turn about the vertical turns by the angle between the horizontal
-parts of n and n + 𝔱, so that the tool follows the normal as far as a turn can make it: slowly, at
-`RATE`, for a robot that turns about its tip has to be moved, too, and its plans leave the tip
-beside its place by about 0.4 s of a metre for each radian, 3 mm.
+parts of n and n + 𝔱, so that the tool follows the normal as far as a turn can make it: on its way,
+and by `PER_WAY` of it, for a robot that turns about its tip has to be moved, too. Its plans leave
+the tip beside its place by about 0.4 s of a metre for each radian: at 20 mm/s, 3 mm. In a hold it
+does not turn.
 """
 
 from typing import NamedTuple
@@ -36,14 +38,14 @@ from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
-STEP = 0.005
+STEP = 0.01
 """Shortest way across n by which anything is learned [m]."""
 LENGTH = 0.03
 """Way across n over which it is averaged [m]."""
-STEADY = 0.2
+STEADY = 0.05
 """Largest Δφ/κ over the way at which the path says how the wall lies."""
-RATE = 0.008
-"""How fast the turn that is asked for changes at most [rad/s]."""
+PER_WAY = 0.4
+"""By how much the turn that is asked for changes at most on a way across n [rad/m]."""
 LIGHT = 1.0
 """Force along n below which its direction says nothing [N]."""
 
@@ -124,26 +126,28 @@ class WallNormal(LeafSystem):
 
     - `reading`, `touched`, `slope`: those of an `ExploredFront`.
     - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `turn` (1): goes to `wall_turn` at `RATE` [rad]; off the wall to that of where it was left.
+    - `turn` (1): goes to `wall_turn` with `PER_WAY` [rad]; it stays where it is off the wall.
 
     The discrete state is an `Inclination` and the turn.
 
     Args:
         surface: The class of walls.
+        most: Largest turn, to either side [rad].
         period: Time between two looks [s].
     """
 
-    def __init__(self, surface: SurfaceClass, period: float):
+    def __init__(self, surface: SurfaceClass, most: float, period: float):
         super().__init__()
+        require(0.0 <= most < np.inf, "most", most, "zero or positive")
         require(0.0 < period < np.inf, "period", period, "positive")
-        self._surface = surface
+        self._surface, self._most = surface, most
         self._reading_port = self.DeclareVectorInputPort("reading", 4)
         self._touched_port = self.DeclareVectorInputPort("touched", 1)
         self._slope_port = self.DeclareVectorInputPort("slope", 1)
         self._force_port = self.DeclareVectorInputPort("measured_force", 6)
         for part in UNKNOWN:
             self.DeclareDiscreteState(part)
-        turn, self._most = self.DeclareDiscreteState(1), RATE * period
+        turn = self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
         self.DeclareStateOutputPort("turn", turn)
 
@@ -152,30 +156,34 @@ class WallNormal(LeafSystem):
         return Inclination(*(context.get_discrete_state(i).value() for i in range(2)))
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
-        known = self._known(context)
+        before = known = self._known(context)
         if self._touched_port.Eval(context)[0]:
             known = learned(known, self._surface, self._reading_port.Eval(context)[:3],
                             self._force_port.Eval(context)[:3], self._slope_port.Eval(context)[0])
         else:
             known = known._replace(reading=UNKNOWN.reading)
         turn = context.get_discrete_state(2)[0]
-        turn += np.clip(wall_turn(self._surface.direction, known.tilt) - turn,
-                        -self._most, self._most)
+        if np.all(np.isfinite([known.reading, before.reading])):
+            wanted = np.clip(wall_turn(self._surface.direction, known.tilt),
+                             -self._most, self._most)
+            step = PER_WAY * self._surface.aside(known.reading[:3] - before.reading[:3])
+            turn += np.clip(wanted - turn, -step, step)
         for i, part in enumerate((*known, [turn])):
             state.set_value(i, part)
         return EventStatus.Succeeded()
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, surface: SurfaceClass,
-                     period: float, name: str = "wall_normal") -> "WallNormal":
+                     most: float, period: float, name: str = "wall_normal") -> "WallNormal":
         """Adds the system and connects it, but for `measured_force`.
 
         Args:
             builder: Where to add it.
             front: What was felt.
             surface: The class of walls.
+            most: Largest turn, to either side [rad].
             period: Time between two looks [s].
             name: Name of the system.
         """
-        return added(builder, name, WallNormal(surface, period), **{
+        return added(builder, name, WallNormal(surface, most, period), **{
             port: front.GetOutputPort(port) for port in ("reading", "touched", "slope")})

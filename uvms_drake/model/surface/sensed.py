@@ -96,8 +96,8 @@ class SensedContact:
         require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
                 f"positive, up to {MOST_ASLANT:g} rad")
         require(0.0 <= self.turn < np.pi / 4.0, "turn", self.turn, "from 0 to 0.78 rad")
-        require(not self.turn or bool(np.hypot(*direction[:2]) > 0.1), "turn", self.turn,
-                "0 where `direction` is vertical, as is what it turns about")
+        require(not self.turn or bool(np.hypot(*direction[:2]) > np.tan(self.angle)), "turn",
+                self.turn, "0 where a normal within `angle` of `direction` may be vertical")
         for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
