@@ -7,6 +7,7 @@ the mission looks. Each is to end, with no more force along the direction than i
 """
 
 import argparse
+from collections import Counter
 
 import numpy as np
 
@@ -36,11 +37,11 @@ def drawn(number: int, duration: float) -> Scenario:
     tip = load_model(base).task_pose(np.append(start, base.start.q))[:3]
     at = (tip[[2, 1]] * [1.0, -1.0] + rng.uniform(-0.02, 0.02, 2)).tolist()
     along = rng.uniform(0.03, 0.05) * np.array([np.cos(w := rng.uniform(0.0, 6.28)), np.sin(w)])
-    ahead = rng.choice([rng.uniform(0.07, 0.1), 0.3], p=[0.9, 0.1])
+    ahead = rng.choice([rng.uniform(0.03, 0.06), 0.3], p=[0.9, 0.1])
     shape = SHAPES[rng.integers(len(SHAPES))].format(
         (tip + [ahead, 0.0, 0.0]).tolist(), normal.tolist(),
         (axis / np.linalg.norm(axis)).tolist())
-    fault = FAULTS[rng.integers(len(FAULTS))].format(rng.uniform(5.0, 13.0))
+    fault = FAULTS[rng.integers(len(FAULTS))].format(rng.uniform(6.0, 16.0))
     return uv.load_scenario("jacket_inspection_real", [
         f"seed={number}", f"start.eta={start.tolist()}", f"surface.geometry={shape}",
         f"surface.law.stiffness={np.exp(rng.uniform(*np.log([150.0, 990.0])))}",
@@ -48,7 +49,7 @@ def drawn(number: int, duration: float) -> Scenario:
         "simulator.max_step_size=0.01", f"current={rng.uniform(-0.07, 0.07, 3).tolist()}",
         f"faults=[{fault if rng.uniform() < 0.8 else ''}]", f"duration={duration}",
         "mission.retries=0",
-        f"mission.steps=[!Approach {{at: {at}, within: 0.2, timeout: 12.0, settle: 0.5}}, "
+        f"mission.steps=[!Approach {{at: {at}, within: 0.2, timeout: 20.0, settle: 0.5}}, "
         "!Hold {seconds: 1.0, timeout: 3.0}, "
         f"!Slide {{along: {along.tolist()}, timeout: 5.0}}, !Retreat {{timeout: 5.0}}]"])
 
@@ -58,10 +59,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--missions", type=int, default=2, help="how many; each takes a minute")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
-    parser.add_argument("--duration", type=float, default=26.0, help="longest simulated time [s]")
+    parser.add_argument("--duration", type=float, default=34.0, help="longest simulated time [s]")
     arguments = parser.parse_args()
     print(f"{'':>3}  {'surface':<10}{'N/m':>5}{'friction':>10}  {'fault':<16}{'at s':>5}"
           f"{'largest N':>11}{'allowed':>9}  mission")
+    outcomes, shares = Counter[str](), []
     for number in range(arguments.first, arguments.first + arguments.missions):
         scenario = drawn(number, arguments.duration)
         record = uv.simulate(scenario)
@@ -75,6 +77,10 @@ def main() -> None:
               f"{fault.start if fault else np.nan:5.1f}{most:11.2f}"
               f"{sensed_contact(scenario).force:9.2f}  {'; '.join([mission['outcome'], *failed])}",
               flush=True)
+        outcomes[mission["outcome"]] += 1
+        shares.append(most / sensed_contact(scenario).force)
+    print(f"{len(shares)} missions: " + ", ".join(f"{n} {how}" for how, n in outcomes.items())
+          + f"; at most {max(shares):.2f} of the force that is allowed")
 
 
 if __name__ == "__main__":
