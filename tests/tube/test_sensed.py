@@ -9,6 +9,9 @@ import pytest
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube import sensed
 from uvms_drake.tube.constraint_set import ConstraintSet
+from uvms_drake.tube.estimate import no_estimates
+from uvms_drake.tube.felt_proof import Claimed
+from uvms_drake.tube.felt_sizes import sizes_over_joints, suprema_of, tip_jacobian_and_gain
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.row_gains import instant_gains
@@ -16,7 +19,6 @@ from uvms_drake.tube.sensed import (
     FeltForce,
     contact_input_rest,
     push_of,
-    tip_jacobian_and_gain,
 )
 
 LOWER, UPPER = np.array([-0.4, 0.6, -0.1, -0.8]), np.array([0.4, 1.3, 0.72, 0.8])
@@ -58,21 +60,16 @@ K, SIGMA, STEP = 50.0, 40.0, 2.5e-4
 @pytest.fixture(scope="module", autouse=True)
 def searched_once(model) -> Iterator[None]:
     """Suprema of DECLARED and the tool's angle of FORCE, which do not depend on the forces."""
-    sizes, box = sensed.sizes_over_joints(model, DECLARED, FORCE.tool_angle)
-    worst = supremum_over_joints(sizes, *box)
-
-    def supremum(function, *args):
-        return worst if function is sizes else supremum_over_joints(function, *args)
-
+    sizes, box = sizes_over_joints(model, DECLARED, FORCE.tool_angle)
+    claimed = Claimed(suprema_of(supremum_over_joints(sizes, *box)), False, no_estimates)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sensed, "sizes_over_joints", lambda *_: (sizes, box))
-        patch.setattr(sensed, "supremum_over_joints", supremum)
+        patch.setattr(sensed, "claimed_suprema", lambda *_, **__: claimed)
         yield
 
 
 @pytest.fixture(scope="module")
 def push(model, searched_once) -> Push:
-    return push_of(model, DECLARED, FORCE, K, SIGMA, J_dot=0.0)
+    return push_of(model, DECLARED, FORCE, K, SIGMA)
 
 
 def held_readings(force: np.ndarray) -> np.ndarray:
@@ -148,18 +145,21 @@ def test_the_joints_are_pushed_as_far_as_their_own_bounds_say(model, push):
 
 def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
     quiet = replace(FORCE, rate=0.0, ripple=0.0, aside_rate=0.0, aside_ripple=0.0, size=0.0)
-    still = push_of(model, DECLARED, quiet, K, SIGMA, J_dot=0.0)
+    still = push_of(model, replace(DECLARED, nu2=1e-9, qdot=1e-9), quiet, K, SIGMA)
     for parts, total in ((still.budget["depth"], still.depth),
                          (still.budget["position"], still.position)):
         assert sum(parts.values()) == pytest.approx(total)
         assert parts["the reading in rest"] == pytest.approx(total)
-    nothing = push_of(model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA,
-                      J_dot=1.0)
+    nothing = push_of(model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
     assert nothing.position == nothing.orientation == nothing.tip_speed == 0.0
     assert not np.any(np.concatenate([nothing.r, nothing.p, nothing.z, nothing.u, nothing.w]))
+    # Rows whose axes turn while the robot moves are pushed by 𝔯, whatever the force does.
+    moving = push_of(model, DECLARED, quiet, K, SIGMA)
+    assert still.position < moving.position < 1.2 * still.position
+    assert still.orientation < moving.orientation < 1.2 * still.orientation
     # A tip that turns while a reading is held pushes the rows, and the input takes the reading.
     turning = push_of(model, DECLARED, replace(
-        quiet, error=0.0, torque_error=0.0, size=50.0), K, SIGMA, J_dot=0.0)
+        quiet, error=0.0, torque_error=0.0, size=50.0), K, SIGMA)
     gains = instant_gains(K, SIGMA)
     np.testing.assert_allclose(turning.w / turning.p, (1.0 + gains.input) / gains.position)
 

@@ -90,8 +90,9 @@ class UvmsModel:
         """Size 6 + n of 𝔮 and of ζ."""
         self.q_lower = np.array([joint.position_lower_limits()[0] for joint in uvms.joints])
         self.q_upper = np.array([joint.position_upper_limits()[0] for joint in uvms.joints])
-        self._links = read_links(uvms)
-        self.slides = self._links.slides
+        self.links = read_links(uvms)
+        """Geometry, inertia and drag of the links."""
+        self.slides = self.links.slides
         """Whether a joint is prismatic, its coordinate a length (n,)."""
         self._sliding = [int(j) for j in np.flatnonzero(self.slides)]
         self.gravity: np.ndarray = uvms.plant.gravity_field().gravity_vector()
@@ -106,8 +107,8 @@ class UvmsModel:
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
         # 1 where joint i is beyond the vehicle's columns of a Jacobian, or that of joint j.
         self._beyond = np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=-1)
-        self._rotor_inertia = np.concatenate([np.zeros(6), self._links.rotor_inertia])
-        self._joint_damping = np.concatenate([np.zeros(6), self._links.joint_damping])
+        self._rotor_inertia = np.concatenate([np.zeros(6), self.links.rotor_inertia])
+        self._joint_damping = np.concatenate([np.zeros(6), self.links.joint_damping])
 
     # Kinematics
 
@@ -117,7 +118,7 @@ class UvmsModel:
         R_WB, R_WE, chi = self._tip(config, X_BL[..., -1, :3, :])
         A_E = pose_rate_matrix(R_WE, chi[..., 3:])
         R_BL, p_BL = X_BL[..., :3, :3], X_BL[..., :3, 3]
-        joints = X_BL[..., :-1, :, :] @ self._links.joint_axis
+        joints = X_BL[..., :-1, :, :] @ self.links.joint_axis
         axis, anchor = joints[..., :3, 0], joints[..., :3, 1]
         screw = np.concatenate([cross(anchor, axis), axis], axis=-1)
         for j in self._sliding:
@@ -128,13 +129,13 @@ class UvmsModel:
 
     def _chain(self, angles: np.ndarray) -> np.ndarray:
         """Returns the links' poses X_BL (..., n+1, 4, 4) at the joints' q (..., n)."""
-        fixed, by_sin, by_cos, by_length = self._links.step
+        fixed, by_sin, by_cos, by_length = self.links.step
         step = (fixed + np.sin(angles)[..., None, None] * by_sin
                 + np.cos(angles)[..., None, None] * by_cos)
         for j in self._sliding:
             step[..., j, :, :] += angles[..., j, None, None] * by_length[j]
         X_BL = np.empty((*angles.shape[:-1], self.num_joints + 1, 4, 4), dtype=step.dtype)
-        X_BL[..., 0, :, :] = self._links.X_BV
+        X_BL[..., 0, :, :] = self.links.X_BV
         for j in range(self.num_joints):
             np.matmul(X_BL[..., j, :, :], step[..., j, :, :], out=X_BL[..., j + 1, :, :])
         return X_BL
@@ -245,7 +246,7 @@ class UvmsModel:
     def _forces(self, kinematics: Kinematics, motion: "_Motion", contact: np.ndarray | None = None
                 ) -> np.ndarray:
         """Returns fₖ (..., n+1, 6), the force that moves link k so, against water and contact."""
-        force = self._links.links_force(motion.V, motion.A, motion.g)
+        force = self.links.links_force(motion.V, motion.A, motion.g)
         if contact is None:
             contact = self.contact_force(kinematics, motion.V[..., -1, :])
         force[..., -1, :] += (contact[..., None, :] @ kinematics.A_E)[..., 0, :]
@@ -270,7 +271,7 @@ class UvmsModel:
     def mass_matrix(self, kinematics: Kinematics) -> np.ndarray:
         """Returns M (..., 6+n, 6+n) = Σ Jₖᵀ Iₖ Jₖ with added mass and reflected joint inertia."""
         J = kinematics.J_links
-        return (_stacked(J).swapaxes(-1, -2) @ _stacked(self._links.inertia @ J)
+        return (_stacked(J).swapaxes(-1, -2) @ _stacked(self.links.inertia @ J)
                 + np.diag(self._rotor_inertia))
 
     def drift(self, config: np.ndarray, zeta: np.ndarray, contact: np.ndarray | None = None
@@ -323,7 +324,7 @@ class UvmsModel:
         size, J, screw = self.size, kinematics.J_links, kinematics.screw
         motion = self._motion(kinematics, zeta, zeta_dot)
         # ∂f by the velocity and by a displacement of each link; the last one feels the surface.
-        N, K = self._links.force_gradients(motion.V, motion.g)
+        N, K = self.links.force_gradients(motion.V, motion.g)
         by_velocity, by_motion = self.contact_gradients(kinematics, motion.V[..., -1, :])
         N[..., -1, :, :] += by_velocity
         K[..., -1, :, :] += by_motion
@@ -336,7 +337,7 @@ class UvmsModel:
             [motion_matrix(zeta[..., :6]), 2.0 * _columns(motion.screw_rate), _columns(second)],
             axis=-1)[..., None, :, :]
         rates[..., 6:] *= np.tile(self._moves, 2)[:, None, :]
-        carried = self._links.inertia @ rates
+        carried = self.links.inertia @ rates
         # ∂f of every link; `rates` has 2 ṡ, of which qᵢ takes half.
         change = np.concatenate([K @ J, N @ J + carried[..., :size]], axis=-1)
         change[..., 6:size] += 0.5 * N @ rates[..., 6:size] + carried[..., size:]

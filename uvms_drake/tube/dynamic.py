@@ -31,8 +31,8 @@ from uvms_drake.tube.tubes import (
     transpose_velocity_radius,
 )
 
-ESTIMATED = ("z", "nu1", "nu2", "u", "tau")
-"""Radii of `resolved` that rest on estimates in a ball of disturbances, if nothing is felt."""
+ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
+"""Radii of `resolved` that rest on estimates in a ball of disturbances."""
 TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
 TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
 """The constants of `transpose`, see `lemma_constants`."""
@@ -73,7 +73,7 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     gains = basis.row_norm("position"), basis.row_norm("orientation")
     position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
     push = Push() if basis.contact is None else push_of(
-        basis.model, basis.declared, basis.contact, k, sigma, J_dot=basis.value("J_dot_max"),
+        basis.model, basis.declared, basis.contact, k, sigma,
         safety_factor=settings.safety_factor, seed=settings.seed)
     image = tube_image(
         basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
@@ -95,13 +95,11 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     budget = {name: {"d": by_d[name], **parts} for name, parts in push.budget.items()}
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
     estimated: tuple[str, ...] = ESTIMATED
-    check = image.check
-    if np.any(basis.weights != 1.0):
+    if np.any(basis.weights != 1.0) or np.any(push.p):
         estimated += ("roll", "pitch")
-    if basis.contact is not None:
+    if basis.contact is not None and not push.proven:
         estimated = tuple(vars(tube))
-        check = together(check, push.check, lambda: checked_constants(
-            basis.model, basis.declared, (basis.constants["J_dot_max"],), settings.seed))
+    check = together(image.check, push.check)
     return LawTube(tube, (condition,), budget, estimated, check)
 
 

@@ -31,6 +31,8 @@ class Push:
     """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
     w: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
+    proven: bool = False
+    """Whether all of it is proven but `u` and `w`."""
     check: Check = no_estimates
     """Returns what of it is estimated."""
     budget: dict[str, dict[str, float]] = field(default_factory=dict)

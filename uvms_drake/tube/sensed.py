@@ -7,38 +7,24 @@ M d, what remains of the contact is an acceleration,
 
 whatever the surface: its law, its place and its stiffness are in neither side. In axes of the tip,
 Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e, J_E the Jacobian of the tip's spatial velocity in its own axes and e the
-sensor's error. M, with added mass, and J_E are functions of q alone, so the suprema below are over
-the box of the joints: found on a grid and closer and closer to the worst of it, multiplied by
-a declared factor, and called estimates.
+sensor's error. The suprema below are those of `felt_sizes`, proven by `felt_proof` or estimated.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from uvms_drake.model.euler import COMPLEX_STEP
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.estimate import largest_of
+from uvms_drake.tube.felt_proof import claimed_suprema
+from uvms_drake.tube.felt_sizes import Sizes, tip_jacobian_and_gain
 from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.push import Push
 from uvms_drake.tube.row_gains import instant_gains, lagged_gains
 
 SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "the robot's motion")
 """Sources of the terms of (3)."""
-
-
-def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns J_E (..., 6, 6+n) and M⁻¹J_Eᵀ (..., 6+n, 6) at joint angles (..., n), maybe complex.
-
-    The latter takes a wrench of the tip in the tip's own axes, (force, torque), to an acceleration.
-    """
-    config = np.concatenate([np.zeros((*q.shape[:-1], 6), dtype=q.dtype), q], axis=-1)
-    kinematics = model.kinematics(config)
-    J_E = kinematics.J_links[..., -1, :, :]
-    return J_E, np.linalg.solve(model.mass_matrix(kinematics), J_E.swapaxes(-1, -2))
 
 
 @dataclass(frozen=True)
@@ -79,9 +65,8 @@ class FeltForce:
         return self.lag + self.period
 
 
-def by_source(force: FeltForce, A: "Sizes", known: float, late: float, *, turning: float,
-              qdot: float, moving: float = 0.0, turned: float = 0.0, safety_factor: float = 1.0
-              ) -> np.ndarray:
+def by_source(force: FeltForce, A: Sizes, known: float, late: float, *, turning: float,
+              qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
     """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
 
     Args:
@@ -93,19 +78,18 @@ def by_source(force: FeltForce, A: "Sizes", known: float, late: float, *, turnin
         qdot: Bound of ‖q̇‖ [rad/s].
         moving: J̃‖𝔯‖, if the rows are under the filter by their velocity.
         turned: What Ȧ has beside the part by the joints, where the rows are turned.
-        safety_factor: Factor of the suprema.
     """
     A_rate = A.by_joints * qdot + turned
-    return np.array([safety_factor * part for part in (
+    return np.array([
         known * (A.force * force.error + A.torque * force.torque_error),
         known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
         known * A.force * force.aside_rate * force.age + late * A.force * force.aside_ripple,
-        known * (A.force * turning * force.size * force.age + moving / safety_factor
-                 + force.age * A_rate * (force.ripple + force.aside_ripple)))])
+        known * (A.force * turning * force.size * force.age + moving
+                 + force.age * A_rate * (force.ripple + force.aside_ripple))])
 
 
 def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: float, sigma: float, *,
-            J_dot: float, safety_factor: float = 1.0, seed: int = 0) -> Push:
+            safety_factor: float = 1.0, seed: int = 0) -> Push:
     """Returns what the errors of a force sensor do to the law `resolved`.
 
     By (1), δ = A(q)(F̂ − F) drives the rows, A = J_bM⁻¹J_Eᵀ in axes of the tip or the rows of
@@ -118,10 +102,11 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
 
     Ȧ = sup‖dA_f/dt‖ is the price of taking A out of the integral over what the sensor misses,
     ∫∫g(t − s)H(s, u)[A(s) − A(u)]F(u), H averaging over ages of T + h at most; J̃‖𝔯‖ that of
-    taking J_b under the same filter, d/dt(J_b𝔯) = −kJ_b𝔯 + δ + J̇_b𝔯. The tip's axes, in which
-    the sensor holds the force, turn at ω, and the rows of its position with them. The rows of Euler
-    rates are E(𝔬) times those of the angular velocity, ‖E‖ = (1 − |sin θ|)^−½, and
-    ‖∂E/∂φ‖ ≤ ‖E‖, ‖∂E/∂θ‖ = √(1 + sin²θ)/cos²θ at the largest θ.
+    taking J_b under the same filter, d/dt(J_b𝔯) = −kJ_b𝔯 + δ + J̇_b𝔯. In axes of the vehicle, which
+    turn at ν₂, ‖J̇_v‖ ≤ ‖ν₂‖‖J_v‖ + ‖q̇‖(Σ‖∂J_v/∂qᵢ‖²)^½. The tip's axes, in which the sensor holds
+    the force, turn at ω, and the rows of its position with them. The rows of Euler rates are
+    E(𝔬)J_ω, J_ω in axes of the tip, ‖E‖ = (1 − |sin θ|)^−½, and ‖∂E/∂φ‖ ≤ ‖E‖, ‖∂E/∂θ‖ =
+    √(1 + sin²θ)/cos²θ at the largest θ; their J̃ is ‖Ė‖‖J_ω‖ + ‖E‖‖q̇‖(Σ‖∂J_ω/∂qᵢ‖²)^½.
 
     Args:
         model: The controller's.
@@ -129,37 +114,38 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         force: The forces.
         k: Velocity gain [1/s].
         sigma: σ [1/s].
-        J_dot: J̃, supremum of ‖J̇‖ [1/s].
         safety_factor: Factor of suprema, which are searched for.
         seed: Seed of the search.
     """
-    sizes, box = sizes_over_joints(model, declared, force.tool_angle)
-    worst = supremum_over_joints(sizes, *box, seed)
-    found = suprema_of(worst)
-    turning = declared.nu2 + safety_factor * found.turning * declared.qdot
+    claimed = claimed_suprema(
+        model, declared, force.tool_angle, safety_factor=safety_factor, seed=seed)
+    found = claimed.suprema
+    turning = declared.nu2 + found.turning * declared.qdot
     instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
 
     def parts(gain: str, A: Sizes, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
         """Returns the terms of (3) by source (number of `SOURCES`, ...)."""
         return by_source(force, A, getattr(instant, gain), getattr(missed, gain), turning=turning,
-                         qdot=declared.qdot, moving=moving, turned=turned,
-                         safety_factor=safety_factor)
+                         qdot=declared.qdot, moving=moving, turned=turned)
 
     def through(A: Sizes) -> np.ndarray:
         """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
-        return np.asarray(safety_factor * (
-            A.force * reading_off(force, turning) + A.torque * force.torque_error))
+        return np.asarray(
+            A.force * reading_off(force, turning) + A.torque * force.torque_error)
 
     r = np.sum(parts("error", found.zeta), axis=0)
-    J_r, turned = J_dot * float(np.linalg.norm(r)), turning * float(found.position.force)
+    size_r, turned = float(np.linalg.norm(r)), turning * float(found.position.force)
+    J_r = size_r * (declared.nu2 * found.linear + declared.qdot * found.linear_by_joints)
     sine = float(np.sin(declared.tip_pitch))
     euler = 1.0 / np.sqrt(1.0 - sine)
     euler_rate = euler * turning * np.hypot(euler, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
+    euler_r = size_r * (euler_rate * found.angular
+                        + euler * declared.qdot * found.angular_by_joints)
     position = parts("position", found.position, J_r, turned)
     depth = parts("position", found.depth, J_r, turned)
     speed = parts("velocity", found.depth, J_r, turned)
-    orientation = parts("position", Sizes(*(euler * size for size in found.rotation)), J_r,
-                        euler_rate * float(found.rotation.force))
+    orientation = parts("position", Sizes(*(euler * size for size in found.rotation)),
+                        euler_r, euler_rate * float(found.rotation.force))
     return Push(
         depth=float(np.sum(depth)), depth_speed=float(np.sum(speed)),
         position=float(np.sum(position)), orientation=float(np.sum(orientation)),
@@ -168,85 +154,9 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
         z=np.sum(parts("velocity", found.zeta), axis=0),
         u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
         w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
-        check=lambda: (largest_of("what M⁻¹J_Eᵀ makes of forces", safety_factor * worst,
-                                  second_over_joints(sizes, *box, seed)),),
+        proven=claimed.proven, check=claimed.check,
         budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
             ("depth", depth), ("depth_speed", speed), ("position", position))})
-
-
-class Sizes(NamedTuple):
-    """Suprema of norms of matrices A(q), one or several of them."""
-
-    force: np.ndarray | float
-    """Of the columns of the force, A_f."""
-    normal: np.ndarray | float
-    """Of A_f n."""
-    torque: np.ndarray | float
-    """Of the columns of the torque."""
-    by_joints: np.ndarray | float
-    """(Σᵢ‖∂A_f/∂qᵢ‖²)^½, which times ‖q̇‖ bounds ‖dA_f/dt‖."""
-
-
-class Suprema(NamedTuple):
-    """Those of the matrices of (3)."""
-
-    turning: float
-    """‖J_ω,q‖, of the tip's angular velocity by the joints' rates."""
-    depth: Sizes
-    """Of n·𝔭̇."""
-    position: Sizes
-    """Of the tip's velocity, in its axes."""
-    rotation: Sizes
-    """Of its angular velocity, likewise."""
-    zeta: Sizes
-    """Of ν₁, ν₂ and q̇, (3,) each."""
-    rows: Sizes
-    """Of each row of ζ̇ (6+n,)."""
-
-
-def sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
-        Callable[[np.ndarray], np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Returns the norms by the joints and n in the cone about the tip's x-axis, and their box."""
-    size, num_joints = model.size, model.num_joints
-    blocks = (slice(0, 3), slice(3, 6), slice(6, size))
-
-    def matrices(q: np.ndarray, n: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Returns the matrices (..., rows, 6), and J_ω,q (..., 3, n)."""
-        J_E, gain = tip_jacobian_and_gain(model, q)
-        at_tip = J_E @ gain
-        return [n[..., None, :] @ at_tip[..., :3, :], at_tip[..., :3, :], at_tip[..., 3:, :],
-                *(gain[..., block, :] for block in blocks),
-                *(gain[..., i: i + 1, :] for i in range(size))], J_E[..., 3:, 6:]
-
-    def sizes(at: np.ndarray) -> np.ndarray:
-        q, (off, about) = at[:, :num_joints], at[:, num_joints:].T
-        n = np.stack([np.cos(off), np.sin(off) * np.cos(about), np.sin(off) * np.sin(about)], -1)
-        moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(num_joints)
-        here, turning = matrices(q, n)
-        slopes = [each.imag / COMPLEX_STEP for each in matrices(moved, n[:, None])[0]]
-        columns = [_norm(turning)]
-        for A, slope in zip(here, slopes, strict=True):
-            columns += [_norm(A[..., :3]), _norm(A[..., :3] @ n[..., None]), _norm(A[..., 3:]),
-                        np.linalg.norm(_norm(slope[..., :3]), axis=-1)]
-        return np.stack(columns, axis=-1)
-
-    return sizes, (np.append(declared.q_lower, [0.0, 0.0]),
-                   np.append(declared.q_upper, [tool_angle, 2.0 * np.pi]))
-
-
-def suprema_of(worst: np.ndarray) -> Suprema:
-    """Returns the suprema of `sizes_over_joints` by what they are of."""
-    table = worst[1:].reshape(-1, 4).T
-    return Suprema(float(worst[0]), *(Sizes(*table[:, part]) for part in (
-        0, 1, 2, slice(3, 6), slice(6, None))))
-
-
-def _norm(A: np.ndarray) -> np.ndarray:
-    """Returns spectral norms (...) of matrices (..., r, c); zero if one has no rows or columns."""
-    if 0 in A.shape[-2:]:
-        return np.zeros(A.shape[:-2])
-    out: np.ndarray = np.linalg.norm(A, 2, axis=(-2, -1))
-    return out
 
 
 def reading_off(force: FeltForce, turning: float) -> float:

@@ -8,20 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.tube.estimate import Check, largest_of, no_estimates
-from uvms_drake.tube.joint_search import second_over_joints, supremum_over_joints
+from uvms_drake.tube.estimate import Check, largest_of, no_estimates, together
+from uvms_drake.tube.felt_proof import claimed_suprema
+from uvms_drake.tube.felt_sizes import Sizes, Suprema
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.row_gains import lagged_gains
 from uvms_drake.tube.row_loop import RowLoop
 from uvms_drake.tube.sensed import (
     SOURCES,
-    Sizes,
-    Suprema,
     by_source,
     reading_input,
     reading_off,
-    sizes_over_joints,
-    suprema_of,
 )
 from uvms_drake.tube.tip_first_image import Arm
 
@@ -83,19 +80,17 @@ class Pushes:
         if contact is None:
             return
         declared, settings = basis.declared, basis.settings
-        sizes, box = sizes_over_joints(basis.model, declared, contact.tool_angle)
-        worst = supremum_over_joints(sizes, *box, settings.seed)
-        found = self._found = suprema_of(worst)
-        factor = settings.safety_factor
-        self.turning = declared.nu2 + factor * found.turning * declared.qdot
+        claimed = claimed_suprema(basis.model, declared, contact.tool_angle,
+                                  safety_factor=settings.safety_factor, seed=settings.seed)
+        found, factor = claimed.suprema, settings.safety_factor
+        self._found = found
+        self.turning = declared.nu2 + found.turning * declared.qdot
         each, second = reading_input(
             basis.model, declared.q_lower, declared.q_upper,
             reading_off(contact, self.turning), contact.torque_error, settings.seed)
         self.reading = factor * each
-        self.check = lambda: (
-            largest_of("what M⁻¹J_Eᵀ makes of forces", factor * worst,
-                       second_over_joints(sizes, *box, settings.seed)),
-            largest_of("what a reading adds to u and τ", factor * each, second))
+        self.check = together(claimed.check, lambda: (
+            largest_of("what a reading adds to u and τ", factor * each, second),))
         stretch, sine = euler_stretch(declared.pitch), np.sin(declared.pitch)
         turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
         vehicle, attitude = self.zeta([0]), self.zeta([1])
@@ -131,7 +126,7 @@ class Pushes:
         contact = replace(contact, lag=contact.lag + loop.age)
         terms = np.array([
             by_source(contact, A, known, late, turning=self.turning, qdot=basis.declared.qdot,
-                      turned=turned, safety_factor=basis.settings.safety_factor)
+                      turned=turned)
             for known, late in zip(loop.known, loop.late, strict=True)])
         return dict(zip(SOURCES, terms.T, strict=True))
 
