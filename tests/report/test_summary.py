@@ -111,9 +111,11 @@ def test_errors_are_in_the_unit_of_what_is_desired(wrench, unit):
     summary = summarise(desiring(wrench, synthetic_record()))
     text = format_summary(summary)
     assert f"{np.linalg.norm(wrench):.4g} {unit} desired, " in text
-    assert f"error {summary['force']['final_error_norm']:.3g} {unit} at the end\n" in text
+    assert f"error {summary['force']['final_error_norm']:.3g} {unit} at the end" in text
+    assert (f"at the end, {abs(summary['force']['final_error_normal']):.3g} N along the direction\n"
+            in text) == (wrench[0] > 0)
     assert f"error {summary['force']['last_5_s']['mean_error_norm']:.3g} {unit} on average" in text
-    assert ("N at its peak" in text) == ("normal off by" in text) == (wrench[0] > 0)
+    assert ("N at its peak" in text) == ("along the direction at most" in text) == (wrench[0] > 0)
     assert ("no force desired, " in text) == (wrench[0] == 0)
 
 
@@ -423,7 +425,8 @@ def test_a_run_without_events_has_none():
 
 def test_a_surface_that_is_never_reached_is_said():
     record = pressing(np.zeros(4))
-    assert "normal 0 N at its peak, never in contact" in format_summary(summarise(record))
+    text = format_summary(summarise(record))
+    assert "along the direction 0 N at its peak, never in contact" in text
 
 
 def test_what_is_a_length_is_in_millimetres_and_what_has_a_unit_says_it():

@@ -90,8 +90,9 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     instance = _parse(plant, folder, sdf)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, STANDARD_GRAVITY])
     for name in ("vehicle", "tip"):
-        require(plant.HasFrameNamed(name, instance), "model", model,
-                f"a robot with a frame '{name}'")
+        frames = sorted(plant.get_frame(i).name() for i in plant.GetFrameIndices(instance))
+        require(name in frames, "model", model, f"a robot with a frame '{name}': those of "
+                f"{robot_file(folder).name} are {', '.join(frames)}")
     hydrodynamics = load_hydrodynamics(folder / "hydrodynamics.yaml")
     for name in hydrodynamics.bodies:
         require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",

@@ -189,7 +189,7 @@ def _settled(record: Record) -> Iterator[Event]:
     tolerance = record.scenario.task.force_tolerance
     error = np.linalg.norm(record.force - record.desired_force, axis=1)
     index = settling_index(error, tolerance)
-    if index is not None:
+    if index is not None and np.any(record.desired_force[-1]):
         time = float(record.time[index])
         yield Event(time, time, "settled",
                     f"force within {tolerance:g} {wrench_unit(record.desired_force[-1])} of the "

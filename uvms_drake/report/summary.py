@@ -110,6 +110,7 @@ def summarise_force(record: Record) -> dict[str, Any]:
         "desired": desired,
         "final": record.force[-1],
         "final_error_norm": error[-1],
+        "final_error_normal": normal[-1] - magnitude,
         "worst_error_norm_after_settling": None if index is None else np.max(error[index:]),
         "settling_time_s": None if index is None else record.time[index],
         "peak_normal": np.max(normal) if magnitude > 0.0 else None,
@@ -266,13 +267,15 @@ def _format_force(force: dict) -> list[str]:
     impact = "started in contact" if overshoot is None else (
         "never in contact" if force["peak_normal"] == 0.0 else
         f"impact overshoot {overshoot['newton']:.3g} N ({_number(overshoot['percent'], '.3g')} %)")
-    peak, off = "no force desired", ""
+    peak, off, across = "no force desired", "", ""
     if force["peak_normal"] is not None:
-        peak = f"normal {force['peak_normal']:.4g} N at its peak"
-        off = f", normal off by {last['worst_normal_error']:.3g} N at most"
+        peak = f"along the direction {force['peak_normal']:.4g} N at its peak"
+        off = f", along the direction at most {last['worst_normal_error']:.3g} N"
+        if force["peak_normal"] > 0.0:  # The rest is across: a wall that is inclined, or rubs.
+            across = f", {abs(force['final_error_normal']):.3g} N along the direction"
     return [
         f"{'force':<14}{np.linalg.norm(force['desired']):.4g} {unit} desired, {settled}; "
-        f"error {force['final_error_norm']:.3g} {unit} at the end",
+        f"error {force['final_error_norm']:.3g} {unit} at the end{across}",
         f"{'':<14}{peak}, {impact}",
         f"{'':<14}last {LAST_SECONDS:g} s or all: error {last['mean_error_norm']:.3g} {unit} on "
         f"average{off}",
@@ -283,7 +286,8 @@ def _format_contact(contact: dict) -> list[str]:
     if contact["first_touch_s"] is None:
         return []
     return [f"{'':<14}first touch at {contact['first_touch_s']:.2f} s, static force at most "
-            f"{contact['largest_static_force']:.4g} N, contact lost {contact['losses']} times",
+            f"{contact['largest_static_force']:.4g} N along the wall's own normal, "
+            f"contact lost {contact['losses']} times",
             *_format_class(contact)]
 
 

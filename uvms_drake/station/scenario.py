@@ -95,7 +95,7 @@ class Scenario:
     seed: int = 0
     """Seed of everything random."""
     duration: float = 20.0
-    """Simulated time [s]."""
+    """Simulated time [s]. A sensor drifts until its end, and a certificate counts with that."""
     motion: str = "dynamic"
     """Kind of motion: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
     input, the end-effector's velocity is disturbed and the force only follows from the pose, as in

@@ -48,8 +48,12 @@ def together(*checks: Check) -> Check:
 
 
 def largest_of(name: str, claim: np.ndarray, second: np.ndarray) -> Estimate:
-    """Returns the one of several claims (c,) that the second search comes closest to."""
-    each = [Estimate(name, float(a), float(b)) for a, b in zip(claim, second, strict=True)]
+    """Returns the one of several claims (c,) that the second search comes closest to.
+
+    Its name says which, counted from 0 like the components of u.
+    """
+    each = [Estimate(f"{name} [{i}]" if len(claim) > 1 else name, float(a), float(b))
+            for i, (a, b) in enumerate(zip(claim, second, strict=True))]
     return max(each, key=lambda estimate: estimate.ratio)
 
 

@@ -1,14 +1,48 @@
 """The force that is asked for, as far as it can be given."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
 
+from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
+
+GIVEN, CUT, ACROSS, LOST = range(4)
+"""What becomes of a desired force: it is given, cut, left out across the direction, or is none."""
+SLACK = 1e-9
+"""Part of a force, and newtons, by which it may be off without a warning: rounding."""
+
+
+def along_of(wanted: np.ndarray, direction: np.ndarray, largest: float) -> tuple[float, int]:
+    """Returns the force along n that is given [N], and what becomes of what is asked for.
+
+    Args:
+        wanted: 𝔉_des (6,) [N, N m].
+        direction: Unit vector n (3,) in Σ_I.
+        largest: Largest force along n that is given [N].
+    """
+    if not np.all(np.isfinite(wanted)):
+        return 0.0, LOST
+    along = float(direction @ wanted[:3])
+    given = min(max(along, 0.0), largest)
+    slack = SLACK * (1.0 + abs(along))
+    if abs(given - along) > slack:
+        return given, CUT
+    across = wanted - np.append(along * direction, np.zeros(3))
+    return given, ACROSS if np.max(np.abs(across)) > slack else GIVEN
 
 
 class DesiredForce(LeafSystem):
     """Puts out the desired force along a direction, cut to what may be asked for.
+
+    What is not given as it is asked for is told on the logger `uvms_drake`, when that begins.
 
     .. pydrake_system::
 
@@ -19,11 +53,12 @@ class DesiredForce(LeafSystem):
         - accepted_force
         - along
 
-    - `desired_force` (6): 𝔉_des [N, N m]; where it is not connected, or not finite, the default.
+    - `desired_force` (6): 𝔉_des [N, N m]; where it is not connected, the default; where it is not
+      finite, none: the tip lets go.
     - `accepted_force` (6): its force along n, from 0 to the largest; no other force, no torque.
     - `along` (1): the size of that force [N].
 
-    It has no state.
+    The discrete state is what became of it at the beginning of the last step, to tell once.
 
     Args:
         direction: Unit vector n (3,) in Σ_I.
@@ -37,23 +72,34 @@ class DesiredForce(LeafSystem):
         require(0.0 <= default <= largest, "default", default, f"from 0 to {largest:g} N")
         self._default, self._largest = default, largest
         self._port = self.DeclareVectorInputPort("desired_force", 6)
+        self.DeclareDiscreteState([float(GIVEN)])
+        self.DeclarePerStepDiscreteUpdateEvent(self._tell)
         asked = {self._port.ticket()}
         self.DeclareVectorOutputPort("accepted_force", 6, self._calc_force, asked)
         self.DeclareVectorOutputPort("along", 1, self._calc_along, asked)
 
-    def _along(self, context: Context) -> float:
+    def _along(self, context: Context) -> tuple[float, int]:
         if not self._port.HasValue(context):
-            return self._default
-        wanted = self._port.Eval(context)
-        if not np.all(np.isfinite(wanted)):
-            return self._default
-        return float(np.clip(self._direction @ wanted[:3], 0.0, self._largest))
+            return self._default, GIVEN
+        return along_of(self._port.Eval(context), self._direction, self._largest)
+
+    def _tell(self, context: Context, state: DiscreteValues) -> None:
+        given, became = self._along(context)
+        if became not in (GIVEN, int(context.get_discrete_state_vector()[0])):
+            warn(context.get_time(), {
+                LOST: "the desired force is not finite: none is given",
+                ACROSS: "of the desired force only the part along the direction is given, "
+                        f"{given:.4g} N",
+                CUT: f"the desired force is cut to {given:.4g} N, along the direction from 0 to "
+                     f"{self._largest:.4g} N can be given"}[became])
+        state.set_value([float(became)])
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.append(self._along(context) * self._direction, np.zeros(3)))
+        along, _ = self._along(context)
+        output.SetFromVector(np.append(along * self._direction, np.zeros(3)))
 
     def _calc_along(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._along(context)])
+        output.SetFromVector([self._along(context)[0]])
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, direction: np.ndarray, default: float,
