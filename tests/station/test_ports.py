@@ -1,0 +1,48 @@
+"""The station has the ports that its README says, with the sizes that it says."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from uvms_drake.station import diagram
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario import load_scenario
+
+README = Path(diagram.__file__).parent / "README.md"
+
+
+def written() -> dict[str, str]:
+    """Returns the sizes by the names of the ports in the README's tables."""
+    out: dict[str, str] = {}
+    for line in README.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        names = re.findall(r"`(\w+)`", cells[0])
+        if line.startswith("| `"):
+            sizes = cells[1].split(", ")
+            out |= dict(zip(names, sizes * len(names) if len(sizes) == 1 else sizes, strict=False))
+    return out
+
+
+@pytest.mark.parametrize("name", [
+    "girona500_contact", "jacket_inspection", "girona500_real_loop", "girona500_ideal"])
+def test_every_port_is_in_the_readme_with_its_size(name):
+    scenario = load_scenario(name)
+    station, table = make_station(scenario), written()
+    size = load_model(scenario).size
+    sizes = {"2(6+n)": 2 * size, "6+n": size, "m": 5, "abstract": 0}
+    ports = [*(station.get_input_port(i) for i in range(station.num_input_ports())),
+             *(station.get_output_port(i) for i in range(station.num_output_ports()))]
+    for port in ports:
+        text = table[port.get_name()]
+        assert port.size() == sizes.get(text, int(text) if text.isdecimal() else None), text
+
+
+def test_the_readme_has_no_port_that_is_nowhere():
+    found: set[str] = set()
+    for name in ("jacket_inspection_real", "girona500_real_loop", "paper_kinematic"):
+        station = make_station(load_scenario(name))
+        found |= {station.get_input_port(i).get_name() for i in range(station.num_input_ports())}
+        found |= {station.get_output_port(i).get_name() for i in range(station.num_output_ports())}
+    assert set(written()) == found
