@@ -42,7 +42,19 @@ def test_the_lags_that_the_readme_names_are_where_the_loop_becomes_unstable():
             assert (np.max(roots.real) < 0.0) == stable
 
 
+def anchors(path: Path) -> set[str]:
+    """Returns what the headings of a page are linked to by."""
+    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\s-]", "", heading.lower()).strip().replace(" ", "-")
+            for heading in headings}
+
+
 @pytest.mark.parametrize("path", READMES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_what_a_readme_links_to_is_there(path):
-    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")):
-        assert target.startswith("https://") or (path.parent / target).exists(), target
+    for target in re.findall(r"\]\(([^)]+)\)", path.read_text(encoding="utf-8")):
+        if target.startswith("https://"):
+            continue
+        file, _, anchor = target.partition("#")
+        page = path.parent / file if file else path
+        assert page.exists(), target
+        assert not anchor or anchor in anchors(page / "README.md" if page.is_dir() else page), target
