@@ -57,4 +57,5 @@ def test_what_a_readme_links_to_is_there(path):
         file, _, anchor = target.partition("#")
         page = path.parent / file if file else path
         assert page.exists(), target
-        assert not anchor or anchor in anchors(page / "README.md" if page.is_dir() else page), target
+        text = page / "README.md" if page.is_dir() else page
+        assert not anchor or anchor in anchors(text), target
