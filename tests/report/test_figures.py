@@ -155,6 +155,14 @@ def test_the_deviation_is_drawn_with_both_bounds(record):
         np.testing.assert_array_equal(lines["bound along the run"],
                                       1e3 * record.tube_bound[:, column])
         assert levels(axis, tube_label(False)) == pytest.approx([bound])
+        assert axis.get_yscale() == "linear"
+
+
+def test_a_deviation_that_is_far_below_its_bound_is_drawn_by_its_logarithm(record):
+    faint = replace(record, tube_deviation=1e-3 * record.tube_deviation)
+    for axis, bound in zip(axes_of("deviation.png", faint), (6.0, 40.0), strict=True):
+        assert axis.get_yscale() == "log"
+        assert axis.get_ylim()[0] < bound < axis.get_ylim()[1]
 
 
 @pytest.mark.long

@@ -20,15 +20,18 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from support.synthetic import synthetic_record
 
+from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.robot_figure import (
     EYE,
     draw_robot,
     normals_of,
     rasterised,
     shaded,
+    wall_points,
     wall_triangles,
 )
 from uvms_drake.report.solids import robot_triangles, triangles_of
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.scenario import load_scenario
 
 TETRAHEDRON = "v 0 0 0\nv 3 0 0\nv 0 2 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -80,7 +83,9 @@ def test_the_nearer_of_two_triangles_hides_the_other():
 
 def test_a_wall_is_a_square_metre_about_its_middle_and_faces_are_lit_from_above():
     middle, normal = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
-    light, dark = (t for t, _ in wall_triangles(middle, normal))
+    plane = UnilateralPlane(point=middle - 0.3 * np.array([0.8, 0.0, 0.6]), normal=normal,
+                            stiffness=1e3, dissipation=0.0)
+    light, dark = (t for t, _ in wall_triangles(wall_points(plane, middle + 0.2 * normal)))
     corners = np.concatenate([light, dark])
     area = 0.5 * np.sum(np.linalg.norm(np.cross(
         corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
@@ -92,6 +97,16 @@ def test_a_wall_is_a_square_metre_about_its_middle_and_faces_are_lit_from_above(
     upright = level[..., [0, 2, 1]]
     assert shaded(level, np.ones(3))[0, 0] > shaded(upright, np.ones(3))[0, 0]
     assert abs(normals_of(level)[0] @ EYE) == pytest.approx(abs(EYE[2]))
+
+
+def test_the_wall_that_is_drawn_is_the_real_one_whatever_the_controller_is_told():
+    """The leg of a jacket, told as a direction only; its squares are on it, next to the tip."""
+    wall = true_surface(load_scenario("jacket_inspection"))
+    tip = np.array([-0.1, 0.05, 0.2])
+    corners = np.concatenate([t for t, _ in wall_triangles(wall_points(wall, tip))]).reshape(-1, 3)
+    np.testing.assert_allclose(wall.geometry.depth(corners), 0.0, atol=1e-6)
+    assert np.min(np.linalg.norm(corners - tip, axis=1)) < 0.2
+    assert np.ptp(corners, axis=0)[2] == pytest.approx(1.0, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["girona500_ideal", "girona500_bilateral", "paper_kinematic"])

@@ -51,6 +51,8 @@ THRUSTERS, MISSION, COVERAGE = "thrusters.png", "mission.png", "coverage.png"
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
+FAINT = 0.05
+"""Part of a bound below which deviations are drawn by their logarithm: else they are the axis."""
 
 
 def make_figures(record: Record, output_dir: Path, bounds: Mapping[str, float] | None = None
@@ -249,14 +251,19 @@ def draw_deviation(record: Record) -> Figure:
     name = tube_label(bool(record.certified))
     for axis, part, bound, label in zip(
             axes, ("task", "z"), (1e3 * tube.e, 1e3 * tube.z), labels, strict=True):
-        axis.plot(record.time, 1e3 * record.deviation_of(part), label="deviation")
+        deviation = 1e3 * record.deviation_of(part)
+        axis.plot(record.time, deviation, label="deviation")
         axis.axhline(bound, **{**LIMIT, "label": name})
         if np.all(np.isfinite(record.bound_of(part))):
             axis.plot(record.time, 1e3 * record.bound_of(part), color=VERMILION, linewidth=0.8,
                       label="bound along the run")
         axis.fill_between(record.time, 0.0, bound, color=BLUE, alpha=0.1, linewidth=0)
         axis.set_ylabel(label)
-        room_above_zero(axis)
+        if np.max(deviation) < FAINT * bound < np.inf:
+            axis.set_yscale("log")
+            axis.set_ylim(1e-4 * bound, 2.0 * bound)
+        else:
+            room_above_zero(axis)
     legend_above(figure, axes[0])
     return figure
 

@@ -8,9 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH, VERMILION
 from uvms_drake.report.solids import robot_triangles
 from uvms_drake.station.motions import motion_of
+from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
 EYE, LIGHT = (np.array(v) / np.linalg.norm(v) for v in ([-0.35, 0.9, -0.35], [-0.4, 0.5, -0.8]))
@@ -19,8 +21,8 @@ PIXELS = 2000
 """Width of the picture before it is reduced to half of it."""
 WALL = np.array([0.80, 0.84, 0.87])
 """Colour of a wall."""
-SQUARE = 0.1
-"""Length of one of the squares on a wall, ten of which are its length [m]."""
+SIZE, SQUARES = 1.0, 10
+"""Length of a wall [m], and the squares on it along that."""
 ARROW = 0.4
 """Length of the arrow of the force [m]."""
 
@@ -30,10 +32,10 @@ def draw_robot(record: Record) -> Figure:
     scenario, tip, force = record.scenario, record.chi[-1, :3], record.force[-1, :3]
     solids = [(triangles[normals_of(triangles) @ EYE > 0.0], color)
               for triangles, color in robot_triangles(scenario.model, record.config[-1])]
-    surface, presses = record.model.surface, motion_of(scenario).has_forces
-    normal = surface.normal if presses else None
-    if normal is not None:
-        solids += wall_triangles(tip - ((tip - surface.anchor) @ normal) * normal, normal)
+    presses = motion_of(scenario).has_forces
+    wall = wall_points(check_surface(true_surface(scenario)), tip) if presses else None
+    if wall is not None:
+        solids += wall_triangles(wall)
     size = float(np.linalg.norm(force)) if presses else 0.0
     arrow = ARROW / size * force if size > 0.0 else np.zeros(3)
     # The picture's axes in Σ_I: to the right, up, and to the eye.
@@ -72,21 +74,31 @@ def _arrow(axis: Axes, tail: np.ndarray, vector: np.ndarray, text: str, color: s
               ha="right" if dx < -abs(dy) else "left" if dx > abs(dy) else "center")
 
 
-def wall_triangles(middle: np.ndarray, normal: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def wall_points(surface: Surface, tip: np.ndarray) -> np.ndarray | None:
+    """Returns points (SQUARES+1, SQUARES+1, 3) of a wall next to the tip (3,) [m], if it is one."""
+    if surface.normal is None:
+        return surface.patch(tip, SIZE, SQUARES + 1)
+    along = np.cross(surface.normal, np.eye(3)[np.argmin(np.abs(surface.normal))])
+    along /= np.linalg.norm(along)
+    axes = np.array([along, np.cross(surface.normal, along)])
+    middle = tip - ((tip - surface.anchor) @ surface.normal) * surface.normal
+    sides = [SIZE * np.linspace(-0.5, 0.5, SQUARES + 1)] * 2
+    out: np.ndarray = middle + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1) @ axes
+    return out
+
+
+def wall_triangles(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Returns triangles (K, 3, 3) [m] and colours (3,) of the light and the dark squares of a wall.
 
     Args:
-        middle: Point of the wall (3,) [m].
-        normal: Its normal (3,).
+        points: Corners of its squares (r, c, 3) [m].
     """
-    along = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    along /= np.linalg.norm(along)
-    axes = SQUARE * np.array([along, np.cross(normal, along)])
-    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]])
-    squares = {parity: [middle + (corner + [i, j]) @ axes for i in range(-5, 5)
-                        for j in range(-5, 5) if (i + j) % 2 == parity] for parity in (0, 1)}
-    return [(np.array(squares[parity]).reshape(-1, 3, 3), (1.0 - 0.1 * parity) * WALL)
-            for parity in (0, 1)]
+    corners = [points[i: i - 1 or None, j: j - 1 or None] for i, j in (
+        (0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1))]
+    squares = np.stack(corners, axis=2)
+    parity = np.sum(np.indices(squares.shape[:2]), axis=0) % 2
+    return [(squares[parity == each].reshape(-1, 3, 3), (1.0 - 0.1 * each) * WALL)
+            for each in (0, 1)]
 
 
 def normals_of(triangles: np.ndarray) -> np.ndarray:
