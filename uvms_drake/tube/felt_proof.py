@@ -98,10 +98,10 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
     first = PROVABLE if proof.proven else 0
 
     def check() -> tuple[Estimate, ...]:
-        second = second_over_joints(sizes, *box, seed)[first:]
-        return (largest_of("what M⁻¹J_Eᵀ makes of forces", claims[first:],
-                           np.maximum(second, proof.largest * claims[first:])
-                           if not proof.proven else second),)
+        second = second_over_joints(sizes, *box, seed)
+        if not proof.proven:  # What a proof has met on its way counts, too.
+            second = np.maximum(second, proof.largest * claims)
+        return (largest_of("what M⁻¹J_Eᵀ makes of forces", claims[first:], second[first:]),)
 
     return Claimed(suprema_of(claims), proof.proven, check)
 
@@ -121,19 +121,19 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
     directions = corners_of_cone(tool_angle)
     todo = [(0.5 * (lower + upper), 0.5 * (upper - lower))]
     boxes, largest, most = 0, 0.0, most_work // 4 ** len(lower)
-    while todo and boxes < most and largest <= 1.0:
+    while todo and boxes < most:
         taken, todo = todo[-BATCH:], todo[:-BATCH]
         centre, half = (np.array(each) for each in zip(*taken, strict=True))
         boxes += len(taken)
         found = bounds(model, centre, half, directions)
         largest = max(largest, float(np.max(_over_claim(found.value, claims))))
+        if largest > 1.0:
+            break
         over = _over_claim(found.upper, claims) * (1.0 + ROUNDING) > 1.0
         for i in np.flatnonzero(np.any(over, axis=1)):
             worth = np.max(_over_claim(found.share[i], claims)[:, over[i]], axis=1)
-            if not np.all(np.isfinite(worth)):
-                worth = half[i] / (upper - lower)
+            which = np.argmax(worth if np.all(np.isfinite(worth)) else half[i])
             shift = np.zeros_like(worth)
-            which = np.argmax(worth)
             shift[which] = 0.5 * half[i, which]
             todo += [(centre[i] - shift, half[i] - shift), (centre[i] + shift, half[i] - shift)]
     return Proof(not todo and largest <= 1.0, boxes, largest)
