@@ -593,17 +593,18 @@ def test_the_reports_of_two_contexts_do_not_mix(short_ocp, start):
     assert setup.read("solve_seconds")[0] > 0.0
 
 
-def test_why_a_force_is_refused_is_said_once(short_ocp, start, caplog):
+@pytest.mark.parametrize("asked", [99.0, np.nan])
+def test_why_a_force_is_refused_is_said_once(short_ocp, start, caplog, asked):
     def problem(force: np.ndarray):
         raise InvalidParameter("force", float(force[0]), "smaller")
 
     setup = Setup(SequentialConvexSolver(short_ocp), start, targets=Targets(
         np.full(6, 20.0), problem))
-    setup.give("desired_force", np.full(6, 99.0))
+    setup.give("desired_force", np.full(6, asked))
     setup.go(3.5 * H)
     assert setup.report()["refused"] == 1.0
     (said,) = [record.getMessage() for record in caplog.records]
-    assert said.endswith("the desired force is refused: force = 99.0: must be smaller")
+    assert said.endswith(f"the desired force is refused: force = {asked}: must be smaller")
 
 
 def test_the_problem_of_the_start_outlives_all_others(short_ocp):

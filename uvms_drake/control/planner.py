@@ -240,7 +240,7 @@ class Planner:
             if solver.ocp.is_sound(solution.evaluation, REACHED):
                 return solution
             why = "no plan to it keeps the limits and ends in its terminal set"
-        if not np.array_equal(asked, asked_before):
+        if not np.array_equal(asked, asked_before, equal_nan=True):
             warn(sample.time, f"the desired force is refused: {why}")
         return None
 
