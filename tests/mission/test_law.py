@@ -19,7 +19,7 @@ from uvms_drake.mission.law import (
     Measured,
     advance,
     begin,
-    targets,
+    due_at,
 )
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
 
@@ -77,7 +77,7 @@ def test_a_job_is_done_step_by_step():
     assert spent[4] == pytest.approx(0.2 / 0.02, abs=2 * PERIOD)
     assert run.tip[0] == pytest.approx(WALL + 0.01 - 0.15, abs=JOB.reached)
     assert run.t < longest(JOB)
-    end = targets(run.mission, run.state, run.t + 100.0)
+    end = due_at(run.mission, run.state, run.t + 100.0)
     assert (end.force, end.deepest) == (0.0, pytest.approx(WALL + 0.01 - 0.15))
 
 
@@ -167,7 +167,7 @@ def test_what_goes_wrong_in_a_hold_ends_in_the_retreat_of_its_spot(change, reaso
     else:
         assert state.outcome == SKIPPED
         assert state.outcomes == (DONE, SKIPPED, DONE, DONE, DONE)
-    assert targets(run.mission, state, run.t).force == 0.0
+    assert due_at(run.mission, state, run.t).force == 0.0
 
 
 def test_a_spot_is_tried_again_as_often_as_is_said():
@@ -197,7 +197,7 @@ def test_a_tip_that_cannot_get_back_ends_the_mission():
     state = run.go(np.inf, stuck)
     assert state.outcome == RETREATED
     assert state.reason == TIME_OUT
-    asked = targets(run.mission, state, run.t)
+    asked = due_at(run.mission, state, run.t)
     assert asked.force == 0.0
     assert asked.deepest < WALL
 
@@ -224,7 +224,7 @@ def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
         mission = random_mission(rng).checked()
         state, t, helpful = begin(mission, np.zeros(3), 0.0), 0.0, rng.random() ** 0.3
         while state.outcome == RUNNING:
-            now = targets(mission, state, t)
+            now = due_at(mission, state, t)
             tip = np.append(min(now.deepest, WALL), now.place)
             measured = Measured(tip, now.force, touched=now.force > 0.0)
             if rng.random() > helpful:
@@ -245,7 +245,7 @@ def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
                     mission.steps[state.step], Retreat)
             assert np.all(np.isfinite([*asked.place, asked.force, asked.deepest]))
             assert t <= longest(mission, period)
-        end = targets(mission, state, t)
+        end = due_at(mission, state, t)
         assert end.force == 0.0
         assert RUNNING not in state.outcomes
         assert (state.outcome == DONE) == all(each == DONE for each in state.outcomes)

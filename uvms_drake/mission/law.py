@@ -59,7 +59,7 @@ class Measured(NamedTuple):
     """Whether somebody says stop."""
 
 
-class Targets(NamedTuple):
+class Due(NamedTuple):
     """What a mission wants at a time, and asks of the controller `Mission.lead` before."""
 
     force: float
@@ -82,7 +82,7 @@ class State(NamedTuple):
     place: np.ndarray
     """Place at which the step began, or to which it goes (2,) [m]."""
     deepest: float
-    """See `Targets` [m]."""
+    """See `Due` [m]."""
     looking: bool
     """Whether an approach has left its place off the wall."""
     in_band: float
@@ -119,10 +119,10 @@ def begin(mission: Mission, tip: np.ndarray, t: float) -> State:
     return _entered(mission, nothing, 0, t)
 
 
-def targets(mission: Mission, state: State, t: float) -> Targets:
+def due_at(mission: Mission, state: State, t: float) -> Due:
     """Returns what is due at a time t [s], if the current step goes on till then."""
     if state.outcome != RUNNING:
-        return Targets(0.0, state.place, state.deepest)
+        return Due(0.0, state.place, state.deepest)
     step, spent = mission.steps[state.step], t - state.since
     force, place = 0.0, state.place
     if isinstance(step, Slide):
@@ -130,11 +130,11 @@ def targets(mission: Mission, state: State, t: float) -> Targets:
         place = place + step.along * min(spent / step.time, 1.0)
     elif isinstance(step, Hold) or (isinstance(step, Approach) and state.looking):
         force = step.force
-    return Targets(force, place, state.deepest)
+    return Due(force, place, state.deepest)
 
 
 def advance(mission: Mission, state: State, measured: Measured, t: float
-            ) -> tuple[State, Targets]:
+            ) -> tuple[State, Due]:
     """Returns the state after a look at what is measured, and what is due then.
 
     It makes one transition at most.
@@ -146,7 +146,7 @@ def advance(mission: Mission, state: State, measured: Measured, t: float
         t: Now [s]; not less than before.
     """
     after = _advanced(mission, state, measured, t)
-    return after, targets(mission, after, t)
+    return after, due_at(mission, after, t)
 
 
 def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> State:
@@ -180,7 +180,7 @@ def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State
         state = state._replace(
             tip=measured.tip, deepest=float(measured.tip[0]) if first else state.deepest)
     felt = measured.touched and not measured.lost
-    asked = targets(mission, state, t).force
+    asked = due_at(mission, state, t).force
     good = (felt and isinstance(step, Pressing) and asked > 0.0
             and abs(measured.force - asked) <= step.tolerance)
     since = (t if math.isnan(state.in_band) else state.in_band) if good else np.nan

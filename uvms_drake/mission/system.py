@@ -16,7 +16,7 @@ from pydrake.systems.framework import State as ContextState
 
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
-from uvms_drake.mission.law import Measured, State, Targets, advance, begin, targets
+from uvms_drake.mission.law import Due, Measured, State, advance, begin, due_at
 from uvms_drake.mission.steps import Mission
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
@@ -92,7 +92,7 @@ class MissionControl(LeafSystem):
             ("due_place", 3, 0.0, lambda due: self._origin + due.place @ across),
             ("due_force", 1, 0.0, lambda due: [due.force]),
         ):
-            self.DeclareVectorOutputPort(name, size, self._of_targets(calc, ahead), known)
+            self.DeclareVectorOutputPort(name, size, self._of_due(calc, ahead), known)
         self.DeclareVectorOutputPort("progress", len(PROGRESS), self._calc_progress, known)
 
     def _tip(self, context: Context) -> np.ndarray:
@@ -120,10 +120,10 @@ class MissionControl(LeafSystem):
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()
 
-    def _of_targets(self, of: Callable[[Targets], np.ndarray | list[float]], ahead: float
+    def _of_due(self, of: Callable[[Due], np.ndarray | list[float]], ahead: float
                     ) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(
-            of(targets(self._mission, self._now(context), context.get_time() + ahead)))
+            of(due_at(self._mission, self._now(context), context.get_time() + ahead)))
 
     def _calc_progress(self, context: Context, output: BasicVector) -> None:
         now = self._now(context)
