@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from uvms_drake.station import diagram
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import load_scenario
 
-README = Path(diagram.__file__).parent / "README.md"
+README = Path(__file__).parents[2] / "uvms_drake" / "station" / "README.md"
 
 
 def written() -> dict[str, str]:

@@ -132,7 +132,7 @@ def norm(A: np.ndarray) -> np.ndarray:
     else:  # Of the smaller of AᵀA and AAᵀ: several times faster than singular values.
         A_T = A.swapaxes(-1, -2)
         gram = A_T @ A if A.shape[-1] <= A.shape[-2] else A @ A_T
-        out = np.sqrt(np.linalg.eigvalsh(gram)[..., -1])
+        out = np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[..., -1], 0.0))  # Rounding.
     return out
 
 
