@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.tube.periodic_loop import PeriodicLoop, Stretch
+from uvms_drake.tube.periodic_loop import PHASES, PeriodicLoop, Stretch
 from uvms_drake.tube.tube_image import input_gain
 from uvms_drake.tube.tubes import joint_rate_radius
 
@@ -98,6 +98,7 @@ def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
                   [0.0, 0.0, -1.0 / lag, 0.0], [0.0, 0.0, 0.0, 0.0]])
     C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 0.0],
                   [sigma, 1.0, 0.0, 0.0]])
-    points = max(32, 4 * math.ceil(FINENESS * period * max(k, sigma, 1.0 / lag) / 4.0))
+    needed = math.ceil(FINENESS * period * max(k, sigma, 1.0 / lag) / PHASES)
+    points = PHASES * max(2, needed)
     loop = PeriodicLoop(A, C, (Stretch(period, np.eye(4)[[0, 1, 2, 2]]),), points)
     return Gains(*map(float, loop.flow_gain(np.array([0.0, -1.0, 1.0 / lag, 0.0]))))
