@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from support.arms import write_arm
-from support.robots import TEMPLATE, altered
+from support.robots import TEMPLATE, altered, without_an_arm
 
 from uvms_drake.certificate.certify import certify, check_inputs
 from uvms_drake.certificate.table import verdict
@@ -134,3 +134,26 @@ def test_the_first_certificate_holds(robot, tmp_path):
     assert certificate.certified, verdict(certificate)
     print(f"\n{robot}: {len(certificate.conditions)} conditions, force within "
           f"{certificate.bounds['force']:.2g} N of 5 N")
+
+
+@pytest.mark.slow
+def test_a_vehicle_without_an_arm_certifies_presses_and_feels(tmp_path, monkeypatch):
+    """A tool that is bolted on: n = 0."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    robot, file, felt = without_an_arm(tmp_path), tmp_path / "press.yaml", tmp_path / "felt.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", str(robot)]) == 0
+    assert main(["run", str(file), "--duration", "0.2", "--output", str(tmp_path / "run")]) == 0
+    assert not (tmp_path / "run" / "joints.png").exists()
+    felt.write_text("""
+base: press.yaml
+contact: !SensedContact {direction: [1, 0, 0], angle: 0.08, force: 20, speed: 0.06, delay: 0.03}
+surface: !ShapedSurface {geometry: !Plane {point: [0.05, 0, 0], normal: [-1, 0, 0]}}
+sensing: [!ForceSensor {rate: 500, lag: 0.004}]
+limits: {static_force: null}
+simulator: {max_step_size: 0.004}
+""")
+    found = certify(load_scenario(str(felt), [
+        "certificate.tube_samples=50", "certificate.constant_samples=50"]))
+    assert found.tube.depth > 0.0
+    assert main(["run", str(felt), "--uncertified", "--duration", "0.2", "--no-figures",
+                 "--output", str(tmp_path / "felt")]) == 0

@@ -21,3 +21,10 @@ def altered(folder: Path, *changes: tuple[str, str, str]) -> Path:
         assert old in text, (suffix, old)
         file.write_text(text.replace(old, new), encoding="utf-8")
     return robot
+
+
+def without_an_arm(folder: Path) -> Path:
+    """Returns a copy of the template whose arm is part of the vehicle: n = 0."""
+    tip = '<frame name="tip" attached_to="forearm">'
+    return altered(folder, (".sdf", tip, tip.replace("forearm", "vehicle")),
+                   (".sdf", 'type="revolute"', 'type="fixed"'))

@@ -375,6 +375,8 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
         if not limit.bulges or limit.about == "input":
             continue
         excess, values = limit.excess(at), limit.values(at)
+        if excess.size == 0:  # Joints, of a robot that has none.
+            continue
         point, i = np.unravel_index(np.argmax(excess), excess.shape)
         largest = float(excess[point, i])
         if largest > worst.excess:

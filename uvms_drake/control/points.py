@@ -73,7 +73,7 @@ class Points:
             "...rcj,...ci->...rij", self.mass_matrix_rates, self.by_tip_force)
         shape = change.shape
         return np.linalg.solve(
-            self.mass_matrix, change.reshape(*shape[:-2], -1)).reshape(shape)
+            self.mass_matrix, change.reshape(*shape[:-2], shape[-2] * shape[-1])).reshape(shape)
 
     @cached_property
     def mass_matrix_rates(self) -> np.ndarray:

@@ -64,7 +64,7 @@ def added_mass_about_origin(added_mass: list[AddedMass]) -> np.ndarray:
     """Returns the sum of M_A (6, 6) about the body's origin Bo, in Fossen's order.
 
     The velocity of P is V_P = H V_Bo with H = [I, −S(p_BoP); 0, I], so M_Bo = Hᵀ M_P H
-    (Fossen 2021, eq. 3.27).
+    (Fossen 2021, eq. 3.27). It is symmetric to the last digit, if M_P only nearly is.
     """
     total = np.zeros((6, 6))
     for item in added_mass:
@@ -72,7 +72,7 @@ def added_mass_about_origin(added_mass: list[AddedMass]) -> np.ndarray:
         H[:3, 3:] = -skew(np.asarray(item.point, dtype=float))
         M = np.asarray(item.matrix, dtype=float)
         total += H.T @ (np.diag(M) if M.ndim == 1 else M) @ H
-    return total
+    return 0.5 * (total + total.T)
 
 
 def check_hydrodynamics(parameters: HydrodynamicParameters) -> None:

@@ -265,7 +265,7 @@ class UvmsModel:
             contact: 𝔉 (..., 6), if it is known otherwise than by `contact_force`.
         """
         force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot), contact)
-        tau = (force.reshape(*zeta.shape[:-1], 1, -1) @ _stacked(kinematics.J_links))[..., 0, :]
+        tau = (_stacked(force[..., None]).swapaxes(-1, -2) @ _stacked(kinematics.J_links))[..., 0, :]
         return tau + self._joint_damping * zeta + self._rotor_inertia * zeta_dot
 
     def mass_matrix(self, kinematics: Kinematics) -> np.ndarray:
@@ -405,7 +405,8 @@ class _Motion(NamedTuple):
 
 def _stacked(matrices: np.ndarray) -> np.ndarray:
     """Returns the links' matrices (..., n+1, 6, c) one below the other, (..., 6(n+1), c)."""
-    return matrices.reshape(*matrices.shape[:-3], -1, matrices.shape[-1])
+    *stack, links, rows, columns = matrices.shape
+    return matrices.reshape(*stack, links * rows, columns)
 
 
 def _columns(vectors: np.ndarray) -> np.ndarray:

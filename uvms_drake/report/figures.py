@@ -47,7 +47,8 @@ from uvms_drake.station.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 
-THRUSTERS, MISSION, COVERAGE = "thrusters.png", "mission.png", "coverage.png"
+JOINTS, THRUSTERS, MISSION, COVERAGE = (
+    "joints.png", "thrusters.png", "mission.png", "coverage.png")
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
 """Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
@@ -84,8 +85,8 @@ def figures_of(scenario: Scenario) -> list[str]:
     special = {name for motion in MOTIONS.values() for name in motion.figures}
     own = motion_of(scenario).figures
     missing = {name for name, there in (
-        (THRUSTERS, part_of(scenario)), (MISSION, scenario.mission.steps),
-        (COVERAGE, scenario.mission.steps)) if not there}
+        (JOINTS, len(scenario.start.q) > 0), (THRUSTERS, part_of(scenario)),
+        (MISSION, scenario.mission.steps), (COVERAGE, scenario.mission.steps)) if not there}
     return [name for name in FIGURES if name in own or name not in special | missing]
 
 
@@ -281,7 +282,7 @@ FIGURES: dict[str, Callable[[Record], Figure]] = {
     MISSION: draw_mission,
     COVERAGE: draw_coverage,
     "velocities.png": draw_velocities,
-    "joints.png": draw_joints,
+    JOINTS: draw_joints,
     "inputs.png": draw_inputs,
     THRUSTERS: draw_thrusters,
     "disturbance.png": draw_disturbance,

@@ -110,6 +110,8 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
              claims: np.ndarray, most_work: int) -> Proof:
     """Returns whether the first of the suprema of `sizes_over_joints` are at most the claims.
 
+    Nothing is proven of a robot without joints, whose one box has no halves.
+
     Args:
         model: The controller's.
         lower: Smallest joint angles (n,) [rad].
@@ -118,6 +120,8 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
         claims: Of the first `PROVABLE` columns.
         most_work: Where it gives up, see `MOST_WORK`.
     """
+    if len(lower) == 0:
+        return Proof(False, 0, 0.0)
     directions = corners_of_cone(tool_angle)
     todo = [(0.5 * (lower + upper), 0.5 * (upper - lower))]
     boxes, largest, most = 0, 0.0, most_work // 4 ** len(lower)

@@ -48,6 +48,9 @@ def _search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upp
             seed: int, points: int, rounds: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the largest values (c,), and where in the unit cube they are (c, n)."""
     size, rng = len(lower), np.random.default_rng(seed)
+    if size == 0:  # A robot without joints: there is one point.
+        best = function(np.zeros((1, 0)))[0]
+        return best, np.zeros((len(best), 0))
     along = max(2, int(points ** (1.0 / max(size, 1))))
     if size > MOST_AXES:
         unit = _points(points, size, rng)
