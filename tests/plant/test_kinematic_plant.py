@@ -119,8 +119,10 @@ def test_what_is_not_connected_is_zero():
 
 def test_the_plants_jacobian_is_that_of_the_model_and_of_the_papers_table(model):
     kinematics = make().GetSubsystemByName("kinematics")
+    context = kinematics.CreateDefaultContext()
     for config in dh.random_configurations(seed=0, count=30, tip_pitch=1.4):
-        chi, J = kinematics.tip_motion(config)
+        context.SetContinuousState(config)
+        chi, J = kinematics.tip_motion(context)
         np.testing.assert_allclose(J, model.task_jacobian(config)[:6], atol=1e-11)
         np.testing.assert_allclose(
             wrap_angle(chi - model.task_pose(config)[:6]), 0.0, atol=1e-12)
@@ -233,8 +235,10 @@ def test_a_vehicle_without_an_arm(bare):
     rng = np.random.default_rng(2)
     config, zeta, w = START[:6], rng.normal(size=6), rng.normal(size=6)
     kinematics = uvms.GetSubsystemByName("kinematics")
+    context = kinematics.CreateDefaultContext()
+    context.SetContinuousState(config)
     np.testing.assert_allclose(
-        kinematics.tip_motion(config)[1], model.task_jacobian(config), atol=1e-12)
+        kinematics.tip_motion(context)[1], model.task_jacobian(config), atol=1e-12)
     np.testing.assert_allclose(rate(uvms, config, zeta, w), configuration_rate(
         config, zeta + np.linalg.solve(model.task_jacobian(config), w)), atol=1e-12)
     assert run(uvms, config, 0.1, zeta, w).shape == (6,)

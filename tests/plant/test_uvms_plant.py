@@ -1,5 +1,8 @@
 """The assembled plant: its ports, its wiring, and that it moves as its parts say."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from pydrake.geometry import (
@@ -333,3 +336,31 @@ def test_a_surface_of_ones_own_pushes_by_its_law():
     np.testing.assert_array_equal(force, sphere.force(chi, np.zeros(6)))
     with pytest.raises(InvalidParameter, match=r"^surface\.stiffness = -1\.0: must be positive$"):
         make(Sphere(stiffness=-1.0))
+
+
+def test_two_threads_with_a_context_each_do_not_disturb_each_other():
+    """A plant is const, as Drake's systems are: what it computes with is in the Context."""
+    uvms = make(UnilateralPlane())
+    plant, coordinates = parts_of(uvms)
+
+    def accelerations(state: np.ndarray, count: int) -> np.ndarray:
+        context = uvms.CreateDefaultContext()
+        found = []
+        for i in range(count):
+            context.SetTime(float(i))
+            plant.SetPositionsAndVelocities(
+                plant.GetMyMutableContextFromRoot(context), coordinates.to_drake(state))
+            found.append(uvms.GetOutputPort("acceleration").Eval(context))
+        return np.array(found)
+
+    states = [moving_state(), 0.5 * moving_state()]
+    expected = [accelerations(state, 1) for state in states]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            found = list(pool.map(accelerations, states, [150, 150]))
+    finally:
+        sys.setswitchinterval(interval)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, np.broadcast_to(other, one.shape), atol=1e-12)

@@ -59,12 +59,12 @@ class ThrusterDynamics(LeafSystem):
             forces = self._thrusters.forces_of(self._hover_port.Eval(context))
             state.get_mutable_continuous_state().SetFromVector(forces)
             samples = state.get_mutable_discrete_state()
-            samples.set_value(0, [1.0])
             samples.set_value(1, np.tile(forces, samples.value(1).size // forces.size))
 
     def _sample(self, context: Context, state: DiscreteValues) -> None:
         samples = context.get_discrete_state(1).value()
         newest = self._thrusters.forces_of(self._command_port.Eval(context))
+        state.set_value(0, [1.0])
         state.set_value(1, np.append(samples[newest.size:], newest))
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:

@@ -66,6 +66,9 @@ class ForceReading(NamedTuple):
     """h [s]."""
     tare: float = 0.0
     """Time at the start in which nothing may be touched [s]."""
+    noisy: bool = False
+    """Whether noise moves all three components of the force in every reading, so that two that are
+    equal come of a sensor that froze."""
 
     def missing(self, delay: float) -> float:
         """Returns the largest weight that forces older than `delay` [s] have in a reading."""

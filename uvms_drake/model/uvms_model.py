@@ -265,7 +265,8 @@ class UvmsModel:
             contact: 𝔉 (..., 6), if it is known otherwise than by `contact_force`.
         """
         force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot), contact)
-        tau = (_stacked(force[..., None]).swapaxes(-1, -2) @ _stacked(kinematics.J_links))[..., 0, :]
+        force_T = _stacked(force[..., None]).swapaxes(-1, -2)
+        tau = (force_T @ _stacked(kinematics.J_links))[..., 0, :]
         return tau + self._joint_damping * zeta + self._rotor_inertia * zeta_dot
 
     def mass_matrix(self, kinematics: Kinematics) -> np.ndarray:

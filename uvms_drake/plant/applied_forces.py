@@ -14,6 +14,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.wiring import added
+from uvms_drake.plant.workspace import declare_workspace
 
 
 def generalized_force(plant: MultibodyPlant, context: Context,
@@ -57,8 +58,7 @@ class AppliedForces(LeafSystem):
     - `generalized_force` (nv) [N, N m]: their sum, in the plant's order; to
       `Hydrodynamics.generalized_force`.
 
-    This system does not have any state. It keeps a Context of the plant as a workspace, overwritten
-    from `plant_state` in every evaluation.
+    This system does not have any state.
 
     Args:
         plant: A finalized plant.
@@ -67,7 +67,7 @@ class AppliedForces(LeafSystem):
     def __init__(self, plant: MultibodyPlant):
         super().__init__()
         self._plant = plant
-        self._workspace = plant.CreateDefaultContext()
+        self._workspace = declare_workspace(self, plant)
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
         self._spatial_port = self.DeclareAbstractInputPort(
@@ -89,9 +89,10 @@ class AppliedForces(LeafSystem):
         total = np.zeros(self._plant.num_velocities())
         if self._spatial_port.HasValue(context):
             forces = cast(list[ExternallyAppliedSpatialForce], self._spatial_port.Eval(context))
+            workspace = self._workspace.Eval(context).context
             self._plant.SetPositionsAndVelocities(
-                self._workspace, cast(np.ndarray, self._plant_state_port.Eval(context)))
-            total += generalized_force(self._plant, self._workspace, forces)
+                workspace, cast(np.ndarray, self._plant_state_port.Eval(context)))
+            total += generalized_force(self._plant, workspace, forces)
         if self._generalized_port.HasValue(context):
             total += cast(np.ndarray, self._generalized_port.Eval(context))
         output.SetFromVector(total)

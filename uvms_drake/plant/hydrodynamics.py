@@ -20,7 +20,7 @@ from typing import cast
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces, RigidBody
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, RigidBody
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -39,6 +39,7 @@ from uvms_drake.model.hydrodynamics_data import (
     check_hydrodynamics,
 )
 from uvms_drake.model.spatial import cross, cross_force, skew, times
+from uvms_drake.plant.workspace import declare_workspace
 
 _FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.
 
@@ -192,8 +193,8 @@ class Hydrodynamics(LeafSystem):
       `plant.get_applied_generalized_force_input_port()`.
     - `acceleration` (nv) [m/s², rad/s²]: v̇.
 
-    This system does not have any state. It keeps a Context of the plant as a workspace, overwritten
-    from `plant_state` in every evaluation; parameters are those of the plant's default Context.
+    This system does not have any state. The plant's parameters are those of its default Context: a
+    mass that is set in another one changes the plant and not this system, which is how v̇ is known.
 
     Args:
         plant: A finalized plant, continuous or discrete.
@@ -207,8 +208,7 @@ class Hydrodynamics(LeafSystem):
         self._frames = [body.body_frame() for body in bodies]
         self._indices = [int(body.index()) for body in bodies]
         self._plant = plant
-        self._workspace = plant.CreateDefaultContext()
-        self._forces = MultibodyForces(plant)
+        self._workspace = declare_workspace(self, plant)
         self._no_acceleration = np.zeros(plant.num_velocities())
         self._gravity = plant.gravity_field().gravity_vector()
         self._implicit_damping = plant.time_step() * _implicit_joint_damping(plant)
@@ -272,13 +272,13 @@ class Hydrodynamics(LeafSystem):
         output.SetFromVector(self._solution.Eval(context)[0])
 
     def _solve(self, context: Context, solution: AbstractValue) -> None:
-        plant, workspace = self._plant, self._workspace
+        plant, (workspace, forces) = self._plant, self._workspace.Eval(context)
         plant.SetPositionsAndVelocities(workspace, self._plant_state_port.Eval(context))
         M_RB = plant.CalcMassMatrix(workspace) + self._implicit_damping
-        plant.CalcForceElementsContribution(workspace, self._forces)
-        bias = plant.CalcInverseDynamics(workspace, self._no_acceleration, self._forces)
+        plant.CalcForceElementsContribution(workspace, forces)
+        bias = plant.CalcInverseDynamics(workspace, self._no_acceleration, forces)
         J, force = self._water_at_no_acceleration(
-            _eval_or_zero(self._current_port, context),
+            workspace, _eval_or_zero(self._current_port, context),
             _eval_or_zero(self._current_rate_port, context))
 
         nb, _, nv = J.shape
@@ -288,10 +288,10 @@ class Hydrodynamics(LeafSystem):
         v_dot += _eval_or_zero(self._disturbance_port, context)
         solution.set_value((v_dot, M_RB @ v_dot + bias))
 
-    def _water_at_no_acceleration(self, v_c_W: np.ndarray, a_c_W: np.ndarray
+    def _water_at_no_acceleration(self, workspace: Context, v_c_W: np.ndarray, a_c_W: np.ndarray
                                   ) -> tuple[np.ndarray, np.ndarray]:
         """Returns Jᵢ (nb, 6, nv) and fᵢ (nb, 6) in the state of the workspace at v̇ = 0."""
-        plant, workspace = self._plant, self._workspace
+        plant = self._plant
         W, V, zero = plant.world_frame(), JacobianWrtVariable.kV, np.zeros(3)
         J = _stack([plant.CalcJacobianSpatialVelocity(workspace, V, B, zero, W, B)
                     for B in self._frames], 6, plant.num_velocities())

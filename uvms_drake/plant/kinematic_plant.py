@@ -32,6 +32,7 @@ from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
 from uvms_drake.plant.surface import pose_and_jacobian
+from uvms_drake.plant.workspace import declare_workspace
 
 PITCH_MARGIN = 0.01
 """Least distance of either pitch from ±π/2 [rad]; there ‖J‖ is about 100."""
@@ -74,9 +75,8 @@ class VelocityDrivenUvms(LeafSystem):
     The continuous state is 𝔮, of which the Euler angles are not wrapped. Only `state` has
     feedthrough, from `zeta`. Joint limits are for a controller to keep.
 
-    J is computed from the MultibodyPlant, not from the controller's model. This system keeps a
-    Context of the plant as a workspace, overwritten from 𝔮 in every evaluation; the plant itself is
-    not simulated.
+    J is computed from the MultibodyPlant, not from the controller's model. The plant itself is not
+    simulated.
 
     Where the vehicle's or the end-effector's pitch comes within `PITCH_MARGIN` of ±π/2, Euler
     angles are about to be singular, and the simulation ends with `RunFailed`; likewise where an
@@ -94,7 +94,7 @@ class VelocityDrivenUvms(LeafSystem):
         self.coordinates = Coordinates(uvms)
         self._uvms = uvms
         self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()
-        self._workspace = uvms.plant.CreateDefaultContext()
+        self._workspace = declare_workspace(self, uvms.plant)
         size = self.coordinates.size
         config = self.DeclareContinuousState(BasicVector(
             np.zeros(size) if start is None else vector("start", start, size)))
@@ -120,12 +120,12 @@ class VelocityDrivenUvms(LeafSystem):
         return added(builder, name, VelocityDrivenUvms(uvms, start, task_frame),
                      zeta=zeta, disturbance=disturbance)
 
-    def tip_motion(self, config: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns χ (6,) and J (6, 6+n) at 𝔮 (6+n,), by the MultibodyPlant."""
-        x = self._plant_state(config)
-        self._uvms.plant.SetPositionsAndVelocities(self._workspace, x)
-        chi, J_v = pose_and_jacobian(
-            self._uvms.plant, self._workspace, self._uvms.tip, self._R_TW)
+    def tip_motion(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """Returns χ (6,) and J (6, 6+n) at the 𝔮 of a Context, by the MultibodyPlant."""
+        x = self._plant_state(context.get_continuous_state_vector().CopyToVector())
+        workspace = self._workspace.Eval(context).context
+        self._uvms.plant.SetPositionsAndVelocities(workspace, x)
+        chi, J_v = pose_and_jacobian(self._uvms.plant, workspace, self._uvms.tip, self._R_TW)
         T = np.column_stack([self.coordinates.vector_to_drake(x, unit) for unit in np.eye(
             self.coordinates.size)])  # v = T ζ
         return chi, J_v @ T
@@ -140,7 +140,7 @@ class VelocityDrivenUvms(LeafSystem):
         for name, value in (("commanded velocity", zeta), ("disturbance", w)):
             if not np.all(np.isfinite(value)):
                 raise RunFailed(f"{at} the {name} is not finite")
-        chi, J = self.tip_motion(config)
+        chi, J = self.tip_motion(context)
         for owner, pitch in (("vehicle", config[4]), ("end-effector", chi[4])):
             if abs(pitch) > 0.5 * np.pi - PITCH_MARGIN:
                 raise RunFailed(f"{at} the pitch of the {owner} is {pitch:.4g} rad: Euler angles "

@@ -24,6 +24,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.wiring import added
 from uvms_drake.model.euler import WORLD, rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
+from uvms_drake.plant.workspace import declare_workspace
 
 AXES_OF_WORLD = RotationMatrix()
 """Attitude of the paper's task frame, which is World."""
@@ -77,8 +78,7 @@ class CompliantSurface(LeafSystem):
     - `penetration` (1) [m]: depth of the tip in a plane, stretch of a spring.
     - `chi` (6) [m, rad]: χ.
 
-    This system does not have any state. It keeps a Context of the plant as a workspace, overwritten
-    from `plant_state` in every evaluation; parameters are those of the plant's default Context.
+    This system does not have any state. The plant's parameters are those of its default Context.
 
     Args:
         plant: A finalized plant.
@@ -94,7 +94,7 @@ class CompliantSurface(LeafSystem):
         self._plant = plant
         self._tip = tip
         self._R_TW = RotationMatrix(RollPitchYaw(task_frame)).inverse()
-        self._workspace = plant.CreateDefaultContext()
+        self._workspace = declare_workspace(self, plant)
 
         self._plant_state_port = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states())
@@ -128,9 +128,10 @@ class CompliantSurface(LeafSystem):
 
     def _calc_touch(self, context: Context, touch: AbstractValue) -> None:
         plant_state = cast(np.ndarray, self._plant_state_port.Eval(context))
-        self._plant.SetPositionsAndVelocities(self._workspace, plant_state)
-        chi, J = pose_and_jacobian(self._plant, self._workspace, self._tip, self._R_TW)
-        chi_dot = J @ self._plant.GetVelocities(self._workspace)
+        workspace = self._workspace.Eval(context).context
+        self._plant.SetPositionsAndVelocities(workspace, plant_state)
+        chi, J = pose_and_jacobian(self._plant, workspace, self._tip, self._R_TW)
+        chi_dot = J @ self._plant.GetVelocities(workspace)
         touch.set_value((chi, J, self._law.force(chi, chi_dot)))
 
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:

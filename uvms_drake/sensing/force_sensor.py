@@ -156,7 +156,8 @@ class ForceSensor(Part):
     def reading(self, time: float, turning: float) -> ForceReading:
         """Returns what is known of it up to a time at most; see `force_bound.error_bound`."""
         still = error_bound(self, time, np.zeros(6), turning).total
-        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare)
+        noisy = self.noise_multiple > 0.0 and bool(np.all(np.asarray(self.noise)[:3] > 0.0))
+        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare, noisy)
 
     @property
     def tare_samples(self) -> int:

@@ -147,7 +147,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             builder, model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed)
         let_go = None
         if scenario.contact.felt:
-            sensing = sensing_of(sensed_contact(scenario))
+            sensing = sensing_of(scenario)
             fresh = ForceWatch.AddToBuilder(
                 builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
                 largest=sensing.largest, state=measured, measured_force=fresh).get_output_port()

@@ -1,5 +1,6 @@
 """Dynamic motion against a wall that nobody measured: the contact is felt."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +74,7 @@ class Sensed(Dynamic):
         lateness = lateness_of(scenario, model)
         with within("ancillary"):
             return make_sensed_tube_mpc(
-                ocp, scenario.ancillary, contact.walls, sensing_of(contact),
+                ocp, scenario.ancillary, contact.walls, sensing_of(scenario),
                 force=force, largest=largest, margin=margin,
                 limits=command_limits(scenario), lateness=lateness)
 
@@ -146,7 +147,7 @@ class Sensed(Dynamic):
         """Returns the problem at t = 0: nothing is felt at the start, and the target is ahead."""
         assert isinstance(ocp, TrackingOcp)
         contact, n = sensed_contact(scenario), ocp.direction
-        before, sensing = nothing(sensing_of(contact)), sensing_of(contact)
+        before, sensing = nothing(sensing_of(scenario)), sensing_of(scenario)
         tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
         known = felt(contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
         margin = front_margin(scenario)
@@ -177,12 +178,17 @@ def sensed_contact(scenario: Scenario) -> SensedContact:
 
 def reading_of(scenario: Scenario) -> ForceReading:
     """Returns what is known of the measured force, until the end."""
-    for part in scenario.sensing:
-        reading = part.reading(scenario.duration, turning_of(scenario))
-        if reading is not None:
-            return reading
+    reading = _known_reading(scenario)
+    if reading is not None:
+        return reading
     raise InvalidParameter("sensing", scenario.sensing, "with a part that measures the force, such "
                            "as !ForceSensor, for a contact that is felt")
+
+
+def _known_reading(scenario: Scenario) -> ForceReading | None:
+    """Returns what is known of the measured force; None: nothing."""
+    readings = (part.reading(scenario.duration, turning_of(scenario)) for part in scenario.sensing)
+    return next((reading for reading in readings if reading is not None), None)
 
 
 def largest_reading_error(scenario: Scenario, felt: FeltForce) -> float:
@@ -200,10 +206,20 @@ def turning_of(scenario: Scenario) -> float:
     return scenario.limits.nu2 + float(np.sqrt(joints)) * scenario.limits.qdot
 
 
-def sensing_of(contact: SensedContact) -> ForceSensing:
-    """Returns what the front is told of the sensor."""
+def sensing_of(scenario: Scenario) -> ForceSensing:
+    """Returns what front and watch are told of the sensor.
+
+    Readings that repeat are looked for only where noise forbids that they do; a sensor that is
+    slower than the watch is then seen several times for each reading.
+    """
+    contact, reading = sensed_contact(scenario), _known_reading(scenario)
+    repeats, tare = 0, 0.0
+    if reading is not None:
+        tare = reading.tare
+        if reading.noisy:
+            repeats = 2 + math.ceil(reading.period / contact.period - 1e-9)
     return ForceSensing(force_max=contact.force, noise=contact.force_error, period=contact.period,
-                        window=contact.delay)
+                        window=contact.delay, repeats=repeats, tare=tare)
 
 
 def fastest_advance(contact: SensedContact) -> float:

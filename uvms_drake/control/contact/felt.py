@@ -30,7 +30,7 @@ class ForceSensing:
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
     """m, number of equal readings in a row that are none; 0: any are. See `ForceWatch`."""
-    tare: float = 0.5
+    tare: float = 0.0
     """Time at the start in which the sensor may say zero, for nothing is touched then [s]."""
     largest: float = np.inf
     """Norm of a force at the end of the sensor's range, which is no reading [N]."""
