@@ -167,6 +167,27 @@ def test_thrusters_of_several_lags_have_each_its_own():
         10.0 - 15.0 * np.exp(-0.2 / lags), rtol=1e-3)
 
 
+def test_they_begin_anew_with_what_they_hover_with_until_time_goes_on(other):
+    """A state that is set between two initializations is that of the start."""
+    known = ThrusterModel.of(other.thrusters)
+    builder = DiagramBuilder()
+    command = builder.AddSystem(ConstantVectorSource(known.commands_of(np.full(8, 4.0))))
+    system = builder.AddSystem(ThrusterDynamics(known, 0.01, 2))
+    builder.Connect(command.get_output_port(), system.GetInputPort("command"))
+    builder.ExportInput(system.GetInputPort("hover"), "hover")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_context()
+    for hover, end, expected in ((-5.0, 0.0, -5.0), (2.0, 0.015, 2.0), (-5.0, 0.0, 2.0)):
+        diagram.GetInputPort("hover").FixValue(
+            simulator.get_mutable_context(), known.commands_of(np.full(8, hover)))
+        simulator.Initialize()
+        np.testing.assert_allclose(system.get_output_port().Eval(
+            system.GetMyContextFromRoot(context)), expected, rtol=1e-6)
+        if end > 0.0:
+            simulator.AdvanceTo(end)
+
+
 def test_the_allocation_alone_commands_what_gives_the_wrench(other):
     builder = DiagramBuilder()
     tau, state, force = (builder.AddSystem(ConstantVectorSource(value)).get_output_port()

@@ -1,5 +1,7 @@
 """Tests of `uvms_drake.station.sensed`: pressing on walls that the controller is not told of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.unmeasured import close_to_the_wall
@@ -17,6 +19,7 @@ from uvms_drake.station.sensed import (
     largest_force,
     pressing_force,
     sensed_contact,
+    sensing_of,
 )
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.conditions import Condition
@@ -42,6 +45,23 @@ def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stif
     assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.5
     depth = record.chi[:, 0]
     assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * front_margin(scenario))
+
+
+@pytest.mark.parametrize("overrides", [
+    ["sensing.0.tare=0.9"],
+    ["sensing.0.noise=[0, 0, 0, 0, 0, 0]", "sensing.0.drift=[0, 0, 0, 0, 0, 0]"],
+    ["sensing.0.rate=20"]])
+def test_a_sensor_that_is_slow_or_silent_or_tares_for_long_is_trusted(overrides):
+    """Off the wall: of such sensors, readings that repeat are no sign that they froze."""
+    record = simulate(load_scenario("girona500_contact", ["duration=1.2", *overrides]))
+    assert record.signals["force_lost"].max() == 0.0
+
+
+def test_of_a_sensor_that_nothing_is_known_of_no_reading_is_refused():
+    contact = load_scenario("girona500_contact")
+    assert (sensing_of(contact).repeats, sensing_of(contact).tare) == (3, 0.5)
+    unknown = sensing_of(replace(contact, sensing=[]))
+    assert (unknown.repeats, unknown.tare) == (0, 0.0)
 
 
 def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class_allows():

@@ -92,7 +92,8 @@ def make_uvms_plant(
     The subsystems "plant", "scene_graph", "hydrodynamics", "surface" and "disturbance" are found
     with `GetSubsystemByName`. Joint limits can be read from the plant and are for a controller to
     keep: a continuous MultibodyPlant has no end stops. Systems are for double only; for derivatives
-    there is `UvmsModel`.
+    there is `UvmsModel`. A robot of another mass is made with `error`, not by `SetMass` in a
+    Context: see `Hydrodynamics`.
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.

@@ -160,6 +160,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
             contact = sensed_contact(scenario)
             felt = SlowAside.AddToBuilder(builder, contact.direction, contact.aside_lag,
                                           contact.period, measured=felt).get_output_port()
+            signals["law_force"] = felt
         builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
     if scenario.contact.felt:
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
