@@ -84,7 +84,7 @@ class Dynamic(Motion[DynamicOcp]):
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds the water's motion; the desired force comes from a Meshcat's slider, or from outside.
+        """Adds the water's motion; the desired force comes from a slider in Meshcat or outside.
 
         Or from a mission, if there is one.
         """
