@@ -27,7 +27,7 @@ def turning(time):
     return np.array([0.0, 0.0, 0.0, 0.3 * time, 0.2 * time, -0.1 * time, *np.zeros(8)])
 
 
-def passed(force, state=turning, until=3.0, model=None, **options):
+def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
     """Returns instants and what a reader gets that looks when the watch does."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
@@ -36,7 +36,8 @@ def passed(force, state=turning, until=3.0, model=None, **options):
         measured_force=script.GetOutputPort("force"), **options)
     log = LogVectorOutput(watch.get_output_port(), builder, T)
     simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(until)
+    simulator.get_mutable_context().SetTime(start)
+    simulator.AdvanceTo(start + until)
     found = log.FindLog(simulator.get_context())
     return found.sample_times(), found.data().T
 
@@ -114,12 +115,14 @@ def test_a_force_at_the_declared_end_is_none_at_once_whatever_its_axes():
     assert 10 < np.count_nonzero(too_large) < 20
 
 
-def test_zeros_during_the_tare_are_readings_and_later_ones_are_not():
+@pytest.mark.parametrize("start", [0.0, 10.0])
+def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
+    """The tare begins when the simulation does, as that of the sensor."""
     def tared(time):
-        return noisy(time) if 1.0 < time < 2.0 else np.zeros(6)
+        return noisy(time) if 1.0 < time - start < 2.0 else np.zeros(6)
 
-    times, found = passed(tared, tare=1.0)
-    np.testing.assert_array_equal(np.isnan(found[:, 0]), times > 2.0 + 2.5 * T)
+    times, found = passed(tared, tare=1.0, start=start)
+    np.testing.assert_array_equal(np.isnan(found[:, 0]), times - start > 2.0 + 2.5 * T)
 
 
 def test_without_a_declared_number_nobody_looks():

@@ -77,13 +77,14 @@ class ForceWatch(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)) measured, for the attitude of the tip.
     - `measured_force`, `fresh_force`: 𝔉_s (6), force in Σ_I [N, N m].
 
-    The discrete state is that of `Looks` (12).
+    The discrete state is that of `Looks` (12), and how often it has been its turn to look (1).
 
     Args:
         model: The controller's model.
         period: T, between two looks [s].
         repeats: m; 0: nobody looks, as has to be with a sensor without noise.
-        tare: From when on it looks [s]: a sensor that is being tared may say zero all the time.
+        tare: How long after its first turn it begins to look [s]: a sensor that is being tared may
+            say zero all the time.
         largest: Norm of a force at the end of the range [N].
     """
 
@@ -92,10 +93,12 @@ class ForceWatch(LeafSystem):
         super().__init__()
         require(0.0 < period < np.inf, "period", period, "positive")
         require(repeats == 0 or repeats >= 2, "repeats", repeats, "0, or 2 or more")
-        self._model, self._repeats, self._tare, self._largest = model, repeats, tare, largest
+        self._model, self._repeats, self._largest = model, repeats, largest
+        self._passed = math.ceil(tare / period - 1e-6)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._port = self.DeclareVectorInputPort("measured_force", 6)
         self.DeclareDiscreteState(np.append(np.full(6, np.nan), np.zeros(6)))
+        self.DeclareDiscreteState(1)
         if repeats:
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
         self.DeclareVectorOutputPort("fresh_force", 6, self._calc, {
@@ -103,19 +106,21 @@ class ForceWatch(LeafSystem):
 
     @staticmethod
     def _remembered(context: Context) -> Looks:
-        state = context.get_discrete_state_vector().value()
+        state = context.get_discrete_state(0).value()
         return Looks(state[:6], state[6:])
 
     def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
-        if context.get_time() < self._tare * (1.0 - 1e-9):
-            return EventStatus.DidNothing()
+        turns = context.get_discrete_state(1).value()
+        state.set_value(1, turns + 1.0)
+        if turns[0] < self._passed:
+            return EventStatus.Succeeded()
         config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
         if not (np.all(np.isfinite(config)) and np.all(np.isfinite(force))):
-            return EventStatus.DidNothing()
+            return EventStatus.Succeeded()
         attitude = self._model.task_pose(config)[3:6]
         R_WE = self._model.R_WT @ rotation_matrix(attitude)
         both = np.concatenate([force[:3], force[:3] @ R_WE])
-        state.set_value(np.concatenate(looked(self._remembered(context), both)))
+        state.set_value(0, np.concatenate(looked(self._remembered(context), both)))
         return EventStatus.Succeeded()
 
     def _calc(self, context: Context, output: BasicVector) -> None:
