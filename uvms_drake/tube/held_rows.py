@@ -28,7 +28,8 @@ some time obey it a moment longer, since they come of what was before. R is foun
 enlarged, and then checked by `ascent`.
 
 *In joint angles*, x_q = J_sq⁻¹(t)∫K(t, r)J_sq(r)δ_q(r)dr ≤ ∫|K|e^{Ω(t − r)}|δ_q|dr for a δ_s that
-is J_sqδ_q, the gain of a loop whose states grow by e^{Ωt}. [ÿ̄_s] is J_sq of the plan's posture
+is J_sqδ_q, the gain of a loop whose states grow by e^{Ωt}; δ_q itself, J_sq⁻¹∫J_sqρ_q over an age,
+is at most e^{Ω(h + D)} times that age times |ρ_q|. [ÿ̄_s] is J_sq of the plan's posture
 times something, and counts ‖J_sq⁻¹‖ times as much.
 
 *The joints' drag* makes most of ρ. So the tip's rows have a κ that their loop knows, see `RowLoop`,
@@ -127,13 +128,17 @@ class HeldRows:
         self._jump[3] /= regular
         self._turns = np.array([1.0, 1.0, 1.0, np.exp(turning * self._age)])
         self._gains = self._of_blocks(loops)
+        self._gains[3] *= self._turns[3]  # J_sq turns while ρ is integrated, too.
         ticks = round(basis.time_step / path.period)
         until = path.dead_time + (0.0 if at_ticks(basis.time_step, path.period) else path.period)
         self._jump *= until > 0.0
         knots = self._of_blocks(loops, ticks, until) * self._jump[:, None]
+        self._made = np.zeros(4)  # ∫ρ of what jumps turn into.
         if until > 0.0:
             known = [loops[i].grown(0.0) for i in (0, 0, 1)] + [loops[2].grown(turning)]
-            knots += until * np.array(known) * self._by_knots(checks)[:, None]
+            self._made = until * self._by_knots(checks)
+            knots += np.array(known) * (self._turns * self._made)[:, None]
+            self._made[3] += until * self._drags[1] * self._jump[3]
         self._level = level
         self._of_plan = {PLAN: self._gains * level[:, None], KNOTS: knots}
 
@@ -161,7 +166,7 @@ class HeldRows:
         """Returns the radii of the errors of `HeldProblem` by part (14,)."""
         table = self._table(rest)
         sums = np.array([np.sum(list(table[name].values()), axis=0) for name in BLOCKS])
-        off = self._turns * (sums[:, 2] + self._age * (rest + self._level))
+        off = self._turns * (sums[:, 2] + self._age * (rest + self._level) + self._made)
         off[3] += self._turns[3] * self._age * self._drags[1] * sums[3, 3]
         sums[:, 3] -= self._jump
         by_block = np.column_stack([sums[:, [0, 1, 3]], off])[[0, 1, 3]]
