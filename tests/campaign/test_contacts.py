@@ -14,6 +14,7 @@ from uvms_drake.campaign.contacts import (
     SPARE,
     FeltContact,
     contact_of,
+    following_lag,
     pace,
     steepest_friction,
     tips,
@@ -32,6 +33,7 @@ from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import dump_scenario, load_scenario
 from uvms_drake.station.sensed import largest_force, sensed_contact
 from uvms_drake.station.step import check_step, friction_rate
+from uvms_drake.tube.terminal_set import TerminalLoop
 
 
 @pytest.fixture(scope="module")
@@ -114,24 +116,30 @@ def test_the_step_is_short_enough_for_the_friction(drawn, base, ocp):
         check_step(replace(base, surface=replace(just, creep=0.9 * just.creep)), ocp.model)
 
 
+def test_what_is_followed_is_followed_late(ocp):
+    """A reference that moves along n, under the terminal controller, sample by sample."""
+    size, h, speed = ocp.model.size, ocp.time_step, 0.01
+    loop, xi = TerminalLoop(ocp).closed, np.zeros(2 * ocp.model.size)
+    for _ in range(300):
+        xi = loop @ xi - h * speed * np.pad(ocp.direction, (0, 2 * size - 3))
+    behind = -xi[:3] @ ocp.direction
+    assert following_lag(ocp) == pytest.approx(behind / speed, rel=1e-6)
+
+
 @pytest.mark.parametrize("force", [6.0, 26.0])
-def test_the_time_to_press_is_that_of_the_way_at_the_speed_that_is_left(base, ocp, force):
-    """∫ dx/v with v = 2s/T, summed up, if the front or if the target is what it goes to."""
-    stiffness, most = 400.0, sensed_contact(base).stiffness
-    horizon = base.mpc.horizon * base.mpc.time_step
+def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_left(
+        base, ocp, force):
+    """∫ dx/v with v = s/T, summed up, if the front, the target or the limit is what is next."""
+    stiffness, most = 150.0, sensed_contact(base).stiffness
     start, _ = tips(base, ocp)
     speed, pressing = pace(base, ocp, ShapedSurface(law=Linear(stiffness)), force)
     room = ocp.aim.target[0] - AHEAD - start[0]
-    assert speed <= PART * 2.0 * room / horizon * (1.0 + 1e-12)
-
-    def spent(way, end):
-        depth = np.linspace(0.0, end / stiffness, 20001)
-        slowness = 0.5 * horizon / way(stiffness * depth)
-        return np.sum(0.5 * (slowness[1:] + slowness[:-1]) * np.diff(depth))
-
-    to_front = spent(lambda now: room - now / most, force)
-    to_target = spent(lambda now: (force - now) / most, force - base.task.force_tolerance)
-    assert pressing * PART == pytest.approx(max(to_front, to_target), rel=1e-6)
+    now = np.linspace(0.0, force - base.task.force_tolerance, 20001)
+    way = np.minimum(room - now / most, (force - now) / (2.0 * stiffness))
+    slowness = np.maximum(following_lag(ocp) / way, PART / speed)
+    spent = np.sum(0.5 * (slowness[1:] + slowness[:-1]) * np.diff(now)) / stiffness
+    assert spent <= PART * pressing <= 3.0 * spent
+    assert speed <= PART * room / following_lag(ocp) * (1.0 + 1e-12)
 
 
 def test_the_scenario_of_a_run_is_a_function_and_goes_through_a_file(base, tmp_path):

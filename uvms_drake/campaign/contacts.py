@@ -146,26 +146,42 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
          ) -> tuple[float, float]:
     """Returns the speed v at which a wall is approached [m/s], and the time to press [s].
 
-    A plan of duration T that comes to rest a way s ahead begins with 2s/T, and so it goes on where
-    s does not end. (If it begins later by what is committed, T is longer by twice that.) In free
-    water s is that to the front, which moves along. In a wall of slope κ it is the lesser of two:
-    to the front, s₀ − F/κ₊ if it is s₀ in free water, and to the target, (F_des − F)/κ̂ with a slope
-    κ̂ that is not learned yet, κ₊. With Ḟ = κ 2s/T, F is within ε of F_des after T/2 · κ₊/κ times
-    the larger of
+    A tip follows what moves T late, so what is always s ahead of it is followed at s/T, as far as
+    the limit of the speed lets. (What is committed comes to T.) In free water s is the way to the
+    front, s₀. In a wall of slope κ it is the lesser of two: to the front, s₀ − F/κ₊, and to the
+    target, (F_des − F)/κ̂ with κ̂ ≤ 2κ. With Ḟ = κ s/T, F is within ε of F_des after T times the
+    larger of
 
-        ln(s₀/(s₀ − F_des/κ₊))    and    ln(F_des/ε).
+        κ₊/κ ln(s₀/(s₀ − F_des/κ₊))    and    2 ln(F_des/ε),
 
-    Both are estimates, taken to be slower than they come out.
+    to which the time comes that the way F_des/κ takes at the largest speed. Both are estimates,
+    taken to be slower than they come out.
     """
     committed = committed_intervals(
         scenario.ancillary, lateness_of(scenario, ocp.model), ocp.time_step)
-    contact, time = sensed_contact(scenario), (0.5 * ocp.horizon + committed) * ocp.time_step
+    contact, late = sensed_contact(scenario), following_lag(ocp) + committed * ocp.time_step
     room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - AHEAD
-    speed = min(room / time, contact.speed - (scenario.tube.depth_speed or 0.0))
-    slower = max(np.log(room / (room - force / contact.stiffness)),
-                 np.log(force / scenario.task.force_tolerance))
-    pressing = time * contact.stiffness / wall.law.slopes[0] * slower
+    speed = min(room / late, contact.speed - (scenario.tube.depth_speed or 0.0))
+    slope = wall.law.slopes[0]
+    slower = max(
+        contact.stiffness / slope * np.log(room / (room - force / contact.stiffness)),
+        2.0 * np.log(force / scenario.task.force_tolerance))
+    pressing = late * slower + force / (slope * speed)
     return PART * speed, float(pressing) / PART
+
+
+def following_lag(ocp: TrackingOcp) -> float:
+    """Returns n·h(1 − Φ)⁻¹n on 𝔭, by how much the tip is late behind a reference along n [s].
+
+    Φ is the matrix of the loop with the terminal controller.
+    """
+    h, size = ocp.time_step, ocp.model.size
+    J_x = ocp.model.task_jacobian(ocp.model.configuration(ocp.y_des))
+    turned = np.concatenate([0.5 * h**2 * J_x, h * np.eye(size)]) @ ocp.terminal.gain
+    left = -turned  # 1 − Φ
+    left[:size, size:] -= h * J_x
+    n = np.pad(ocp.direction, (0, 2 * size - 3))
+    return float(h * n @ np.linalg.solve(left, n))
 
 
 def steepest_friction(scenario: Scenario, ocp: Ocp) -> float:

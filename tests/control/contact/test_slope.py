@@ -167,12 +167,30 @@ def test_a_wall_that_is_gone_is_forgotten_and_one_ahead_is_not():
         assert slope(after, WALLS) == (MOST if forgotten else slope(before, WALLS))
 
 
-def test_a_reading_that_may_be_of_another_place_says_nothing():
-    before = pressed(500.0)
-    for touched in (True, False):
-        after = with_reading(before, WALLS, path(0.08), 2.0, touched, NOISE, MEMORY, PERIOD,
-                             2.0 * NOISE / MOST)
-        np.testing.assert_array_equal(after.mean, before.mean)
+@pytest.mark.parametrize("kappa", [100.0, 400.0, MOST])
+@pytest.mark.parametrize("late", [0.0, 0.03, 0.14])
+def test_a_fast_press_teaches_the_slope_too(kappa, late):
+    """However late the readings are: at 50 mm/s, and with a stop within 30 mm at 20 N."""
+    window, speed = 0.14, 0.05
+    time = np.arange(0.0, 2.0 + 20.0 / kappa / speed, PERIOD)
+    depth = np.where(time * speed < 20.0 / kappa, time * speed, 20.0 / kappa)
+    before = np.interp(time - window, time, depth, left=0.0)
+    force = kappa * np.interp(time - late, time, depth, left=0.0)
+    belief, rng = NOTHING, np.random.default_rng(3)
+    for tip, F, way in zip(path(depth), force, depth - before, strict=True):
+        F += SIGMA * np.clip(rng.standard_normal(), -3.0, 3.0)
+        belief = with_reading(belief, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, way)
+        assert slope(belief, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
+    assert slope(belief, WALLS) < max(2.0 * kappa, 0.25 * MOST)
+
+
+def test_a_reading_that_may_be_of_another_place_is_of_another_wall_only_beyond_that():
+    before, way = pressed(500.0), 8.0 * NOISE / MOST
+    expected = 20.0 + 500.0 * 0.02
+    for off, forgotten in ((-0.9 * 500.0 * way, False), (-NOISE - 2.0 * 500.0 * way, True)):
+        after = with_reading(before, WALLS, path(20.0 / 500.0 + 0.02), expected + off, False,
+                             NOISE, MEMORY, PERIOD, way)
+        assert np.isnan(after.mean[0]) == forgotten
 
 
 def test_walls_can_be_stacked():

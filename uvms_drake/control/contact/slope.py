@@ -19,9 +19,11 @@ its force and, below that length, of its position, which would make every wall l
 same reason κ is learned, and changes, only in steps that go deeper than aside, |s| ≥ ‖P_t m‖: on a
 slide at one force, s is an error of the position, and 0.7 mm of it would make 900 N/m look like 320
 within 0.6 m. That helps against errors that are slower than the slide; one that outruns it, white
-noise of 0.3 mm on 30 mm/s, makes a wall look soft still. The front does not go by κ. A reading of a
-tip that has moved by more than ν/κ₊ while the force may have been read (W, see `front`) says
-nothing.
+noise of 0.3 mm on 30 mm/s, makes a wall look soft still. The front does not go by κ.
+
+*A reading may be of another place*: of any where the tip was while the force may have been read (W,
+see `front`). If it moved by w along n meanwhile, the reading is off by κw at most, for which κ̂w is
+taken: half of it comes to σ as a deviation, all of it to what a reading may be off.
 
 *It begins with* κ = ½κ₊ ± ½κ₊ and 𝔱 = 0 ± ½α. What a press goes by is κ̂ = min(κ₊, κ + √P_κκ): κ₊ as
 long as nothing is known, and more often above κ than below it, so that the force comes up to the
@@ -135,8 +137,8 @@ def moved(belief: Belief, surface: SurfaceClass, tip: np.ndarray, memory: float)
     return Belief(mean, P + grown[..., None] * np.eye(4), tip)
 
 
-def unlike(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float
-           ) -> np.ndarray:
+def unlike(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
+           noise: np.ndarray | float) -> np.ndarray:
     """Returns by how much a reading is above (> 0) or below what the wall's may be [N]; or 0.
 
     The arguments are those of `with_reading`.
@@ -148,17 +150,18 @@ def unlike(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.nda
     return np.nan_to_num(np.maximum(off - allowed, 0.0) + np.minimum(off + allowed, 0.0))
 
 
-def corrected(belief: Belief, surface: SurfaceClass, force: np.ndarray, noise: float) -> Belief:
+def corrected(belief: Belief, surface: SurfaceClass, force: np.ndarray,
+              deviation: np.ndarray | float) -> Belief:
     """Returns what is believed after a reading at the same place; κ and 𝔱 those of the class.
 
     Args:
         belief: What was believed.
         surface: The class of walls.
         force: F, along n (...) [N].
-        noise: ν [N].
+        deviation: σ (...) [N].
     """
     P = belief.covariance
-    gain = P[..., 0] / (P[..., 0, 0] + (SCATTER * noise) ** 2)[..., None]
+    gain = P[..., 0] / (P[..., 0, 0] + deviation**2)[..., None]
     mean = belief.mean + gain * (force - belief.mean[..., 0])[..., None]
     mean[..., 1] = np.clip(mean[..., 1], SOFTEST * surface.stiffness, surface.stiffness)
     size = np.linalg.norm(mean[..., 2:], axis=-1, keepdims=True)
@@ -193,13 +196,13 @@ def with_reading(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: 
         covariance[..., 0, 0] + (WANDER * noise) ** 2 * period,
         np.maximum(covariance[..., 0, 0], noise**2))
     belief = belief._replace(covariance=covariance)
-    known = way <= enough
-    off = np.where(known, unlike(belief, surface, tip, force, noise), 0.0)
-    far = (np.linalg.norm(tip - belief.at, axis=-1) >= enough) & known & touched
+    late = slope(belief, surface) * way
+    off = unlike(belief, surface, tip, force, noise + late)
+    far = (np.linalg.norm(tip - belief.at, axis=-1) >= enough) & touched
     after = belief
     if np.any(far | (off != 0.0)):
-        here = moved(belief, surface, tip, memory)
-        after = _chosen(far, corrected(here, surface, force, noise), belief)
+        here, deviation = moved(belief, surface, tip, memory), np.hypot(SCATTER * noise, 0.5 * late)
+        after = _chosen(far, corrected(here, surface, force, deviation), belief)
         # Another wall, as far as its stiffness goes: what is believed of 𝔱 stays.
         new = first_belief(surface, tip, force, noise)
         mean, P = new.mean.copy(), new.covariance.copy()
