@@ -116,7 +116,8 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before
     touch, gone = np.linalg.norm(force) > nu, tip[:3] - points
     pressed = surface.depth(force)
     if np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):  # It feels a wall.
-        way = np.max(np.maximum(*(surface.advance(each) for each in (gone, -gone))))
+        way, back = (np.max(surface.advance(each)) for each in (gone, -gone))
+        way = way if back <= nu / surface.stiffness else np.inf
         belief = with_reading(belief, surface, tip[:3], pressed, touch, nu, sensing.memory,
                               sensing.period, way)
     return Felt(new, np.array([*tip[:3], pressed, touch]), belief.state, past, before.missing)

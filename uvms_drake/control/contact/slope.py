@@ -23,7 +23,9 @@ noise of 0.3 mm on 30 mm/s, makes a wall look soft still. The front does not go 
 
 *A reading may be of another place*: of any where the tip was while the force may have been read (W,
 see `front`). If it moved by w along n meanwhile, the reading is off by κw at most, for which κ̂w is
-taken: half of it comes to σ as a deviation, all of it to what a reading may be off.
+taken: half of it comes to σ as a deviation, all of it to what a reading may be off. Of a tip that
+was deeper meanwhile, by more than ν/κ₊, it says nothing: one that swings, and is felt late, would
+make every wall look soft.
 
 *It begins with* κ = ½κ₊ ± ½κ₊ and 𝔱 = 0 ± ½α. What a press goes by is κ̂ = min(κ₊, κ + √P_κκ): κ₊ as
 long as nothing is known, and more often above κ than below it, so that the force comes up to the
@@ -186,7 +188,8 @@ def with_reading(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: 
         noise: ν [N].
         memory: See `moved` [N].
         period: Time since the last reading [s].
-        way: How far the tip moved along n while the force may have been read (...) [m].
+        way: How much deeper the tip came while the force may have been read (...) [m]; inf: the
+            reading says nothing.
     """
     enough, first = noise / surface.stiffness, np.isnan(belief.mean[..., 0])
     if np.all(first & np.logical_not(touched)):
