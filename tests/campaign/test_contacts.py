@@ -130,7 +130,8 @@ def test_what_is_followed_is_followed_late(ocp):
 def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_left(
         base, ocp, force):
     """∫ dx/v with v = s/T, summed up, if the front, the target or the limit is what is next."""
-    stiffness, most = 150.0, sensed_contact(base).stiffness
+    contact, stiffness = sensed_contact(base), 150.0
+    most = contact.walls.share * contact.stiffness
     start, _ = tips(base, ocp)
     speed, pressing = pace(base, ocp, ShapedSurface(law=Linear(stiffness)), force)
     room = ocp.aim.target[0] - AHEAD - start[0]

@@ -148,11 +148,11 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
 
     A tip follows what moves T late, so what is always s ahead of it is followed at s/T, as far as
     the limit of the speed lets. (What is committed comes to T.) In free water s is the way to the
-    front, s₀. In a wall of slope κ it is the lesser of two: to the front, s₀ − F/κ₊, and to the
+    front, s₀. In a wall of slope κ it is the lesser of two: to the front, s₀ − F/κ', and to the
     target, (F_des − F)/κ̂ with κ̂ ≤ 2κ. With Ḟ = κ s/T, F is within ε of F_des after T times the
     larger of
 
-        κ₊/κ ln(s₀/(s₀ − F_des/κ₊))    and    2 ln(F_des/ε),
+        κ'/κ ln(s₀/(s₀ − F_des/κ'))    and    2 ln(F_des/ε),    κ' = a₋κ₊ (`SurfaceClass.share`),
 
     to which the time comes that the way F_des/κ takes at the largest speed. Both are estimates,
     taken to be slower than they come out.
@@ -162,9 +162,9 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
     contact, late = sensed_contact(scenario), following_lag(ocp) + committed * ocp.time_step
     room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - AHEAD
     speed = min(room / late, contact.speed - (scenario.tube.depth_speed or 0.0))
-    slope = wall.law.slopes[0]
+    slope, stiffest = wall.law.slopes[0], contact.walls.share * contact.stiffness
     slower = max(
-        contact.stiffness / slope * np.log(room / (room - force / contact.stiffness)),
+        stiffest / slope * np.log(room / (room - force / stiffest)),
         2.0 * np.log(force / scenario.task.force_tolerance))
     pressing = late * slower + force / (slope * speed)
     return PART * speed, float(pressing) / PART

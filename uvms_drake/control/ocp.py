@@ -292,6 +292,11 @@ class Ocp(ABC, Generic[P]):
         return (value is not None and value.violation <= self.tolerance
                 and value.terminal_slack <= (self.tolerance if slack is None else slack))
 
+    def keeps(self, value: Evaluation, other: Evaluation) -> bool:
+        """Returns whether a plan is sound, or no further from it than another one that is not."""
+        beyond, before = (max(each.violation, each.terminal_slack) for each in (value, other))
+        return self.is_sound(value) or (not self.is_sound(other) and beyond <= before)
+
     @property
     def inputs_given(self) -> dict[str, int]:
         """Sizes of what changes the problem while it runs, by the names of ports."""

@@ -2,12 +2,12 @@
 
 An iteration makes the convex program about the plan, solves it, and takes the longest of the steps
 1, ½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls; in a strict
-problem, only to a sound plan from one that is sound. Where a sound plan would be cheaper after the
-whole step, but beyond limits by what they are curved, it is moved back first (`correction`). The
-limits on what is linearised are softened by an exact penalty, so that the program has a solution
-whenever the linear limits can be kept. One iteration a sample is enough for what the closed loop
-needs: the plan is never worse than the last one continued by the terminal controller (Scokaert,
-Mayne and Rawlings 1999).
+problem, only to a sound plan, or from one that is not to one that is no further from it. Where a
+sound plan would be cheaper after the whole step, but beyond limits by what they are curved, it is
+moved back first (`correction`). The limits on what is linearised are softened by an exact penalty,
+so that the program has a solution whenever the linear limits can be kept. One iteration a sample is
+enough for what the closed loop needs: the plan is never worse than the last one continued by the
+terminal controller (Scokaert, Mayne and Rawlings 1999).
 """
 
 from dataclasses import dataclass
@@ -110,5 +110,4 @@ class SequentialConvexSolver(Generic[P]):
 
     def _is_better(self, new: Evaluation, old: Evaluation) -> bool:
         """Returns whether a plan may take another's place."""
-        sound = self.ocp.strict and self.ocp.is_sound(old)
-        return new.merit < old.merit and (not sound or self.ocp.is_sound(new))
+        return new.merit < old.merit and (not self.ocp.strict or self.ocp.keeps(new, old))

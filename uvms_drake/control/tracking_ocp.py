@@ -129,6 +129,8 @@ class TrackingOcp(DynamicOcp):
         for key, wanted in (("terminal_weight", mpc.terminal_weight is None),
                             ("terms", not mpc.terms)):
             require(wanted, key, getattr(mpc, key), "left out, where the reference moves")
+        require(mpc.input_reference == "equilibrium", "input_reference", mpc.input_reference,
+                "equilibrium, where the reference moves")
         require(mpc.terminal_set, "terminal_set", mpc.terminal_set, "true, where the target moves")
         self.direction = vector("direction", direction, 3)
         require(bool(abs(np.linalg.norm(self.direction) - 1.0) < 1e-9), "direction", direction,

@@ -39,6 +39,10 @@ from uvms_drake.tube.tip_jerk import second_jerk, tip_jerk
 
 BETWEEN_KNOTS = 0.12
 """How much faster than its limit at the knots of a plan the tip may be between them, in parts."""
+OFF_LINE = 0.002
+"""Assumed, not proven: by how much the tip's velocity is off a straight line between two readings
+[m/s], see `front.between_readings`. Ten times what runs show at an integrator's step of 5 ms, with
+friction that turns and disturbances that aim."""
 SAFETY_OF_JERK = 1.5
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 
@@ -122,7 +126,8 @@ class Sensed(Dynamic):
         margin = front_margin(with_tube)
         reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
         off = largest_reading_error(scenario, felt)
-        room = stopping_room(contact.force, contact.force_error, contact.stiffness, margin,
+        share = max(contact.walls.share, np.finfo(float).tiny)
+        room = stopping_room(contact.force, contact.force_error / share, contact.stiffness, margin,
                              retreat=contact.dissipation * fastest_advance(contact))
         return LawTube(radii, (
             *tube.conditions,
@@ -130,7 +135,7 @@ class Sensed(Dynamic):
                       contact.force_error, ">=", off),
             Condition("contact.clearance, not less than the tip goes during the tare [m]",
                       contact.clearance, ">=",
-                      (1.0 + BETWEEN_KNOTS) * contact.speed * reading.tare),
+                      fastest_advance(contact) * reading.tare),
             Condition("contact.speed, what comes to it between two knots [m/s]", faster, "<=",
                       BETWEEN_KNOTS * min(contact.speed, contact.speed_across)),
             Condition("front, room from a reading without touch [m]", room, ">", 0.0),
@@ -192,12 +197,18 @@ def _known_reading(scenario: Scenario) -> ForceReading | None:
 
 
 def largest_reading_error(scenario: Scenario, felt: FeltForce) -> float:
-    """Returns how far the normal force of a reading may be off those of the last `delay` [N]."""
+    """Returns how far the normal force of a reading may be off those of the last `delay` [N].
+
+    What the front does not see between two readings comes to it: damping by a velocity v off the
+    line between them, and the way of half a period at v.
+    """
     contact = sensed_contact(scenario)
+    unseen = OFF_LINE * (contact.force * contact.dissipation
+                         + 0.5 * contact.stiffness * contact.period)
     turned = contact.force * turning_of(scenario) * felt.age * (
         np.sin(contact.angle) + contact.friction * np.cos(contact.angle))
     missing = reading_of(scenario).missing(contact.delay)
-    return float(felt.error + felt.size * missing + turned)
+    return float(felt.error + felt.size * missing + turned + unseen)
 
 
 def turning_of(scenario: Scenario) -> float:
@@ -247,14 +258,15 @@ def pressing_force(scenario: Scenario) -> float:
 def largest_force(scenario: Scenario) -> float:
     """Returns the largest force that may be asked for [N].
 
-    The front lets the planned tip press on at F as long as (F_max − F − 2ν)/κ₊ is more than 2E, see
-    `control.contact.target`, and α times what the tip, where it was felt and where it is planned to
-    be, may be off across n: 2√2 E_t.
+    The front lets the planned tip press on at F as long as (F_max − (F + 2ν)/a₋)/κ₊ is more than
+    2E, see `control.contact.target`, and α times what the tip, where it was felt and where it is
+    planned to be, may be off across n: 2√2 E_t.
     """
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
     aside = contact.walls.tilt * 2.0 * float(np.sqrt(2.0)) * (tube.position or 0.0)
     lost = 2.0 * front_margin(scenario) + aside
-    return contact.force - 2.0 * contact.force_error - contact.stiffness * lost
+    left = contact.force - contact.stiffness * lost
+    return contact.walls.share * left - 2.0 * contact.force_error
 
 
 def mission_conditions(scenario: Scenario) -> list[Condition]:

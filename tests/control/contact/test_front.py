@@ -94,7 +94,7 @@ def test_a_tip_that_turns_round_between_two_readings_was_elsewhere(turn, angle):
     x = 0.02 + 0.5 * a * (t - turn) ** 2
     ends = [0, -1]
     points, velocities = (each[ends, None] * np.eye(3)[0] for each in (x, a * (t - turn)))
-    reading = surface.stiffness * np.min(x) * np.eye(3)[0]
+    reading = surface.share * surface.stiffness * np.min(x) * np.eye(3)[0]
     tip = apex(surface, points, velocities, reading, FORCE_MAX, 0.0, period)
     assert surface.stiffness * tip[0] <= FORCE_MAX + 1e-9
     careless = apex(surface, points, velocities, reading, FORCE_MAX, 0.0)

@@ -15,10 +15,10 @@ with φ = 46 N, F_max = 45 N and κ = κ₊/10, x_𝔮 − 1 N/κ₊ still has 4
 of the force over the last W seconds is at least the least force of that time, so some 𝔭_s in it has
 φ(𝔭_s) ≤ φ⁺, with the fastest retreat of that time in φ⁺; and every 𝔮 with ⟨𝔮 − 𝔭_s⟩ ≤ 0 for all s
 has φ(𝔮) ≤ φ(𝔭_s). The deepest such 𝔮 beside the tip 𝔭 is 𝔭 − n max_s⟨𝔭 − 𝔭_s⟩. No filter has to be
-known for that, only W. Of the s between two readings, see `between_readings`. (A lag T without an
-end gives the older past the weight e^(−W/T), so the force is at most the reading over 1 − e^(−W/T):
-take W = 3T and ν for the 5 %.) Within W the wall is taken for flat, so that forces that turn do not
-cancel in the average.
+known for that, only W. Forces that turn, at an edge or with the friction, cancel in an average: of
+one only the part along n counts, see `SurfaceClass.normal_force_bound`. Of the s between two
+readings, see `between_readings`. (A lag T without an end gives the older past the weight e^(−W/T),
+so the force is at most the reading over 1 − e^(−W/T): take W = 3T and ν for the 5 %.)
 
 *The pyramid never shrinks* where the plan goes. A plan keeps linear rows, `SurfaceClass.facets`:
 the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
@@ -52,7 +52,9 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
         noise: ν, see `SurfaceClass.normal_force_bound` [N].
         period: Time between two of the positions [s]; 0 if the tip was nowhere else.
     """
-    bound = np.max(surface.static_force_bound(force[..., None, :], velocities, noise), axis=-1)
+    averaged = points.shape[-2] > 1
+    bound = np.max(surface.static_force_bound(
+        force[..., None, :], velocities, noise, averaged=averaged), axis=-1)
     now = points[..., -1:, :]
     back = np.max(surface.advance(now - points), axis=-1)
     back += between_readings(surface, velocities, period)

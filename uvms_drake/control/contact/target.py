@@ -44,7 +44,8 @@ a straight wall and with r = |1 − κ/κ̂| < 1, |e_{i+1}| ≤ (1 − α_i(1 �
 grows, and after n + 1 steps all are at most 1 − α(1 − r) times the largest before.
 
 *What can be reached.* The front lets the planned tip go on from a place with force F as long as
-(F_max − F − 2ν)/κ₊ > 2E: F_des < F_max − 2ν − 2κ₊E. A touch remains one at F_des > 3ν + κ₊E_n.
+(F_max − (F + 2ν)/a₋)/κ₊ > 2E, a₋ the class's `share`: F_des < a₋(F_max − 2κ₊E) − 2ν. A touch
+remains one at F_des > 3ν + κ₊E_n.
 
 *Without contact.* Before the first one, the target is beyond the front: a search, as fast as the
 limits of speed and front let it. If it is lost, the law goes on with no force from where the wall

@@ -59,7 +59,7 @@ class SensedContact:
     """Largest speed of the tip along `direction`, either way [m/s]."""
     speed_across: float = 0.15
     """Largest speed of the tip along each of two directions across it [m/s]."""
-    clearance: float = 0.06
+    clearance: float = 0.075
     """How far ahead of the tip there is no wall at the start, while the sensor is tared [m]."""
     tool_angle: float = 0.25
     """Largest angle between the tool's axis and `direction` [rad]."""

@@ -104,7 +104,13 @@ class SurfaceClass:
         """
         return self.depth(motion) + self.tilt * self.aside(motion)
 
-    def normal_force_bound(self, force: np.ndarray, noise: float) -> np.ndarray:
+    @cached_property
+    def share(self) -> float:
+        """Cos θ − μ sin θ, the least part of F_N that is along n, tilt and friction against it."""
+        return float(np.cos(self.angle) - self.friction * np.sin(self.angle))
+
+    def normal_force_bound(self, force: np.ndarray, noise: float, *, averaged: bool = False
+                           ) -> np.ndarray:
         """Returns the largest F_N (...) [N] behind a reading of the tip's force 𝐅 (..., 3) [N].
 
         The tip gives the wall F_N along the wall's normal, which is off n by β ≤ θ, and at most
@@ -112,19 +118,24 @@ class SurfaceClass:
         n·𝐅 + ν ≥ F_N (cos β − μ sin β) ≥ F_N (cos θ − μ sin θ), which says something if it is
         positive. Both hold; the lesser counts. F_N ≥ 0, for a wall does not pull.
 
+        The second is linear in 𝐅, so that it holds for a mean of forces and the least F_N of them,
+        too. The first does not: at an edge, or where friction turns, forces cancel in a mean.
+
         Args:
             force: What the sensor reads, in Σ_I.
             noise: ν, bound of its error in norm [N]: noise, bias, the weight and drag of what is
                 behind the sensor, and what errors of position and speed make of the force.
+            averaged: Whether the reading may be a mean of forces at several places.
         """
-        bound = np.linalg.norm(force, axis=-1) + noise
-        share = np.cos(self.angle) - self.friction * np.sin(self.angle)
-        if share > 0.0:
-            bound = np.minimum(bound, (self.depth(force) + noise) / share)
-        return np.maximum(bound, 0.0)
+        bounds = [np.full(force.shape[:-1], np.inf)]
+        if self.share > 0.0:
+            bounds.append((self.depth(force) + noise) / self.share)
+        if not averaged:
+            bounds.append(np.linalg.norm(force, axis=-1) + noise)
+        return np.maximum(np.min(bounds, axis=0), 0.0)
 
-    def static_force_bound(self, force: np.ndarray, velocity: np.ndarray, noise: float
-                           ) -> np.ndarray:
+    def static_force_bound(self, force: np.ndarray, velocity: np.ndarray, noise: float, *,
+                           averaged: bool = False) -> np.ndarray:
         """Returns φ⁺ (...) [N], the largest static force behind a reading of a tip that moves.
 
         φ (1 − c₊(−δ̇)₊) ≤ F_N, and −δ̇ ≤ ⟨−v⟩ for a velocity v. A tip that retreats faster than
@@ -134,7 +145,8 @@ class SurfaceClass:
             force: See `normal_force_bound` (..., 3).
             velocity: Of the tip in Σ_I (..., 3) [m/s].
             noise: See `normal_force_bound`.
+            averaged: See `normal_force_bound`.
         """
         left = 1.0 - self.dissipation * np.maximum(self.advance(-velocity), 0.0)
-        bound = self.normal_force_bound(force, noise)
+        bound = self.normal_force_bound(force, noise, averaged=averaged)
         return np.where(left > 0.0, bound / np.where(left > 0.0, left, 1.0), np.inf)
