@@ -8,8 +8,10 @@ from support.unmeasured import close_to_the_wall
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certify
+from uvms_drake.command.run import BROKEN, _report
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii
+from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario import load_scenario
@@ -45,6 +47,17 @@ def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stif
     assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.5
     depth = record.chi[:, 0]
     assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * front_margin(scenario))
+    assert set(summarise(record)["contact"]["out_of_class"]) <= {"clearance"}  # It is near here.
+
+
+def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path):
+    record = simulate(close_to_the_wall("surface.law.stiffness=4000.0", "duration=2.5"))
+    summary = summarise(replace(record, certified=True))
+    seen = summary["contact"]["out_of_class"]["stiffness"]
+    assert seen == {"told": 1000.0, "seen": pytest.approx(4000.0, rel=0.05)}
+    summary["constraints"] = {}
+    assert _report(summary, tmp_path, []) == BROKEN
+    assert "NOTHING WAS PROMISED of this wall" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("overrides", [

@@ -61,7 +61,8 @@ keys that are changed most ('uvms-drake keys' lists all, with units and defaults
 
 A file of one's own that begins with 'base: girona500_ideal' says only what differs.
 
-Exit status {BROKEN}: a certified run has left its tube, or a run has violated a limit.
+Exit status {BROKEN}: a certified run has left its tube, or pressed a wall that is not of its class;
+or a run has violated a limit.
 Ctrl-C ends a run: the data up to then are written, without figures ('uvms-drake plot'), status 130.
 """
 
@@ -153,6 +154,10 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
     print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
     if failed := broken(summary):
         print(f"{'PROMISES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
+        return BROKEN
+    if certified and (out := summary["contact"].get("out_of_class")):
+        print("NOTHING WAS PROMISED of this wall: the certificate is for walls of the class that "
+              f"`contact` tells, and it was not of it ({', '.join(out)})")
         return BROKEN
     print("all promises kept" if certified else "all limits kept, without a certificate")
     return 0

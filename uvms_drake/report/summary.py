@@ -15,6 +15,7 @@ from uvms_drake.common.program import VERSION
 from uvms_drake.control.planner import DROPPED, FAILED, HOVERED, KEPT, LATE
 from uvms_drake.control.tube_monitor import TUBE_REPORT
 from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.spatial import times
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import ALARMING, events
 from uvms_drake.report.mission import format_mission, summarise_mission
@@ -26,11 +27,11 @@ from uvms_drake.report.signals import (
     wrench_unit,
 )
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
+from uvms_drake.report.wall_class import departures
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
-from uvms_drake.tube.ripple import ripple
 
 LAST_SECONDS = 5.0
 """Length of the window at the end over which the force is averaged [s]."""
@@ -138,16 +139,24 @@ def summarise_contact(record: Record) -> dict[str, Any]:
 
 
 def _summarise_class(record: Record) -> dict[str, object]:
-    """Returns by how much the force across the direction rippled, and by how much it may.
+    """Returns `out_of_class`, what bounds of its class the wall was seen to exceed.
 
-    Nothing if the contact is not felt. At the instants of the log, so at least by that.
+    Nothing if the contact is not felt. At the instants of the log, so at least these.
     """
     told = record.model.surface.contact
     if told is None:
         return {}
-    across = record.force[:, :3] @ told.walls.axes[1:].T
-    return {"ripple": ripple(record.time, across, told.force_rate),
-            "ripple_told": told.force_ripple}
+    surface = check_surface(true_surface(record.scenario))
+    config, zeta = np.split(record.state, 2, axis=1)
+    velocity = times(record.model.kinematics(config).J_chi[:, :3], zeta)
+
+    def static(places: np.ndarray) -> np.ndarray:
+        """Returns φ at places (m, 3), in the attitude of the start."""
+        attitude = np.broadcast_to(record.chi[0, 3:], (len(places), 3))
+        return surface.static_force(np.concatenate([places, attitude], axis=1))
+
+    seen = departures(told, record.time, record.chi[:, :3], velocity, record.force[:, :3], static)
+    return {"out_of_class": {key: each._asdict() for key, each in seen.items()}}
 
 
 def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
@@ -292,10 +301,9 @@ def _format_contact(contact: dict) -> list[str]:
 
 
 def _format_class(contact: dict) -> list[str]:
-    if contact.get("ripple", 0.0) <= contact.get("ripple_told", 0.0):
-        return []
-    return [f"{'':<14}OUT OF ITS CLASS: a ripple of the force aside of {contact['ripple']:.3g} N, "
-            f"contact.force_ripple is {contact['ripple_told']:.3g} N: nothing is promised"]
+    out = contact.get("out_of_class", {})
+    return [f"{'' if i else 'NOT OF ITS CLASS':<18}contact.{key} is {row['told']:.3g}, seen was "
+            f"{row['seen']:.3g}" for i, (key, row) in enumerate(out.items())]
 
 
 def _format_constraints(constraints: dict) -> list[str]:
