@@ -38,6 +38,24 @@ def test_the_system_computes_its_law_in_any_diagram(model, states, config):
     np.testing.assert_array_equal(diagram.GetOutputPort("u").Eval(context), expected)
 
 
+class Careless(Resolved):
+    """Gives u itself, and not a `Command`."""
+
+    def command(self, model, now, nominal_acceleration, nominal_input):
+        return nominal_acceleration()
+
+
+def test_a_law_that_gives_no_command_is_named(model, states):
+    state, nominal, acceleration, _ = next(pairs(model, states, "deep"))
+    feedback = AncillaryFeedback(model, Careless(k=K, sigma=SIGMA))
+    context = feedback.CreateDefaultContext()
+    for name, value in (("state", state), ("nominal_state", nominal),
+                        ("nominal_acceleration", acceleration)):
+        feedback.GetInputPort(name).FixValue(context, value)
+    with pytest.raises(InvalidParameter, match="command = 'ndarray': must be a `Command` of"):
+        feedback.GetOutputPort("tau").Eval(context)
+
+
 @pytest.mark.parametrize("where", ["free", "deep"])
 @pytest.mark.parametrize("config", [Resolved(k=K, sigma=SIGMA), Transpose(k=K, sigma=SIGMA)])
 def test_with_tau_the_plant_accelerates_by_u_more_than_without_it(

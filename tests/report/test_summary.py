@@ -66,6 +66,14 @@ def test_the_fixed_keys_are_there_and_valid_json():
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
 
+def test_a_tube_that_nobody_watched_has_no_worst_deviation():
+    record = synthetic_record()
+    hovering = replace(record.scenario, mpc=replace(record.scenario.mpc, hover=99.0))
+    summary = summarise(replace(record, scenario=hovering, certified=np.array(False)))
+    assert summary["tube"]["worst_e"] is summary["tube"]["worst_z"] is None
+    assert "not watched: the robot hovered until the end" in format_summary(summary)
+
+
 def test_duration_and_wall_time_give_the_real_time_factor():
     summary = summarise(synthetic_record(wall_time_s=8.0))
     assert (summary["duration_s"], summary["real_time_factor"]) == (20.0, 2.5)

@@ -25,6 +25,14 @@ CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 
 
 @dataclass
+class Nothing(Part):
+    """Its author forgot to return a port."""
+
+    def add_to(self, builder, model, port, signals, seed):
+        pass
+
+
+@dataclass
 class Scaled(Part):
     """What comes out is a factor times what goes in."""
 
@@ -132,7 +140,9 @@ def test_a_part_without_a_meaning_is_one_line(override, expected):
     ([Scaled(signal="tube_report")],
      r"^sensing\[0\]\.signals = \['tube_report'\]: must be called otherwise than"),
     ([Scaled(), Scaled()], r"^sensing\[1\]\.signal = 'scaled': must be a name that"),
-    ([Short()], r"^sensing\[0\]\.size = 19: must be 20, as before it")])
+    ([Short()], r"^sensing\[0\]\.size = 19: must be 20, as before it"),
+    ([Nothing()], r"^sensing\[0\]\.add_to = None: must be the output port to go on from"),
+    (Scaled(), r"^sensing = Scaled\(.*\): must be a list of parts")])
 def test_a_part_takes_no_name_away_and_no_component(parts, expected):
     with pytest.raises(InvalidParameter, match=expected):
         make_station(scenario_of(0.4, sensing=parts))

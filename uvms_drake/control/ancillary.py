@@ -25,6 +25,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
@@ -186,6 +187,9 @@ class AncillaryFeedback(LeafSystem):
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))
+        require(isinstance(wanted, Command) and callable(wanted.u) and callable(wanted.tau),
+                "command", type(wanted).__name__,
+                f"a `Command` of functions that give u, τ and M, of {self._law.name}")
         if self._limits is not None:
             wanted = _cut(wanted, *(
                 self._limits if now.wrench is None else _of_joints(*self._limits)))

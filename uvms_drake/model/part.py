@@ -131,6 +131,10 @@ class Part(Component, ABC):
                signals: Signals, seed: int) -> OutputPort:
         """Adds the part behind `port`, and returns the port of the same size that takes its place.
 
+        Where it begins, the returned port has to be right already: the first plan is made at the
+        initialization, before any event of the part has taken effect. What is late gives the
+        state of the start until then.
+
         Args:
             builder: Where to add systems, by names that are the part's own.
             model: The controller's.

@@ -56,18 +56,19 @@ FAINT = 0.05
 """Part of a bound below which deviations are drawn by their logarithm: else they are the axis."""
 
 
-def make_figures(record: Record, output_dir: Path, bounds: Mapping[str, float] | None = None
+def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, float] | None = None
                  ) -> list[Path]:
     """Writes all figures of a run as PNG files into a folder and returns their paths.
 
     Args:
         record: Record of the run.
-        output_dir: Folder of the files.
+        output_dir: Folder of the files, made if it is not there.
         bounds: Ultimate bounds of the run's certificate, if it has one.
     """
     figures = FIGURES | {"force.png": partial(
         draw_contact, certified=(bounds or {}).get("force"))}
-    paths = []
+    paths, folder = [], Path(output_dir)
+    folder.mkdir(parents=True, exist_ok=True)
     for name in figures_of(record.scenario):
         draw = figures[name]
         with matplotlib.rc_context(STYLE):
@@ -75,8 +76,8 @@ def make_figures(record: Record, output_dir: Path, bounds: Mapping[str, float] |
             if not record.certified:
                 figure.text(0.995, 0.005, UNCERTIFIED, ha="right", va="bottom", fontsize=6,
                             color=VERMILION)
-            figure.savefig(output_dir / name)
-        paths.append(output_dir / name)
+            figure.savefig(folder / name)
+        paths.append(folder / name)
     return paths
 
 

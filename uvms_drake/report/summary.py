@@ -211,14 +211,19 @@ def summarise_tube(record: Record) -> dict[str, object]:
         "certified": bool(record.certified),
         "law": record.scenario.law,
         "error": "y" if record.scenario.ancillary.protects_joints else "chi",
-        "bound_e": tube.e, "worst_e": np.max(record.deviation_of("task")[watched], initial=0.0),
-        "bound_z": tube.z, "worst_z": np.max(record.deviation_of("z")[watched], initial=0.0),
+        "bound_e": tube.e, "worst_e": _largest(record.deviation_of("task")[watched]),
+        "bound_z": tube.z, "worst_z": _largest(record.deviation_of("z")[watched]),
         "exits": int(report["set_exits"]),
         "first_exit_s": report["set_first_exit"],
         "exits_along_the_run": int(report["trajectory_exits"]),
         "worst_ratio": _worst_ratios(record, report),
         "disturbance_excesses": int(report["disturbance_exits"]),
     }
+
+
+def _largest(values: np.ndarray) -> float | None:
+    """Returns the largest of some values; None if there are none."""
+    return float(np.max(values)) if len(values) else None
 
 
 def _worst_ratios(record: Record, report: dict[str, float]) -> dict[str, float | None]:
@@ -317,14 +322,23 @@ def _format_constraints(constraints: dict) -> list[str]:
 
 def _format_robustness(summary: dict) -> list[str]:
     tube, disturbance = summary["tube"], summary["disturbance"]
-    error, first = tube["error"], tube["first_exit_s"]
-    since = "" if first is None else f" (first at {first:.2f} s)"
     return [
         f"{'disturbance':<14}{disturbance['worst']:.4g} at most with what the controller does not "
         f"know ({disturbance['applied']:.4g} applied)",
         f"{'':<14}" + ("no bound is declared" if disturbance["exceeded"] is None else
                        f"bound {disturbance['bound']:.4g} [{disturbance['unit']}], exceeded "
                        f"{disturbance['exceeded']} times"),
+        *_format_tube(tube),
+        f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
+    ]
+
+
+def _format_tube(tube: dict) -> list[str]:
+    error, first = tube["error"], tube["first_exit_s"]
+    since = "" if first is None else f" (first at {first:.2f} s)"
+    if tube["worst_e"] is None:
+        return [f"{'tube':<14}law {tube['law']}; not watched: the robot hovered until the end"]
+    return [
         f"{'tube':<14}law {tube['law']}; "
         f"|{error} - {error}_nominal| {1e3 * tube['worst_e']:.3g} mm, mrad "
         f"(bound {1e3 * tube['bound_e']:.3g}),",
@@ -336,7 +350,6 @@ def _format_robustness(summary: dict) -> list[str]:
         f"{'':<14}exits: {tube['exits']} set-wise{since}, "
         + ("no bound along the run" if tube["worst_ratio"]["trajectory"] is None
            else f"{tube['exits_along_the_run']} along the run"),
-        f"{'certified':<14}{'yes' if tube['certified'] else 'no (declared tube)'}",
     ]
 
 

@@ -17,6 +17,7 @@ RESERVED = {"plan", "report", "solve_seconds", "tube_alarm", *RENAMED,
 
 def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
     """Returns the parts of a scenario's list by their keys."""
+    require(isinstance(parts, Sequence), key, parts, "a list of parts")
     return {f"{key}[{i}]": part for i, part in enumerate(parts)}
 
 
@@ -38,6 +39,7 @@ def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signa
         size, known, before = port.size(), len(signals), len(builder.GetSystems())
         with within(key):
             port = part.add_to(builder, model, port, signals, seed)
+            require(isinstance(port, OutputPort), "add_to", port, "the output port to go on from")
             require(port.size() == size, "size", port.size(), f"{size}, as before it")
             added = list(signals)[known:]
             require(not set(added) & RESERVED, "signals", added,

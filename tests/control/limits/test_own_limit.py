@@ -52,6 +52,19 @@ class KnownElbow(Elbow):
         return np.array([5.0 * tube.joints])
 
 
+class Nameless(Limit):
+    """The same, of which its author forgot the name."""
+
+    values, bounds = Elbow.values, lambda self: (np.array([-1.0]), np.array([1.0]))
+
+
+class Scalar(Elbow):
+    """The same, with numbers where arrays are wanted."""
+
+    def bounds(self):
+        return -1.0, 1.0
+
+
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
     return load_scenario("girona500_ideal", [
@@ -74,6 +87,8 @@ def test_a_scenario_with_further_limits_is_the_same_after_yaml(scenario, tmp_pat
     (TipBox(), "limits.more[0].lower_corner"),
     (TipBox(np.zeros(3), np.zeros(3)), "limits.more[0].bounds"),
     (TipVelocity(np.array([0.1, 0.0, 0.1])), "limits.more[0].bounds"),
+    (Nameless(), "limits.more[0].name"),
+    (Scalar(), "limits.more[0].bounds"),
 ])
 def test_a_further_limit_without_meaning_is_refused(own, key):
     with pytest.raises(InvalidParameter) as caught:

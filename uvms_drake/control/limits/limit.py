@@ -108,7 +108,11 @@ class Limit(ABC):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first parameter that has no meaning."""
+        name = getattr(self, "name", None)
+        require(isinstance(name, str), "name", name, "the limit's key, such as `tip_height`")
         lower, upper = self.bounds()
+        require(np.ndim(lower) == 1 and np.shape(lower) == np.shape(upper), "bounds",
+                [lower, upper], "two arrays (m,) for m values")
         require(bool(np.all(lower < upper)), "bounds", [lower, upper], "in order")
 
     # What follows from these ----------------------------------------------------------------------

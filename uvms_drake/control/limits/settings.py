@@ -120,11 +120,11 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
     by_name = {limit.name: limit for limit in limits}
     for i, limit in enumerate(settings.more):
         with within(f"limits.more[{i}]"):
+            limit.check()
             require(limit.name not in by_name, "name", limit.name,
                     f"another one than {', '.join(by_name)}")
             require(accelerations or limit.about != "input", "about", limit.about,
                     "pose or speed, for kinematic motion")
-            limit.check()
         by_name[limit.name] = limit
     return by_name
 

@@ -68,8 +68,10 @@ class TipErrors(NamedTuple):
 class Surface(ABC):
     """A surface that the end-effector presses on; the dataclass of its YAML settings.
 
-    Plant, model and controller need the abstract methods. The others serve a certificate, a limit
-    on the force or a campaign; by default some raise `NotOffered`, which leaves no certificate.
+    The plant needs the abstract methods; a model and a controller that know the surface need
+    `pose_for` and `force_jacobian`, too. The others serve a certificate, a limit on the force or a
+    campaign. What is not offered raises `NotOffered`. A shape alone may be a `Geometry` of a
+    `ShapedSurface`, which adds the static force by the depth, damping and friction.
     """
 
     normal: np.ndarray | None = None
@@ -97,13 +99,13 @@ class Surface(ABC):
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns how far the end-effector is inside the surface (...) [m]."""
 
-    @abstractmethod
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
         """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes what 𝔉_des leaves free."""
+        raise self._lacks("pose_for")
 
-    @abstractmethod
     def force_jacobian(self) -> np.ndarray:
         """Returns G (m, 6) [N/m, N/rad]: at rest the force changes by at most ‖G dχ‖₂ with χ."""
+        raise self._lacks("force_jacobian")
 
     @abstractmethod
     def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
