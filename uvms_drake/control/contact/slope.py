@@ -34,7 +34,9 @@ than ν + 3√P_φφ, which noise alone cannot be: soft on hard, hard on soft.
 
 *It is no bound*, and need be none: the front holds for every wall of the class whatever κ̂ is, and
 the target is in no limit of a plan. What it costs to be wrong is in `target`: a press converges if
-κ̂ is more than about half of κ.
+κ̂ is more than about half of κ. A wall that gets hard where it was believed to be soft may keep it
+below that, as long as what is felt is within ν of what is believed: a swing of less than 2ν remains
+then, and dies out slowly.
 """
 
 from typing import NamedTuple
