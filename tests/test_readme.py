@@ -42,6 +42,19 @@ def test_the_lags_that_the_readme_names_are_where_the_loop_becomes_unstable():
             assert (np.max(roots.real) < 0.0) == stable
 
 
+def test_the_delays_that_the_readme_names_are_where_the_loop_becomes_unstable():
+    """The same through a delay: where ((k + σ) s + kσ)/s² has the size 1, its phase is used up."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    named = re.findall(r"of a pure delay, (\d+\.\d+) and (\d+\.\d+) s", text)[0]
+    for delay, name in zip(map(float, named), ("girona500_ideal", "girona500_contact"),
+                           strict=True):
+        law = load_scenario(name).ancillary
+        total, product = law.k + law.sigma, law.k * law.sigma
+        crossing = np.sqrt(0.5 * (total**2 + np.sqrt(total**4 + 4.0 * product**2)))
+        most = np.arctan2(total * crossing, product) / crossing
+        assert 0.9 * most < delay <= most
+
+
 def anchors(path: Path) -> set[str]:
     """Returns what the headings of a page are linked to by."""
     headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
