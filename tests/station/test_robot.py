@@ -46,6 +46,8 @@ BROKEN = {
                              "joint, 'jaws', moves: joints beyond the tip, as of a gripper, are"),
     "a link by itself": ([link("payload")],
                          "sdf: link = 'payload': must be joined to the vehicle by joints"),
+    "limits in degrees": ([(".sdf", "<upper>0.5</upper>", "<upper>90</upper>")],
+                          "sdf: joint shoulder: limits = [-1.5, 90.0]: must be in radians, up to"),
     "a spring": ([(".sdf", "<damping>1.0</damping>",
                    "<damping>1.0</damping><spring_stiffness>5</spring_stiffness>")],
                  "sdf: joint shoulder: spring_stiffness = 5.0: must be 0"),

@@ -26,6 +26,8 @@ FLOATS = (0.8, 1.25)
 """Displaced mass over mass of what can be a robot that swims."""
 UNSTABLE = 1e-3
 """Depth of the centre of buoyancy below that of mass that is taken as rounding [m]."""
+TURNS, UNLIMITED = 6.0 * np.pi, 1e4
+"""Angles that limits of a joint are between if they are degrees [rad]."""
 LIGHTEST = 1e-8
 """Inertia about a joint's axis below which a joint moves nothing [kg m²]."""
 
@@ -40,7 +42,7 @@ def robot_complaints(uvms: Uvms, folder: Path) -> list[InvalidParameter]:
     sdf, water = robot_file(folder), folder / "hydrodynamics.yaml"
     rounds: tuple[tuple[tuple[Path, Callable[[Uvms], Complaints]], ...], ...] = (
         ((sdf, bodies_are_joined), (sdf, the_tip_is_on_the_last_link), (sdf, nothing_pulls),
-         (sdf, motors_drive_the_joints)),
+         (sdf, motors_drive_the_joints), (sdf, joints_turn_in_radians)),
         ((sdf, inertias_are_given), (sdf, joints_move_something), (water, the_water_carries_it),
          (water, it_is_upright)))
     for checks in rounds:
@@ -104,6 +106,16 @@ def motors_drive_the_joints(uvms: Uvms) -> Complaints:
             yield InvalidParameter(
                 f"joint {joint.name()}: actuator", None, "there, as every joint is driven: of "
                 "SDFormat its effort must not be 0, of URDF it needs a transmission")
+
+
+def joints_turn_in_radians(uvms: Uvms) -> Complaints:
+    """No joint that turns has limits that are plainly degrees."""
+    for joint in uvms.joints:
+        lower, upper = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        if not slides(joint) and TURNS < max(-lower, upper) < UNLIMITED:
+            yield InvalidParameter(
+                f"joint {joint.name()}: limits", [float(lower), float(upper)],
+                f"in radians, up to {TURNS:.3g}, or left out")
 
 
 def inertias_are_given(uvms: Uvms) -> Complaints:
