@@ -12,6 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.control import scp
+from uvms_drake.control.ancillary import AncillaryFeedback
 from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.scp import SequentialConvexSolver
 from uvms_drake.model.contact_model import ContactModel
@@ -29,6 +30,7 @@ from uvms_drake.studies.bench_controller import (
     measure_controller,
     measure_growth,
 )
+from uvms_drake.studies.bench_feedback import _fixed, measure_feedback
 from uvms_drake.studies.bench_plant import (
     DerivativeTimes,
     leaf_systems,
@@ -155,6 +157,29 @@ def test_the_systems_in_python_that_the_derivative_needs_are_its_parts(measured,
     assert all(part.min > 0.0 for part in measured[0].derivative.parts.values())
 
 
+def test_a_command_of_the_feedback_is_timed_beside_one_of_resolved(measured):
+    times = measured[0].feedback
+    assert times.law == "resolved"
+    assert 0.0 < times.command.min <= times.command.p50
+    assert times.ratio == times.command.p50 / times.resolved.p50
+    assert f"{times.ratio:.2f} times as long" in format_bench(measured[0])
+
+
+def test_what_is_timed_is_the_command_of_the_loop(scenario):
+    station = make_station(scenario)
+    (feedback,) = (leaf for leaf in leaf_systems(station).values()
+                   if isinstance(leaf, AncillaryFeedback))
+    for context in run_instants(station, scenario, LITTLE):
+        inner = feedback.GetMyContextFromRoot(context)
+        tau = feedback.GetOutputPort("tau").Eval(_fixed(feedback, feedback, inner))
+        np.testing.assert_array_equal(tau, feedback.GetOutputPort("tau").Eval(inner))
+
+
+def test_where_the_velocity_is_the_input_there_is_no_such_command():
+    paper = load_scenario("paper_kinematic", SHORT)
+    assert measure_feedback(paper, load_model(paper), LITTLE) is None
+
+
 def test_a_watched_station_has_the_same_derivative_and_nothing_is_left_in_caches(scenario, model):
     watch = Stopwatch()
     stations = [make_station(scenario), watched_station(scenario, model, watch)]
@@ -210,7 +235,7 @@ def test_the_growth_takes_one_step_at_least(scenario, model):
 
 
 def test_what_is_measured_next_is_said(measured):
-    assert len(measured[1]) == len(set(measured[1])) == 4
+    assert len(measured[1]) == len(set(measured[1])) == 5
 
 
 @pytest.mark.parametrize(("name", "overrides"), [

@@ -27,6 +27,7 @@ from uvms_drake.studies.bench_controller import (
     measure_controller,
     measure_growth,
 )
+from uvms_drake.studies.bench_feedback import FeedbackTimes, measure_feedback
 from uvms_drake.studies.bench_plant import DerivativeTimes, measure_derivative
 from uvms_drake.studies.stopwatch import Effort
 
@@ -61,6 +62,8 @@ class Bench:
     """Times of the controller's step."""
     derivative: DerivativeTimes
     """Times of the station's derivative."""
+    feedback: FeedbackTimes | None
+    """Times of the feedback's command; None if a velocity is the input."""
     simulation: SimulationTime
     """Time of a simulation."""
     growth: list[HorizonTimes]
@@ -103,13 +106,16 @@ def measure(scenario: Scenario, effort: Effort | None = None,
     controller = measure_controller(scenario, model, effort)
     progress("the plant's derivative", 0.5)
     derivative = measure_derivative(scenario, model, effort)
+    progress("the feedback's command", 0.7)
+    feedback = measure_feedback(scenario, model, effort)
     progress("the growth with the horizon", 0.75)
     growth = measure_growth(scenario, model, effort)
     cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
     machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
     versions = {"uvms_drake": VERSION, "drake": version("drake"),
                 "numpy": version("numpy"), "python": platform.python_version()}
-    return Bench(scenario.name, versions, machine, controller, derivative, simulation, growth)
+    return Bench(scenario.name, versions, machine, controller, derivative, feedback, simulation,
+                 growth)
 
 
 def load_average() -> list[float] | None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from uvms_drake.studies.bench import Bench
 from uvms_drake.studies.bench_controller import ControllerTimes, HorizonTimes
+from uvms_drake.studies.bench_feedback import FeedbackTimes
 from uvms_drake.studies.bench_plant import DerivativeTimes
 from uvms_drake.studies.stopwatch import Timing
 
@@ -19,6 +20,7 @@ def format_bench(bench: Bench) -> str:
         f"{machine['cpu_share']:.0%} of one processor: compare times within a run only",
         "", *_controller_rows(bench.controller),
         "", *_derivative_rows(bench.derivative),
+        *_feedback_rows(bench.feedback),
         "", f"simulation  {simulation.simulated_s:g} s in {simulation.wall_s:.2f} s, "
         f"{simulation.real_time_factor:.2f} times real time",
         "", *_growth_rows(bench.growth)])
@@ -38,6 +40,16 @@ def _derivative_rows(times: DerivativeTimes) -> list[str]:
         *_part_rows("derivative of the station [ms]", times.total, times.parts),
         f"  {times.evaluations} evaluations at {times.off_surface} states off the surface and "
         f"{times.on_surface} on it"]
+
+
+def _feedback_rows(times: FeedbackTimes | None) -> list[str]:
+    if times is None:
+        return []
+    head = "".join(f"{name:>9}" for name in vars(times.command))
+    return ["", f"{'command of the feedback [ms]':<34}{head}",
+            f"  {times.law:<32}{_numbers(times.command)}",
+            f"  {'resolved, at the same states':<32}{_numbers(times.resolved)}",
+            f"  {times.ratio:.2f} times as long, median over median"]
 
 
 def _part_rows(title: str, total: Timing, parts: Mapping[str, Timing]) -> list[str]:
