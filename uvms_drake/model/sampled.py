@@ -61,10 +61,11 @@ class SampledVector(LeafSystem):
 
     - `vector`, `held` (size).
 
-    The discrete state has two groups for each clock: the number k of the last sample, NaN if there
-    is none (1), with the samples that may be under way, each at k modulo their number; and what is
-    held. A late sample is passed on at the first step of the simulation that begins at its instant
-    but for rounding: of two periodic events that are as near as that, Drake may leave one out.
+    The discrete state is what is held (size); for each clock whether it has a sample (1 or 0 each);
+    and a group for each with the number k of the last sample, NaN if there is none (1), and the
+    samples that may be under way, each at k modulo their number. A late sample is passed on at the
+    first step of the simulation that begins at its instant but for rounding: of two periodic events
+    that are as near as that, Drake may leave one out.
 
     Args:
         size: Size of the vector.
@@ -76,10 +77,13 @@ class SampledVector(LeafSystem):
         assert sorted(row for clock in clocks for row in clock.rows) == list(range(size))
         self._clocks = [clock._replace(rows=list(clock.rows)) for clock in clocks]
         self._port = self.DeclareVectorInputPort("vector", size)
+        self._propagated = np.zeros(size, dtype=bool)
+        self.DeclareDiscreteState(size)  # group 0
+        self.DeclareDiscreteState(len(clocks))  # group 1
         for i, clock in enumerate(self._clocks):
-            samples = np.append(np.nan, np.zeros(clock.kept * len(clock.rows)))
-            self.DeclareDiscreteState(samples)  # group 2i
-            self.DeclareDiscreteState(len(clock.rows))  # group 2i + 1
+            self._propagated[clock.rows] = clock.propagated
+            self.DeclareDiscreteState(  # group 2 + i
+                np.append(np.nan, np.zeros(clock.kept * len(clock.rows))))
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
             between = clock.delay / clock.period % 1.0
             if SAME < between < 1.0 - SAME:  # An event that only makes a step begin there.
@@ -93,8 +97,8 @@ class SampledVector(LeafSystem):
 
     def _samples(self, context: Context, i: int) -> tuple[float, np.ndarray]:
         """Returns k, NaN if there is no sample yet, and the samples (kept, rows)."""
-        last, *samples = context.get_discrete_state(2 * i).value()
-        return last, np.reshape(samples, (self._clocks[i].kept, -1))
+        state = context.get_discrete_state(2 + i).value()
+        return state[0], state[1:].reshape(self._clocks[i].kept, -1)
 
     def _measured(self, context: Context, clock: Clock) -> np.ndarray:
         """Returns a sample of now (rows,), or what it is off by."""
@@ -105,26 +109,28 @@ class SampledVector(LeafSystem):
     def _sample(self, i: int, context: Context, state: DiscreteValues) -> None:
         clock, (last, samples) = self._clocks[i], self._samples(context, i)
         k, sample = round(context.get_time() / clock.period), self._measured(context, clock)
+        samples = samples.copy()
         samples[slice(None) if np.isnan(last) else k % clock.kept] = sample
-        state.set_value(2 * i, np.append(k, samples))
+        state.set_value(2 + i, np.append(k, samples))
         if clock.delay == 0.0 or np.isnan(last):
-            state.set_value(2 * i + 1, sample)
+            state.get_mutable_value(0)[clock.rows] = sample
+            state.get_mutable_value(1)[i] = 1.0
 
     def _pass_on(self, context: Context, state: DiscreteValues) -> None:
         for i, clock in enumerate(self._clocks):
-            last, samples = self._samples(context, i)
-            if clock.delay > 0.0 and not np.isnan(last):
-                k = math.floor((context.get_time() - clock.delay) / clock.period + SAME)
-                state.set_value(2 * i + 1, samples[min(k, int(last)) % clock.kept])
+            if clock.delay > 0.0:
+                last, samples = self._samples(context, i)
+                if not math.isnan(last):
+                    k = math.floor((context.get_time() - clock.delay) / clock.period + SAME)
+                    state.get_mutable_value(0)[clock.rows] = samples[min(k, int(last)) % clock.kept]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        held = np.empty(output.size())
-        for i, clock in enumerate(self._clocks):
-            there = not np.isnan(context.get_discrete_state(2 * i).value()[0])
-            held[clock.rows] = (context.get_discrete_state(2 * i + 1).value() if there
-                                else self._measured(context, clock))
-            if clock.propagated:
-                held[clock.rows] += self._port.Eval(context)[clock.rows]
+        held = context.get_discrete_state(0).value().copy()
+        for i in np.flatnonzero(context.get_discrete_state(1).value() == 0.0):
+            clock = self._clocks[i]
+            held[clock.rows] = self._measured(context, clock)
+        if self._propagated.any():
+            held += np.where(self._propagated, self._port.Eval(context), 0.0)
         output.SetFromVector(held)
 
     @staticmethod

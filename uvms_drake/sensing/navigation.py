@@ -27,7 +27,7 @@ of the time, so that ε needs no state.
 """
 
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -46,6 +46,13 @@ STREAM = 2
 def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(
         np.random.SeedSequence(seed, spawn_key=(STREAM, *key))))
+
+
+@lru_cache(maxsize=64)
+def _rates(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns what a seed's drift and bias are of their bounds (3,) each, from −1 to 1."""
+    drift, bias = _generator(seed, 0).uniform(-1.0, 1.0, (2, 3))
+    return drift, bias
 
 
 def triangle(x: np.ndarray) -> np.ndarray:
@@ -196,7 +203,7 @@ class Navigation(Part):
 
     def imperfection(self, seed: int) -> Imperfection:
         """Returns what the navigation of a seed is off by, uniform within its bounds."""
-        drift, bias = _generator(seed, 0).uniform(-1.0, 1.0, (2, 3))
+        drift, bias = _rates(seed)
         return Imperfection(self.drift.rate * drift, self.dvl.growth * bias)
 
     def error(self, key: str, count: int, seed: int, time: float) -> np.ndarray:

@@ -113,9 +113,10 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
     if not replaces(surface, new, before.apex, reach):
         new = before.apex
-    touch, gone = np.linalg.norm(force) > nu, tip[:3] - points
-    pressed = surface.depth(force)
-    if np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):  # It feels a wall.
+    touch, pressed = np.linalg.norm(force) > nu, surface.depth(force)
+    feels = touch or not np.isnan(belief.mean[0])  # Else there is nothing to be learned.
+    if feels and np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):
+        gone = tip[:3] - points
         way, back = (np.max(surface.advance(each)) for each in (gone, -gone))
         way = way if back <= nu / surface.stiffness else np.inf
         belief = with_reading(belief, surface, tip[:3], pressed, touch, nu, sensing.memory,
