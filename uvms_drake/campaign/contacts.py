@@ -32,7 +32,7 @@ SPARE, FARTHEST = 0.02, 0.5
 PART = 0.8
 """Part of the estimated speed that is counted on."""
 SETTLING = 3.0
-"""Time that is left when the force should have settled [s]."""
+"""Time that a run goes on when the force should have settled [s]."""
 LEAST_CREEP = 0.005
 """Smallest creep of friction [m/s]."""
 ATTEMPTS = 1000
@@ -80,7 +80,8 @@ class FeltContact(Contact):
     """A wall of the class that the controller is told of, and any force that may be asked for.
 
     It stands no farther away than lets it be reached and pressed in time; a very soft one, or one
-    along which the tip has far to slide, may take longer all the same.
+    along which the tip has far to slide, may take longer all the same. A run is as long as its wall
+    should need, and no longer than the scenario.
     """
 
     def turned(self, scenario: Scenario, R: np.ndarray) -> Scenario:
@@ -106,14 +107,16 @@ class FeltContact(Contact):
             if wall is None:
                 continue
             speed, pressing = pace(scenario, ocp, wall, force)
-            most = min(FARTHEST, speed * (
-                scenario.duration - scenario.mpc.hover - pressing - SETTLING))
+            rest = scenario.mpc.hover + pressing + SETTLING
+            most = min(FARTHEST, speed * (scenario.duration - rest))
             nearest = contact.clearance + SPARE
             gap = nearest + far * max(most - nearest, 0.0)
             wall = wall.moved(np.eye(3), gap * contact.direction)
             if wall.geometry.depth(start) > -contact.clearance:
                 continue
-            drawn = replace(scenario, surface=wall, surface_error=SurfaceError())
+            samples = int(np.ceil((gap / speed + rest) / ocp.time_step))
+            drawn = replace(scenario, surface=wall, surface_error=SurfaceError(),
+                            duration=min(samples * ocp.time_step, scenario.duration))
             at_unit_creep = friction_rate(drawn, ocp.model, ocp.model.configuration(ocp.y_des))
             creep = max(LEAST_CREEP, at_unit_creep / steepest)
             return replace(drawn, surface=replace(wall, creep=creep))

@@ -170,7 +170,8 @@ def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def format_campaign(summary: Mapping[str, Any], times: Mapping[str, Any], folder: str) -> str:
     """Returns the campaign as a table for a terminal."""
     where = "outside of the bounds" if summary["outside"] else "inside of the bounds"
-    lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of "
+    most = "at most " if summary.get("walls") else ""
+    lines = [f"{summary['scenario']}, seed {summary['seed']}: {summary['runs']} runs of {most}"
              f"{summary['duration_s']:g} s {where}, tube "
              + ("certified" if summary["certified"] else "declared, not certified"), "",
              *_format_measures(summary), "", *_format_groups(summary), "",
