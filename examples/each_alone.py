@@ -45,7 +45,7 @@ LOOP: dict[str, tuple[list[str], list[str] | None]] = {
     "thrusters - 10 %": (["actuation.1.error=[-0.1]"], None),
     "20 Hz": (AT_20_HZ, ["actuation=[!SampledCommand {period: 0.05, delay: 0.01}]"]),
     "20 Hz, slower tip": ([*AT_20_HZ, "ancillary.tip.k=12.0", "ancillary.tip.sigma=6.0"], None),
-    "DVL gaps of 0.4 s": ([f"sensing.1.dvl={DVL}"],
+    "DVL gaps of 0.4 s": ([f"sensing.0.dvl={DVL}"],
                           [f"sensing=[!Navigation {{dvl: {DVL}, drift: {{rate: 0.0}}}}]"])}
 """What the loop is worse by, or made for it, now and before; an ideal wrench has no thrusters."""
 ROWS = {**{name: (each, each) for name, each in ROBOT.items()}, **LOOP}

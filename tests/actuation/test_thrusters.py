@@ -204,7 +204,7 @@ def test_the_allocation_alone_commands_what_gives_the_wrench(other):
 
 
 @pytest.mark.parametrize(("part", "message"), [
-    (Thrusters(period=0.0), r"^period = 0\.0: must be positive$"),
+    (Thrusters(period=0.0), r"^period = 0\.0: must be at least 0\.0001 s$"),
     (Thrusters(lag=0.0), r"^lag = 0\.0: must be positive, or left out$"),
     (Thrusters(dead_time=0.012), r"^dead_time = 0\.012: must be a multiple of the period, 0\.01 s"),
     (Thrusters(dead_time=-0.01), r"^dead_time = -0\.01: must be a multiple"),

@@ -17,6 +17,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import QUANTITIES, Constant
 from uvms_drake.tube.estimate import Estimate
 from uvms_drake.tube.law_tube import WEIGHTED
+from uvms_drake.tube.tip_jerk import JERK
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})
@@ -79,6 +80,8 @@ def test_the_verdict_says_how_much_is_proven():
     assert verdict(certificate) == (
         "certified: all 1 conditions hold; of the 21 numbers that tighten limits 9 are proven, "
         "12 estimated (a second search found up to 90% of what is claimed)")
+    felt = replace(certificate, estimates=(Estimate(JERK, 1.0, 0.9),))
+    assert " 9 are proven, given the jerk of the tip, 12 estimated" in verdict(felt)
     rows = format_certificate(certificate).splitlines()
     closest = rows.index("estimates: what is claimed, and what a second search found of it") + 1
     assert rows[closest].split() == ["u", "2", "90%"]

@@ -82,6 +82,31 @@ def test_no_sample_gets_lost_where_instants_are_the_same_but_for_rounding():
             moving(late)[0], moving(now)[1], moving(max(now - 0.01, 0.0))[2]], atol=1e-12)
 
 
+def test_a_faster_clock_samples_what_is_passed_on_at_its_instants_always_as_late():
+    """0.02 k + 0.01 and 0.01 (2k + 1) are not the same number for every k."""
+    late, late_by = [0.02 * k + 0.01 for k in range(400)], [0.01 * (2 * k + 1) for k in range(400)]
+    assert late != late_by
+    builder = DiagramBuilder()
+    script = builder.AddSystem(Script(vector=moving))
+    slow = SampledVector.AddToBuilder(
+        builder, [Clock(range(3), 0.02, 0.01)], vector=script.get_output_port())
+    fast = SampledVector.AddToBuilder(
+        builder, [Clock(range(3), 0.01)], vector=slow.get_output_port(), name="fast")
+    simulator = Simulator(builder.Build())
+    simulator.Initialize()
+    for k in range(1, 400):
+        simulator.AdvanceTo(0.02 * k + 0.015)  # What was passed on at 0.02 k + 0.01 comes next.
+        np.testing.assert_allclose(held(simulator, fast), moving(0.02 * (k - 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(("period", "delay", "event"), [
+    (0.02, 0.0, None), (0.02, 0.04, None), (0.02, 0.01, (0.01, 0.0)), (0.03, 0.01, (0.01, 0.0)),
+    (0.02, 0.03, (0.01, 0.0)), (0.02, 0.001, (0.02, 0.001)), (0.1, 0.07, (0.1, 0.07))])
+def test_a_step_begins_where_a_sample_is_passed_on(period, delay, event):
+    found = Clock(range(3), period, delay).passing_on
+    assert found is None if event is None else found == pytest.approx(event)
+
+
 def test_what_is_read_at_a_sample_is_what_was_held_before_it():
     simulator, system = bench([Clock(range(3), 0.25)])
     simulator.AdvanceTo(0.5)

@@ -18,7 +18,7 @@ from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.sensing.force_bound import error_bound, in_tip_axes
+from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, readable_force
 from uvms_drake.sensing.force_sensor import (
     ForceSensor,
     Imperfection,
@@ -238,6 +238,17 @@ def test_a_reading_ends_at_its_range(model):
     bench = Bench(model, settings, wrench=lambda t: np.array([30.0, -30.0, 5.0, 2.0, -2.0, 0.5]))
     bench.simulator.AdvanceTo(0.01)
     np.testing.assert_allclose(bench.port("reading"), [10.0, -10.0, 5.0, 1.0, -1.0, 0.5])
+
+
+def test_a_force_that_is_readable_is_in_the_range_whatever_comes_to_it(model):
+    """At the bounds of bias, drift and noise, and with the tool hanging along the force."""
+    settings = replace(ForceSensor(), range=np.array([60.0, 70.0, 80.0, 40.0, 40.0, 30.0]),
+                       drift=np.full(6, 0.1), tool=TOOL)
+    most = readable_force(settings, 30.0)
+    beside = 5.0 + 3.0 + 3.0 * 0.25 + TOOL.largest_hold(9.81)[0]
+    assert most == pytest.approx(60.0 - beside)
+    assert settings.reading(30.0, 1.0).largest == most
+    assert readable_force(replace(settings, range=np.ones(6)), 30.0) == 0.0
 
 
 def test_without_an_attitude_the_last_sample_goes_on(model):

@@ -136,10 +136,10 @@ def test_a_part_without_a_meaning_is_one_line(override, expected):
 
 
 @pytest.mark.parametrize(("parts", "expected"), [
-    ([Scaled(signal="force")], r"^sensing\[0\]\.signal = 'force': must be a name that"),
+    ([Scaled(signal="force")], r"^sensing\[0\]\.signal = 'force': must be given by one part only"),
     ([Scaled(signal="tube_report")],
      r"^sensing\[0\]\.signals = \['tube_report'\]: must be called otherwise than"),
-    ([Scaled(), Scaled()], r"^sensing\[1\]\.signal = 'scaled': must be a name that"),
+    ([Scaled(), Scaled()], r"^sensing\[1\]\.signal = 'scaled': must be given by one part only"),
     ([Short()], r"^sensing\[0\]\.size = 19: must be 20, as before it"),
     ([Nothing()], r"^sensing\[0\]\.add_to = None: must be the output port to go on from"),
     (Scaled(), r"^sensing = Scaled\(.*\): must be a list of parts")])

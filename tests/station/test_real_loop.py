@@ -15,7 +15,7 @@ def test_it_says_what_no_proof_covers(name):
     given_up = [item.name.split(",")[0] for item in assumptions(
         load_scenario(name)) if not item.holds]
     assert given_up == [
-        "current", "model_error", "contact.aside_lag", "sensing[1]", "actuation[0]", "actuation[1]"]
+        "current", "model_error", "contact.aside_lag", "sensing[0]", "actuation[0]", "actuation[1]"]
 
 
 def test_what_is_logged_as_felt_is_what_the_law_takes_slowly():

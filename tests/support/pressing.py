@@ -115,7 +115,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
             belief, surface, at[:, 0], force, touched, NOISE, MEMORY, PERIOD)
         kappa = slope(belief, surface)
         target = target_depth(desired, np.array([real, force]), touched, kappa,
-                              surface_depth(belief, surface, at[:, 0]), safe, 1.0)
+                              surface_depth(belief, surface, at[:, 0]), safe)
         # The plan: at its own instants, and when a wall is touched.
         again = (t >= STEP - 1e-9) | (touched & ~was_touched) | (time == 0.0)
         first = np.where(touched & np.isnan(first), time, first)

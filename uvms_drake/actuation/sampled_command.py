@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import require, require_period
 from uvms_drake.model.part import CommandPath, Part, Signals
 from uvms_drake.model.sampled import Clock, SampledVector
 from uvms_drake.model.uvms_model import UvmsModel
@@ -32,7 +31,7 @@ class SampledCommand(Part):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(1e-4 <= self.period < np.inf, "period", self.period, "at least 0.0001 s")
+        require_period("period", self.period)
         require(0.0 <= self.delay <= 100.0 * self.period, "delay", self.delay,
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 

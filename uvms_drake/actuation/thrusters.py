@@ -23,7 +23,7 @@ from pydrake.systems.primitives import Adder, MatrixGain
 
 from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
 from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
-from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.part import VEHICLE_WRENCH, CommandPath, Part, Signals
 from uvms_drake.model.thrusters import ThrusterModel
@@ -55,7 +55,7 @@ class Thrusters(Part):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.period < np.inf, "period", self.period, "positive")
+        require_period("period", self.period)
         require(self.lag is None or 0.0 < self.lag < np.inf, "lag", self.lag,
                 "positive, or left out")
         require(np.isfinite(self.sag), "sag", self.sag, "a number")

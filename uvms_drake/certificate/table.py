@@ -7,6 +7,7 @@ import numpy as np
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.tube.conditions import BEYOND, Condition
 from uvms_drake.tube.constants import Constant
+from uvms_drake.tube.tip_jerk import JERK
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
           "limits.static_force, up to which the tube is taken")
@@ -121,8 +122,10 @@ def _proven(certificate: Certificate) -> str:
     ratio = max((estimate.ratio for estimate in certificate.estimates), default=None)
     again = "" if ratio is None or not estimated else (
         f" (a second search found up to {ratio:.0%} of what is claimed)")
+    given = any(estimate.name == JERK for estimate in certificate.estimates)
     return (f"; of the {certificate.tightening} numbers that tighten limits "
-            f"{certificate.proven} are proven, {estimated} estimated{again}")
+            f"{certificate.proven} are proven{f', given the {JERK}' if given else ''}, "
+            f"{estimated} estimated{again}")
 
 
 def _what(condition: Condition) -> str:

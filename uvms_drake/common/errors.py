@@ -5,6 +5,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
+SHORTEST = 1e-4
+"""Shortest period of a clock [s]."""
+
 
 class InvalidParameter(ValueError):
     """A parameter has a value that its consumer cannot use.
@@ -28,6 +31,17 @@ def require(condition: bool, key: str, value: object, allowed: str) -> None:
     """Raises `InvalidParameter` unless `condition` holds."""
     if not condition:
         raise InvalidParameter(key, value, allowed)
+
+
+def require_period(key: str, period: float) -> None:
+    """Raises `InvalidParameter` unless a clock has this period [s]: a faster one never ends."""
+    require(SHORTEST <= period < np.inf, key, period, f"at least {SHORTEST:g} s")
+
+
+def require_rate(key: str, rate: float) -> None:
+    """Raises `InvalidParameter` unless a clock has this rate [Hz]: a faster one never ends."""
+    most = 1.0 / SHORTEST
+    require(0.0 < rate <= most, key, rate, f"positive, and at most {most:g} Hz")
 
 
 def shortened(text: str, most: int = 60) -> str:

@@ -19,15 +19,14 @@ plan goes. r_x is such that in F = {‖ξ‖_P ≤ ε} the tip, also half an int
 r_x‖ξ‖_P beyond the reference along each N (`tube.terminal_set` looks for a ξ where it is not).
 
 *Every problem is feasible.* Let the last plan keep all limits and end within ρ(a), and continue it
-by the terminal controller with the same a. F is what `tube.terminal_set` makes it: there the inputs
-are within limits on the whole next interval, for all forces; so is the state; and ‖ξ‖_P does not
-grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖ξ_{N+1}‖_P ≤ ‖ξ_N‖_P ≤ ρ(a), and
-N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval ahead. So it is
-feasible for this `Aim`. The target is in no limit: it is
-feasible for every later `Aim` that leaves room for it, as x_N that do not fall do, and a pyramid
-that takes another's place by `front.replaces`: it has all of the old one wherever the last plan
-goes, at the reference, too. A fixed set,
-kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
+by the terminal controller with the same a. F is what `tube.terminal_set` looks for: there the
+inputs are within limits at both ends of the next interval, for all forces; so is the state; and
+‖ξ‖_P does not grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖ξ_{N+1}‖_P ≤
+‖ξ_N‖_P ≤ ρ(a), and N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval
+ahead. So it is feasible for this `Aim`. The target is in no limit: it is feasible for every later
+`Aim` that leaves room for it, as x_N that do not fall do, and a pyramid that takes another's place
+by `front.replaces`: it has all of the old one wherever the last plan goes, at the reference, too. A
+fixed set, kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
 could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
 
 *It goes where it is asked to.* Let `Aim` be constant and a° the best admissible place, the least of

@@ -34,7 +34,8 @@ class Signals(dict[str, OutputPort]):
     """
 
     def __setitem__(self, name: str, port: OutputPort) -> None:
-        require(name not in self, "signal", name, "a name that is not taken")
+        require(name not in self, "signal", name,
+                "given by one part only, and another one gives it already")
         super().__setitem__(name, port)
 
 
@@ -69,6 +70,8 @@ class ForceReading(NamedTuple):
     noisy: bool = False
     """Whether noise moves all three components of the force in every reading, so that two that are
     equal come of a sensor that froze."""
+    largest: float = np.inf
+    """Norm of a force that is within the sensor's range whatever comes to it [N]."""
 
     def missing(self, delay: float) -> float:
         """Returns the largest weight that forces older than `delay` [s] have in a reading."""

@@ -19,6 +19,8 @@ from uvms_drake.common.wiring import added
 
 SAME = 1e-6
 """Part of a period by which instants differ that are meant to be the same."""
+MOST_PARTS = 4
+"""Most steps into which a period is cut so that instants are those of a faster clock."""
 
 
 class Clock(NamedTuple):
@@ -39,6 +41,22 @@ class Clock(NamedTuple):
     def kept(self) -> int:
         """Number of samples that are under way or held, at most."""
         return 1 + math.ceil(self.delay / self.period - SAME)
+
+    @property
+    def passing_on(self) -> tuple[float, float] | None:
+        """Period and offset of instants among which are those at which a sample is passed on [s].
+
+        None if samples are taken at those instants. Where a half, a third or a quarter of a period
+        is left to wait, they are those of a clock that is as many times as fast, to the last digit:
+        what such a clock samples is then always that of before, or always that of after.
+        """
+        between = self.delay / self.period % 1.0
+        if not SAME < between < 1.0 - SAME:
+            return None
+        parts = round(1.0 / between)
+        if parts <= MOST_PARTS and abs(parts * between - 1.0) < SAME:
+            return self.period / parts, 0.0
+        return self.period, between * self.period
 
 
 class SampledVector(LeafSystem):
@@ -85,10 +103,8 @@ class SampledVector(LeafSystem):
             self.DeclareDiscreteState(  # group 2 + i
                 np.append(np.nan, np.zeros(clock.kept * len(clock.rows))))
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
-            between = clock.delay / clock.period % 1.0
-            if SAME < between < 1.0 - SAME:  # An event that only makes a step begin there.
-                self.DeclarePeriodicPublishEvent(
-                    clock.period, between * clock.period, lambda context: None)
+            if (event := clock.passing_on) is not None:  # It only makes a step begin there.
+                self.DeclarePeriodicPublishEvent(*event, lambda context: None)
         if any(clock.delay > 0.0 for clock in clocks):
             self.DeclarePerStepDiscreteUpdateEvent(self._pass_on)
         now = {self.time_ticket()} if any(clock.error for clock in clocks) else set()

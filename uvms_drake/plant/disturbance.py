@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import InvalidParameter, require, vector
+from uvms_drake.common.errors import InvalidParameter, require, require_rate, vector
 from uvms_drake.model.part import Fault
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -256,7 +256,7 @@ class RandomPoints(LeafSystem):
 
     def __init__(self, axes: np.ndarray, bandwidth: float, seed: int):
         super().__init__()
-        require(0.0 < bandwidth < np.inf, "bandwidth", bandwidth, "positive")
+        require_rate("bandwidth", bandwidth)
         require(seed >= 0, "seed", seed, "zero or positive")
         self._size, self._axes, self._seed = len(axes), axes, seed
         self._rate = 2.0 * bandwidth

@@ -31,7 +31,8 @@ def departures(told: SensedContact, time: np.ndarray, tip: np.ndarray, velocity:
     """Returns the bounds of a class, by their keys, that a wall was seen to exceed.
 
     Between any two places φ(𝔭') ≤ φ(𝔭) + κ₊⟨𝔭' − 𝔭⟩₊ (`SurfaceClass`), of which pairs of samples in
-    a row are looked at; 𝐅 is at most θ + arctan μ off n; and ‖𝐅‖ ≤ √(1 + μ²) φ (1 + c₊⟨v⟩₊).
+    a row are looked at; 𝐅 is at most θ + arctan μ off n; ‖𝐅‖ ≤ √(1 + μ²) φ (1 + c₊⟨v⟩₊); and of a
+    tip that goes back ‖𝐅‖ ≥ φ (1 − c₊⟨−v⟩₊).
 
     Args:
         told: The class.
@@ -47,9 +48,11 @@ def departures(told: SensedContact, time: np.ndarray, tip: np.ndarray, velocity:
     cone = told.angle + float(np.arctan(told.friction))
     off = np.arctan2(walls.aside(force), walls.depth(force))[felt]
     # Damping.
-    speed = walls.advance(velocity)
-    quick = (phi > FELT) & (speed > MOVING)
-    damped = (size[quick] / np.hypot(1.0, told.friction) / phi[quick] - 1.0) / speed[quick]
+    damped = np.concatenate([
+        (sign * (size[quick] / rubbed / phi[quick] - 1.0)) / speed[quick]
+        for sign, rubbed in ((1.0, np.hypot(1.0, told.friction)), (-1.0, 1.0))
+        for speed in (walls.advance(sign * velocity),)
+        for quick in ((phi > FELT) & (speed > MOVING),)])
     # The way from the start that is free.
     ahead = np.linspace(0.0, told.clearance, 101)
     free = static(tip[0] + ahead[:, None] * walls.direction) <= NOTHING

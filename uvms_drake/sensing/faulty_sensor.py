@@ -34,7 +34,7 @@ class SensorFault(Fault, Part):
     place: ClassVar[Literal["sensing", "force"]] = "sensing"
 
     start: float = 0.0
-    """First instant of the fault [s]."""
+    """The fault begins just after this instant [s]."""
     duration: float = 0.5
     """Duration of the fault [s]."""
 
@@ -66,7 +66,7 @@ class LostState(SensorFault):
     """The measured state is not a number."""
 
     start: float = 1.0
-    """First instant of the fault [s]; above 0, for the first plan starts at the measured state."""
+    """It begins just after this instant [s]; above 0: the first plan starts at a measured state."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -82,15 +82,17 @@ class LostState(SensorFault):
 def sensed(fault: SensorFault, time: float, true: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Returns the measurement of a vector: the vector itself, or another during the fault.
 
+    What is sampled at the fault's start is sampled before it, and a step that ends there is over.
+
     Args:
         fault: The fault and its time.
         time: Present time [s].
         true: The vector.
         held: Its value at the fault's start; not read before.
     """
-    if not is_active(fault.start, fault.duration, time):
+    if time <= fault.start or not is_active(fault.start, fault.duration, time):
         return true
-    return fault.faulty(true, held if time > fault.start else true)
+    return fault.faulty(true, held)
 
 
 class FaultySensor(LeafSystem):

@@ -87,6 +87,23 @@ def error_bound(sensor: "ForceSensor", time: float, rate: np.ndarray, turning: f
         hold=period * rate)
 
 
+def readable_force(sensor: "ForceSensor", time: float, gravity: float = 9.81) -> float:
+    """Returns the largest norm of a force [N] that the range never cuts up to a time [s].
+
+    That is the least end of the range along the axes of the sensor, less all else that is in a raw
+    value: bias, drift, noise, and what hangs beyond it.
+
+    Args:
+        sensor: The sensor.
+        time: t [s].
+        gravity: ‖g‖ [m/s²].
+    """
+    beside = (sensor.noise_multiple * np.asarray(sensor.noise, dtype=float)
+              + np.asarray(sensor.bias, dtype=float) + time * np.asarray(sensor.drift, dtype=float)
+              + sensor.tool.largest_hold(gravity))
+    return max(float(np.min((np.asarray(sensor.range, dtype=float) - beside)[:3])), 0.0)
+
+
 def in_tip_axes(sensor: "ForceSensor", bound: np.ndarray) -> np.ndarray:
     """Returns the bound (6,) of A(𝔬)ᵀ(𝔉_s − 𝔉), in Σ_E, for a bound (6,) of F̂ − F_S."""
     return np.abs(transfer(np.asarray(sensor.mounting, dtype=float))) @ bound

@@ -39,14 +39,14 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.alarm import warn
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.wiring import added
 from uvms_drake.model.euler import rotated_back
 from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
 from uvms_drake.model.spatial import block_diagonal
 from uvms_drake.model.tip import force_in_tip, force_of_tip
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, transfer
+from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, readable_force, transfer
 from uvms_drake.sensing.tip_pose import tip_pose
 from uvms_drake.sensing.tool import Tool
 
@@ -137,7 +137,7 @@ class ForceSensor(Part):
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.rate < np.inf, "rate", self.rate, "positive")
+        require_rate("rate", self.rate)
         for key in ("lag", "noise_multiple"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         for key in ("noise", "bias", "drift", "range"):
@@ -157,7 +157,8 @@ class ForceSensor(Part):
         """Returns what is known of it up to a time at most; see `force_bound.error_bound`."""
         still = error_bound(self, time, np.zeros(6), turning).total
         noisy = self.noise_multiple > 0.0 and bool(np.all(np.asarray(self.noise)[:3] > 0.0))
-        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare, noisy)
+        return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare, noisy,
+                            readable_force(self, time))
 
     @property
     def tare_samples(self) -> int:

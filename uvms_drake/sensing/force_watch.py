@@ -15,11 +15,13 @@ the force was no larger: along an axis of the sensor, such a reading is at least
 at most mT ago. In both cases it is at least the least force of that time, which is all that a
 front asks of a reading with W = mT, see `control.contact.front`.
 
-*What it cannot see.* A raw value that froze behind a tool whose weight is taken off, which varies
-with the attitude: there the watch belongs before that. A sensor without noise; one that repeats a
-record; a bias that jumps: beyond the declared error of the force that is a force like any other,
-for friction may change as fast. A sensor slower than the watch is seen more than once for each
-reading: m has to be larger than that.
+*What it cannot see.* A raw value that froze, or stands at the end of its range, behind a tool whose
+weight is taken off, which varies with the attitude: there the watch belongs before that. A single
+axis that does, of a sensor that is mounted turned: it is no component in the axes of the tip. (That
+the range is never reached is a condition of the certificate.) A sensor without noise; one that
+repeats a record; a bias that jumps: beyond the declared error of the force that is a force like any
+other, for friction may change as fast. A sensor slower than the watch is seen more than once for
+each reading: m has to be larger than that.
 """
 
 import math

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from uvms_drake.common.errors import require, vector, within
+from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.model.part import Part, Signals
 from uvms_drake.model.sampled import Clock, SampledVector
 from uvms_drake.model.uvms_model import UvmsModel
@@ -75,7 +75,7 @@ class Channel:
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
-        require(0.0 < self.rate <= 1e4, "rate", self.rate, "positive, and at most 10000 Hz")
+        require_rate("rate", self.rate)
         require(0.0 <= self.noise < np.inf, "noise", self.noise, "zero or positive")
         require(0.0 <= self.latency <= 100.0 / self.rate, "latency", self.latency,
                 f"from 0 to 100 periods, {100.0 / self.rate:g} s")

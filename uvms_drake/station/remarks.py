@@ -23,6 +23,10 @@ def remarks(scenario: Scenario) -> list[str]:
     if scenario.mpc.hover >= scenario.duration:
         lines.append(f"mpc.hover = {scenario.mpc.hover:g} s is not before the end of the run: the "
                      "robot only keeps its place, and no tube is watched without a certificate")
+    forces = [part.reading(0.0, 0.0) is not None for part in scenario.sensing]
+    if True in forces and not all(forces[(first := forces.index(True)):]):
+        lines.append(f"sensing[{first}] measures the force in the true attitude: what changes the "
+                     "measured one comes after it")
     shortest = min(scenario.log_period, scenario.mpc.time_step)
     if step > shortest:
         lines.append(f"simulator.max_step_size = {step:g} s is cut to {shortest:g} s by the log or "

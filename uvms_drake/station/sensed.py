@@ -35,14 +35,14 @@ from uvms_drake.tube.constraint_set import ConstraintSet
 from uvms_drake.tube.estimate import Estimate, largest_of, together
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.sensed import FeltForce, contact_input_rest
-from uvms_drake.tube.tip_jerk import second_jerk, tip_jerk
+from uvms_drake.tube.tip_jerk import JERK, second_jerk, tip_jerk
 
 BETWEEN_KNOTS = 0.12
 """How much faster than its limit at the knots of a plan the tip may be between them, in parts."""
-OFF_LINE = 0.002
-"""Assumed, not proven: by how much the tip's velocity is off a straight line between two readings
-[m/s], see `front.between_readings`. Ten times what runs show at an integrator's step of 5 ms, with
-friction that turns and disturbances that aim."""
+UNEVEN = 1.2
+"""Assumed, not proven: by how much the tip's acceleration along n changes from one reading to the
+next [m/s²]. Ten times what runs show, with friction that turns and disturbances that aim; forces
+aside and disturbances of the main scenario that flip at once, as none does, make 1.1."""
 SAFETY_OF_JERK = 1.5
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 
@@ -133,6 +133,8 @@ class Sensed(Dynamic):
             *tube.conditions,
             Condition("contact.force_error, not less than the sensor's error",
                       contact.force_error, ">=", off),
+            Condition("sensing, the force that is within the range [N]", reading.largest, ">",
+                      felt.size + felt.error),
             Condition("contact.clearance, not less than the tip goes during the tare [m]",
                       contact.clearance, ">=",
                       fastest_advance(contact) * reading.tare),
@@ -144,7 +146,7 @@ class Sensed(Dynamic):
             *mission_conditions(with_tube)), tube.budget, tube.estimated,
             together(tube.check, lambda: (
                 largest_of("what the contact adds to u", rest, second),
-                Estimate("jerk of the tip", tip, second_jerk(
+                Estimate(JERK, tip, second_jerk(
                     basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))))
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
@@ -200,13 +202,20 @@ def largest_reading_error(scenario: Scenario, felt: FeltForce) -> float:
     """Returns how far the normal force of a reading may be off those of the last `delay` [N].
 
     What the front does not see between two readings comes to it: damping by a velocity v off the
-    line between them, and the way of half a period at v.
+    line between them, see `front.between_readings`, and the way of half a period at v. An
+    acceleration that changes by a in a period h makes v = ah/4 at most.
+
+    And 𝔉 has turned with the tip since the reading, R(t)R(s)ᵀ = exp S(ρ), ‖ρ‖ ≤ ω(t − s) in the
+    mean: n·(exp S(ρ) − I)𝔉 is at most ‖ρ‖ times 𝔉 across n, F(sin θ + μ cos θ), and ½‖ρ‖² times all
+    of it, F√(1 + μ²), of which the mean over ages of T + h, and T² for the spread of a lag, counts.
     """
     contact = sensed_contact(scenario)
-    unseen = OFF_LINE * (contact.force * contact.dissipation
-                         + 0.5 * contact.stiffness * contact.period)
-    turned = contact.force * turning_of(scenario) * felt.age * (
-        np.sin(contact.angle) + contact.friction * np.cos(contact.angle))
+    unseen = 0.25 * UNEVEN * contact.period * (
+        contact.force * contact.dissipation + 0.5 * contact.stiffness * contact.period)
+    omega, mu = turning_of(scenario), contact.friction
+    turned = contact.force * (
+        omega * felt.age * (np.sin(contact.angle) + mu * np.cos(contact.angle))
+        + 0.5 * omega**2 * (felt.age**2 + felt.lag**2) * np.hypot(1.0, mu))
     missing = reading_of(scenario).missing(contact.delay)
     return float(felt.error + felt.size * missing + turned + unseen)
 
@@ -224,13 +233,13 @@ def sensing_of(scenario: Scenario) -> ForceSensing:
     slower than the watch is then seen several times for each reading.
     """
     contact, reading = sensed_contact(scenario), _known_reading(scenario)
-    repeats, tare = 0, 0.0
+    repeats, tare, largest = 0, 0.0, np.inf
     if reading is not None:
-        tare = reading.tare
+        tare, largest = reading.tare, reading.largest
         if reading.noisy:
             repeats = 2 + math.ceil(reading.period / contact.period - 1e-9)
     return ForceSensing(force_max=contact.force, noise=contact.force_error, period=contact.period,
-                        window=contact.delay, repeats=repeats, tare=tare)
+                        window=contact.delay, repeats=repeats, tare=tare, largest=largest)
 
 
 def fastest_advance(contact: SensedContact) -> float:

@@ -12,6 +12,9 @@ from uvms_drake.tube.held_search import once
 from uvms_drake.tube.search_problem import SearchProblem
 from uvms_drake.tube.second_search import second_search
 
+JERK = "jerk of the tip"
+"""Its name among estimates: on it rests how fast a plan may be between its knots, with all that
+follows from the tip's largest speed."""
 DIFFERENCE = 1e-3
 """Step of the differences [s]."""
 

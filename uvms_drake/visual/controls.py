@@ -62,12 +62,10 @@ class ForceSlider(LeafSystem):
 
     Args:
         force: 𝔉_des of the task (6,) [N, N m].
-        meshcat: Where the slider is; None for none.
-        largest: End of the slider [N]; twice the task's force if it is left out.
+        meshcat: Where the slider is, which ends at twice the task's force; None for none.
     """
 
-    def __init__(self, force: np.ndarray, meshcat: Meshcat | None = None,
-                 largest: float | None = None):
+    def __init__(self, force: np.ndarray, meshcat: Meshcat | None = None):
         super().__init__()
         self._force = vector("force", force, 6)
         magnitude = float(np.linalg.norm(self._force[:3]))
@@ -76,7 +74,7 @@ class ForceSlider(LeafSystem):
         self._meshcat = meshcat if magnitude > 0.0 else None
         if self._meshcat is not None:
             self._first = self._meshcat.AddSlider(
-                FORCE, 0.0, largest or 2.0 * magnitude, SLIDER_STEP, magnitude)
+                FORCE, 0.0, 2.0 * magnitude, SLIDER_STEP, magnitude)
         # A slider moves when it likes: its value must not be cached.
         self.DeclareVectorOutputPort("force", 6, self._calc_force, {self.time_ticket()})
 
@@ -89,9 +87,9 @@ class ForceSlider(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, force: np.ndarray, meshcat: Meshcat | None = None,
-                     largest: float | None = None, name: str = "force_slider") -> "ForceSlider":
+                     name: str = "force_slider") -> "ForceSlider":
         """Adds the system to `builder`."""
-        system = ForceSlider(force, meshcat, largest)
+        system = ForceSlider(force, meshcat)
         builder.AddNamedSystem(name, system)
         return system
 

@@ -226,7 +226,7 @@ def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
         estimate = slope(belief, WALLS) if known else kappa
         beside = tilt(belief, WALLS) @ (tip - place) if known else 0.0
         depth = target_depth(desired, np.array([WALLS.depth(tip), force]), True, estimate, 0.0,
-                             np.inf, 1.0, beside=beside)
+                             np.inf, beside=beside)
         tip = tip + 0.1 / lag * (place + depth * WALLS.direction - tip)
     left = 0.0 if known else kappa * lag * speed * DEG_3
     assert force - desired == pytest.approx(left, abs=0.05)

@@ -11,13 +11,13 @@ from support.pressing import (
     random_walls_in_line,
 )
 
-from uvms_drake.control.contact.target import retreat_depth, target_depth
+from uvms_drake.control.contact.target import AHEAD, retreat_depth, target_depth
 
 NOWHERE = np.nan
 
 
-def aimed(force, slope, *, x=0.5, desired=20.0, step=np.inf):
-    return target_depth(desired, np.array([x, force]), True, slope, 0.49, 0.6, 1.0, step)
+def aimed(force, slope, *, x=0.5, desired=20.0):
+    return target_depth(desired, np.array([x, force]), True, slope, 0.49, 0.6)
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 1.0, 1.5, 1.9])
@@ -26,7 +26,7 @@ def test_the_error_shrinks_by_one_minus_the_ratio_of_the_slopes(ratio, step):
     estimate, kappa, x = 2000.0, 2000.0 * ratio, 0.0
     for _ in range(150):
         error = 20.0 - kappa * x
-        x_next = aimed(kappa * x, estimate, x=x, step=step)
+        x_next = x + np.clip(aimed(kappa * x, estimate, x=x) - x, -step, step)
         after = 20.0 - kappa * x_next
         if abs(error) / estimate <= step:
             assert after == pytest.approx((1.0 - ratio) * error, abs=1e-9)
@@ -67,26 +67,27 @@ def test_what_remains_of_noise_and_tube(ratio, claimed):
 
 
 def test_it_searches_beyond_the_front_until_there_is_a_wall():
-    assert target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, NOWHERE, 0.25, 1.0) == 1.25
+    found = target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, NOWHERE, 0.25)
+    assert found == pytest.approx(0.25 + AHEAD)
 
 
 def test_beside_its_place_it_searches_no_deeper():
     """Where it has felt a wall, it presses as it would anywhere."""
-    for aside, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 1.25), (0.06, 0.5, 0.51)):
-        found = target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, 1.0,
-                             aside=aside)
+    for aside, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
+        found = target_depth(
+            20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, aside=aside)
         assert found == pytest.approx(expected)
 
 
 def test_it_comes_back_to_a_wall_that_it_has_left_and_follows_one_that_yields():
     for x, expected in ((0.3, 0.51), (0.505, 0.515)):
-        found = target_depth(20.0, np.array([x, 0.3]), False, 2000.0, 0.5, 0.6, 1.0)
+        found = target_depth(20.0, np.array([x, 0.3]), False, 2000.0, 0.5, 0.6)
         assert found == pytest.approx(expected)
 
 
 def test_without_readings_it_goes_back_from_the_wall_or_from_where_it_felt_last():
     for x, begins, expected in ((0.5, 0.49, 0.44), (0.3, 0.49, 0.25), (0.5, NOWHERE, 0.45)):
-        found = retreat_depth(np.array([x, 20.0]), begins, 0.05)
+        found = retreat_depth(np.array([x, 20.0]), begins)
         assert found == pytest.approx(expected)
 
 

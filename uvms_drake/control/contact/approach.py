@@ -28,9 +28,7 @@ def between_knots(depth: np.ndarray, speed: np.ndarray, step: float) -> np.ndarr
     With constant acceleration (see the module) x is a parabola over the interval, inside of the
     hull of its control points x_k, x_k + v_k h/2 and x_{k+1} (Bézier). If all three are at most
     x_safe, all of it is: a row of the plan, linear. With the knots alone a plan that turns round
-    between two of them gets up to ah²/8 beyond: 1 mm at 0.2 m/s² and 0.2 s. It costs the approach
-    nothing, for `D` ends with x_k + v_k h/2 in its last interval: a plan that goes back later stops
-    no shorter by this row.
+    between two of them gets up to ah²/8 beyond: 1 mm at 0.2 m/s² and 0.2 s.
     """
     return depth + 0.5 * step * speed
 

@@ -43,7 +43,7 @@ from functools import cache
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, within
+from uvms_drake.common.errors import InvalidParameter, require, require_period, within
 from uvms_drake.control.laws.law import AncillaryLaw, Command, Observed, Pair
 from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_rows import POSE, tip_rows
@@ -95,8 +95,7 @@ class TipFirst(AncillaryLaw):
         for key in ("vehicle", "tip"):
             with within(key):
                 getattr(self, key).check()
-        require(0.0 < self.observer_period < np.inf, "observer_period", self.observer_period,
-                "positive")
+        require_period("observer_period", self.observer_period)
         allowed = set(self.undriven) <= set(MAY_BE_UNDRIVEN)
         require(allowed, "undriven", self.undriven, f"of {', '.join(MAY_BE_UNDRIVEN)}")
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from uvms_drake.common.errors import InvalidParameter, require, vector
+from uvms_drake.common.errors import InvalidParameter, require, require_period, vector
 from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -98,7 +98,8 @@ class SensedContact:
         require(0.0 <= self.turn < np.pi / 4.0, "turn", self.turn, "from 0 to 0.78 rad")
         require(not self.turn or bool(np.hypot(*direction[:2]) > np.tan(self.angle)), "turn",
                 self.turn, "0 where a normal within `angle` of `direction` may be vertical")
-        for key in ("stiffness", "force", "force_error", "period", "speed", "speed_across"):
+        require_period("period", self.period)
+        for key in ("stiffness", "force", "force_error", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
                     "aside_lag", "clearance"):
