@@ -122,7 +122,8 @@ def _proven(certificate: Certificate) -> str:
     ratio = max((estimate.ratio for estimate in certificate.estimates), default=None)
     again = "" if ratio is None or not estimated else (
         f" (a second search found up to {ratio:.0%} of what is claimed)")
-    given = any(estimate.name == JERK for estimate in certificate.estimates)
+    given = certificate.proven and any(
+        estimate.name == JERK for estimate in certificate.estimates)
     return (f"; of the {certificate.tightening} numbers that tighten limits "
             f"{certificate.proven} are proven{f', given the {JERK}' if given else ''}, "
             f"{estimated} estimated{again}")
