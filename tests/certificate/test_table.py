@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_the_bounds_of_the_components_stand_in_the_place_of_one():
 def test_every_constant_and_radius_has_a_unit():
     constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
                       for name in (*QUANTITIES, *WEIGHTED.values()))
-    tube = TubeRadii(*[2.5] * 13, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
+    tube = TubeRadii(*[2.5] * (len(fields(TubeRadii)) - 2), u=np.array([0.5, 0.25]), tau=np.array([8.0]))
     text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
     for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):
         assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)
@@ -116,6 +116,6 @@ def test_every_constant_and_radius_has_a_unit():
 
 
 def test_radii_that_a_motion_has_not_are_not_in_the_table():
-    tube = TubeRadii(*[2.5] * 13, u=np.zeros(0), tau=None)
+    tube = TubeRadii(*[2.5] * (len(fields(TubeRadii)) - 2), u=np.zeros(0), tau=None)
     lines = format_certificate(replace(EMPTY, tube=tube)).splitlines()
     assert not any(line.startswith(("  u ", "  tau ")) for line in lines)

@@ -323,8 +323,9 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
 def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    Also that no angle and no depth of this plan leaves its limits between the knots. No limit of
-    the MPC ensures that, and later plans are not checked.
+    Also that no angle and no depth of this plan leaves its limits between the knots. Where the
+    contact is felt, a margin ensures it for every plan (`Limit.plan_takes`); else no limit of the
+    MPC does, and later plans are not checked.
 
     Args:
         ocp: Problem with the tightened limits.
@@ -363,7 +364,7 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
 
     Looked at is every limit that bulges, but those of the input: roll, pitch, tip pitch, joints,
     the static force (over the stiffness), and those about speed that are not linear. They are taken
-    as tightened, and can be left by h²/8 times their second derivative.
+    as tightened by the tube, and can be left by h²/8 times their second derivative.
     """
     inside = np.linspace(0.0, plan.time_step, points + 2)[1:-1]
     times = plan.start_time + np.add.outer(np.arange(len(plan.config) - 1) * plan.time_step, inside)
@@ -374,7 +375,7 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
     for limit in ocp.limits.values():
         if not limit.bulges or limit.about == "input":
             continue
-        excess, values = limit.excess(at), limit.values(at)
+        excess, values = limit.excess(at) - limit.beyond, limit.values(at)
         if excess.size == 0:  # Joints, of a robot that has none.
             continue
         point, i = np.unravel_index(np.argmax(excess), excess.shape)

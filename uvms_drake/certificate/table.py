@@ -68,7 +68,8 @@ UNITS = {
     "L_2": "1/s",
     "e": "m, rad", "position": "m", "orientation": "rad", "joints": "rad", "z": "m/s, rad/s",
     "nu1": "m/s", "nu2": "rad/s", "qdot": "rad/s", "tip_speed": "m/s",
-    "depth": "m", "depth_speed": "m/s", "between_knots": "m", "roll": "rad", "pitch": "rad",
+    "depth": "m", "depth_speed": "m/s", "between_knots": "m", "joints_between": "rad",
+    "attitude_between": "rad", "tool_between": "rad", "roll": "rad", "pitch": "rad",
     "u": "m/s², rad/s²", "tau": "N, N m", "force": "N",
     "printed radius": "m, rad", "corrected radius": "m, rad", "comparison system radius": "m, rad",
     "radius of resolved": "m, rad", "smallest k": "1/s", "at σ": "1/s", "smallest σ": "1/s"}

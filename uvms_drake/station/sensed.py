@@ -121,7 +121,8 @@ class Sensed(Dynamic):
         tau = tube.radii.tau
         radii = replace(tube.radii, u=tube.radii.u + u_rest,
                         tau=None if tau is None else tau + tau_rest,
-                        between_knots=off_parabola(jerk, scenario.mpc.time_step))
+                        between_knots=off_parabola(jerk, scenario.mpc.time_step),
+                        **between_knots(planned, scenario.mpc.time_step))
         with_tube = replace(scenario, tube=radii)
         margin = front_margin(with_tube)
         reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
@@ -294,6 +295,24 @@ def mission_conditions(scenario: Scenario) -> list[Condition]:
             conditions.append(Condition(f"mission.steps[{i}], how fast a plan goes across [m/s]",
                                         float(np.max(step.fastest)), "<=", speed))
     return conditions
+
+
+def between_knots(planned: ConstraintSet, step: float) -> dict[str, float]:
+    """Returns how far angles of a plan may be beyond limits between two knots that keep them.
+
+    A joint has a constant acceleration in an interval of length h: if it comes with v and leaves
+    with −v, it is vh/4 further in between, and no other with |q̇| ≤ v at both ends is. Of an angle
+    that turns by ω at most, it is less than ωh/2: half of the time there, half of it back. Roll and
+    pitch change by ‖ν₂‖/cos θ at most, the end-effector turns by ‖ν₂‖ + √n‖q̇‖.
+
+    Args:
+        planned: The set of the plans' states.
+        step: h [s].
+    """
+    tool = planned.nu2 + np.sqrt(len(planned.q_lower)) * planned.qdot
+    return {"joints_between": 0.25 * step * planned.qdot,
+            "attitude_between": 0.5 * step * planned.nu2 / float(np.cos(planned.pitch)),
+            "tool_between": 0.5 * step * float(tool)}
 
 
 def slower(declared: ConstraintSet, radii: TubeRadii) -> ConstraintSet:

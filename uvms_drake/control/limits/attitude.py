@@ -38,6 +38,10 @@ class VehicleAngle(AbsoluteLimit):
         """Returns the radius of the angle."""
         return np.array([getattr(tube, self.name)])
 
+    def plan_takes(self, tube: TubeRadii) -> float:
+        """Returns that of the vehicle's attitude."""
+        return tube.attitude_between or 0.0
+
     def unit_of(self, signal: str) -> str:
         """Returns rad."""
         return "rad"
@@ -74,6 +78,10 @@ class TipPitch(AbsoluteLimit):
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
         """Returns the radius of the Euler angles."""
         return np.array([tube.orientation])
+
+    def plan_takes(self, tube: TubeRadii) -> float:
+        """Returns that of the end-effector: no slower turns 𝔬_θ."""
+        return tube.tool_between or 0.0
 
     def closed_form(self, size: int) -> list[Slopes]:
         """Returns a row of the identity."""

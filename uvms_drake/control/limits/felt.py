@@ -94,6 +94,10 @@ class ToolAngle(Limit):
         assert tube.orientation is not None  # it is filled in
         return np.array([np.sin(self.bound) * np.sqrt(2.0) * tube.orientation])
 
+    def plan_takes(self, tube: TubeRadii) -> float:
+        """Returns sin(bound) times that of the end-effector."""
+        return float(np.sin(self.bound)) * (tube.tool_between or 0.0)
+
     def unit_of(self, signal: str) -> str:
         """Returns nothing: it is a cosine."""
         return ""

@@ -44,6 +44,10 @@ class Joints(Limit):
         """Returns the radius of all joints, which bounds that of each."""
         return np.full(len(self.q_lower), tube.joints)
 
+    def plan_takes(self, tube: TubeRadii) -> float:
+        """Returns that of joints."""
+        return tube.joints_between or 0.0
+
     def closed_form(self, size: int) -> list[Slopes]:
         """Returns rows of the identity."""
         return [Slopes(row[None]) for row in np.eye(size)[6:]]

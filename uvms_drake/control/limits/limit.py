@@ -60,6 +60,8 @@ class Limit(ABC):
     """Part of a task or start that is to blame for breaking it: `pose`, `joints` or `force`."""
     margin: np.ndarray | float = 0.0
     """Margin that has been taken off both bounds (m,) or ()."""
+    beyond: np.ndarray | float = 0.0
+    """Part of the margin that is for what a plan does between its knots (m,) or ()."""
 
     @abstractmethod
     def values(self, at: Points) -> np.ndarray:
@@ -79,6 +81,16 @@ class Limit(ABC):
             tube: With all blocks filled in.
         """
         return None
+
+    def plan_takes(self, tube: TubeRadii) -> np.ndarray | float:
+        """Returns how far a plan may be beyond bounds between knots that keep them (m,) or ().
+
+        Zero, as by default, if it is not beyond them, or if that is not known.
+
+        Args:
+            tube: With all blocks filled in.
+        """
+        return 0.0
 
     def closed_form(self, size: int) -> list[Slopes] | None:
         """Returns for each value G (r, 6+n): it changes by at most ‖G d(y, ζ)‖₂, the same anywhere.
@@ -143,7 +155,7 @@ class Limit(ABC):
         return np.where(off.real < 0.0, -off, off) / self.half
 
     def rooms(self, tube: TubeRadii) -> list[tuple[str, float, float]]:
-        """Returns of each value its label, what the tube takes (inf if unknown), and of how much.
+        """Returns of each value its label, what is taken of it (inf if unknown), and of how much.
 
         Nothing is left where the second is not below the third.
 
@@ -151,14 +163,15 @@ class Limit(ABC):
             tube: With all blocks filled in.
         """
         taken = self.tube_takes(tube)
-        radii = np.full(len(self.half), np.inf) if taken is None else taken
+        radii = np.full(len(self.half), np.inf) if taken is None else taken + self.plan_takes(tube)
         return list(zip(self.labels, map(float, radii), map(float, self.half), strict=True))
 
     def tightened(self, tube: TubeRadii) -> Self:
-        """Returns the limit tightened by the tube, if it says by how much."""
-        taken = self.tube_takes(tube)
+        """Returns the limit tightened by the tube and for plans, if it says by how much."""
+        taken, beyond = self.tube_takes(tube), self.plan_takes(tube)
         out = copy(self)
-        out.margin = self.margin if taken is None else self.margin + taken
+        out.margin = self.margin + beyond if taken is None else self.margin + taken + beyond
+        out.beyond = beyond
         return out
 
     # Names and units ------------------------------------------------------------------------------

@@ -38,6 +38,12 @@ class TubeRadii:
     """|n·(𝔭̇ − 𝔭̄̇)| likewise [m/s]."""
     between_knots: float | None = None
     """How far n·𝔭̄ of a plan is off a parabola between two of its knots [m], likewise."""
+    joints_between: float | None = None
+    """How far a joint of a plan may be beyond its limits between two knots that keep them [rad]."""
+    attitude_between: float | None = None
+    """How far roll or pitch of the vehicle may be likewise [rad]."""
+    tool_between: float | None = None
+    """How far the end-effector may be turned likewise [rad]."""
     roll: float = 0.0
     """|φ − φ̄| of the vehicle [rad]."""
     pitch: float = 0.0
