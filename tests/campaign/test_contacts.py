@@ -29,10 +29,10 @@ from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface import KnownSurface, ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.plant.surface_error import SurfaceError
+from uvms_drake.station.felt_contact import largest_force, sensed_contact
 from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import dump_scenario, load_scenario
-from uvms_drake.station.sensed import largest_force, sensed_contact
 from uvms_drake.station.step import check_step, friction_rate
 from uvms_drake.tube.terminal_set import TerminalLoop
 

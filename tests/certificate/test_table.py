@@ -105,7 +105,8 @@ def test_the_bounds_of_the_components_stand_in_the_place_of_one():
 def test_every_constant_and_radius_has_a_unit():
     constants = tuple(Constant(name, 1.5, "estimated", 9, {}, 1.1, 1.25)
                       for name in (*QUANTITIES, *WEIGHTED.values()))
-    tube = TubeRadii(*[2.5] * (len(fields(TubeRadii)) - 2), u=np.array([0.5, 0.25]), tau=np.array([8.0]))
+    numbers = len(fields(TubeRadii)) - 2
+    tube = TubeRadii(*[2.5] * numbers, u=np.array([0.5, 0.25]), tau=np.array([8.0]))
     text = format_certificate(replace(EMPTY, constants=constants, tube=tube))
     for name, unit in (("J_min", "-"), ("J_dot_max", "1/s"), ("L_c", "1/s"), ("L_1", "1/s²")):
         assert re.search(rf"^  {name} +1[.]5 {unit} +estimated, 9 samples", text, re.MULTILINE)

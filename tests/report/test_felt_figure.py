@@ -11,7 +11,7 @@ from uvms_drake.report.felt_figure import depths_of, marks_of
 from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
 from uvms_drake.report.figures import FIGURES, make_figures
 from uvms_drake.report.html import format_report
-from uvms_drake.station.sensed import front_margin
+from uvms_drake.station.felt_contact import front_margin
 
 PANELS = ["force along $n$ [N]", "depth [mm]", "slope [N/m]", "", "depth [mm]"]
 

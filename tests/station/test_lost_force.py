@@ -5,8 +5,8 @@ import pytest
 from support.unmeasured import close_to_the_wall
 
 from uvms_drake.report.events import events
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.problem import true_surface
-from uvms_drake.station.sensed import sensed_contact
 from uvms_drake.station.simulation import simulate
 
 WALL = "surface.geometry.point.0=0.01"

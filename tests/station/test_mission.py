@@ -13,9 +13,9 @@ from uvms_drake.report.inspection import COLUMNS, inspection_table
 from uvms_drake.report.mission import summarise_mission
 from uvms_drake.report.summary import broken, summarise
 from uvms_drake.station.diagram import make_station
+from uvms_drake.station.felt_contact import largest_force, mission_conditions
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import dump_scenario, load_scenario
-from uvms_drake.station.sensed import largest_force, mission_conditions
 from uvms_drake.station.simulation import simulate
 from uvms_drake.visual.controls import HOME
 

@@ -13,10 +13,10 @@ from uvms_drake.certificate.certify import basis_of
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.sensing import ForceSensor
+from uvms_drake.station.felt_contact import largest_reading_error
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import load_scenario
-from uvms_drake.station.sensed import largest_reading_error
 from uvms_drake.studies import margins as study
 from uvms_drake.studies.margin import FARTHEST, FINE, Margin, tube_conditions
 from uvms_drake.studies.margins import format_margins, margins

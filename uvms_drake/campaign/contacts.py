@@ -16,12 +16,9 @@ from uvms_drake.control.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.dynamic import lateness_of
+from uvms_drake.station.felt_contact import largest_force, sensed_contact
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.station.sensed import (
-    largest_force,
-    sensed_contact,
-)
 from uvms_drake.station.step import friction_rate, largest_rate
 
 FORCES = (5.0, 30.0)

@@ -11,9 +11,9 @@ from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.signals import settling_index
 from uvms_drake.report.summary import summarise_contact
+from uvms_drake.station.felt_contact import pressing_force, sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import pressing_force, sensed_contact
 from uvms_drake.tube.ripple import ripple
 
 LAST_SECONDS = 2.0

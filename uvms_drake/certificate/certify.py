@@ -32,11 +32,11 @@ from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.dynamic import command_paths, lateness_of
 from uvms_drake.station.faults import uncovered
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.mission_legs import legs_of
 from uvms_drake.station.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.station.sensed import sensed_contact
 from uvms_drake.tube.actuators import actuators_of
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants import Constant

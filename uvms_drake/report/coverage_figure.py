@@ -7,9 +7,9 @@ from uvms_drake.mission.steps import Hold, Slide
 from uvms_drake.report.figure_style import BLACK, COLUMN_WIDTH
 from uvms_drake.report.inspection import COLUMNS, inspection_table
 from uvms_drake.report.mission import attempts_of
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import sensed_contact
 from uvms_drake.station.setting import PAINTED
 
 

@@ -26,9 +26,9 @@ from uvms_drake.station.diagram import (
     monitor_floor,
     set_wise_radii,
 )
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import sensed_contact
 
 ROUNDING = 1e-9
 """Change of a place [m], a force [N] or a torque [N m] that is none."""

@@ -22,9 +22,9 @@ from uvms_drake.report.figure_style import (
 )
 from uvms_drake.report.force_figure import draw_certified, draw_instants, draw_tolerance
 from uvms_drake.report.signals import surface_depth, surface_slope
+from uvms_drake.station.felt_contact import front_margin, sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import front_margin, sensed_contact
 
 WALL: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "label": "wall"}
 BELIEVED: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,

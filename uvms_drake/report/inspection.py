@@ -21,8 +21,8 @@ import numpy as np
 
 from uvms_drake.model.euler import rotation_matrix
 from uvms_drake.report.mission import pressing_samples, progress_of
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import sensed_contact
 
 WINDOW = 2.0
 """Time over which way and force are taken [s]."""

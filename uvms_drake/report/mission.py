@@ -7,8 +7,8 @@ import numpy as np
 from uvms_drake.mission.law import DONE, REASONS, RETREATED, RUNNING, SKIPPED
 from uvms_drake.mission.steps import AnyStep, Hold, Pressing, Slide
 from uvms_drake.mission.system import PROGRESS
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import sensed_contact
 from uvms_drake.tube.ultimate_bounds import tip_errors
 
 OUTCOMES = {RUNNING: "not over at the end of the run", DONE: "done", SKIPPED: "skipped in part",

@@ -15,8 +15,8 @@ from uvms_drake.report.figure_style import (
     panels,
 )
 from uvms_drake.report.mission import Attempt, attempts_of, lateral_errors
+from uvms_drake.station.felt_contact import sensed_contact
 from uvms_drake.station.record import Record
-from uvms_drake.station.sensed import sensed_contact
 
 
 def draw_mission(record: Record) -> Figure:

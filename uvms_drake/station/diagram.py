@@ -22,11 +22,11 @@ from uvms_drake.sensing.force_watch import ForceWatch
 from uvms_drake.sensing.last_finite import LastFinite
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
+from uvms_drake.station.felt_contact import sensed_contact, sensing_of
 from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.station.sensed import sensed_contact, sensing_of
 from uvms_drake.station.setting import setting_of
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration

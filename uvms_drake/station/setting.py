@@ -4,10 +4,10 @@ import numpy as np
 
 from uvms_drake.control.limits import resolved_radii, tighten
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.felt_contact import front_margin, sensed_contact
 from uvms_drake.station.motions import limits_of, motion_of
 from uvms_drake.station.problem import shown_surface
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.station.sensed import front_margin, sensed_contact
 from uvms_drake.visual.knowledge import Told
 from uvms_drake.visual.limit_use import LimitUse
 from uvms_drake.visual.scene import Setting

@@ -25,10 +25,10 @@ from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.sensing import ForceSensor, Navigation
+from uvms_drake.station.felt_contact import largest_reading_error, sensed_contact
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario import Scenario
-from uvms_drake.station.sensed import largest_reading_error, sensed_contact
 from uvms_drake.studies.margin import Margin, bracket, tube_conditions, worst_of
 from uvms_drake.studies.unknown_margins import Setting, unknowns
 from uvms_drake.tube.conditions import Condition
