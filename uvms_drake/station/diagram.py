@@ -9,20 +9,17 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
-from uvms_drake.common.errors import require, within
-from uvms_drake.control.contact.slow_aside import SlowAside
+from uvms_drake.common.errors import within
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.planner import MPC_REPORT
 from uvms_drake.control.solver_faults import SolverFaults
 from uvms_drake.control.tube_monitor import TubeMonitor
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import MEASURED_FORCE, VEHICLE_WRENCH, Signals
+from uvms_drake.model.part import VEHICLE_WRENCH, Signals
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.sensing.force_watch import ForceWatch
-from uvms_drake.sensing.last_finite import LastFinite
 from uvms_drake.station.chain import add_chain, keyed
 from uvms_drake.station.faults import faults_at
-from uvms_drake.station.felt_contact import sensed_contact, sensing_of
+from uvms_drake.station.felt_force import add_felt_force
 from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
@@ -134,34 +131,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder, model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
-    force_faults = faults_at("force", scenario.faults)
-    for key, fault in force_faults.items():
-        require(MEASURED_FORCE in signals, key, type(fault).__name__,
-                "left out: nothing measures the force")
-    require(not scenario.contact.felt or MEASURED_FORCE in signals, "sensing", scenario.sensing,
-            "with a part that measures the force, such as !ForceSensor, for a contact that is felt")
-    if MEASURED_FORCE in signals:
-        require(scenario.ancillary.takes_force, "ancillary", scenario.law,
-                "a law that takes the measured force, such as resolved")
-        fresh = add_chain(
-            builder, model, signals[MEASURED_FORCE], signals, force_faults, scenario.seed)
-        let_go = None
-        if scenario.contact.felt:
-            sensing = sensing_of(scenario)
-            fresh = ForceWatch.AddToBuilder(
-                builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
-                largest=sensing.largest, state=measured, measured_force=fresh).get_output_port()
-            builder.Connect(fresh, controller.GetInputPort("fresh_force"))
-            let_go = signals["force_lost"] = controller.GetOutputPort("force_lost")
-        felt = LastFinite.AddToBuilder(
-            builder, measured=fresh, let_go=let_go).get_output_port()
-        signals["felt_force"] = felt
-        if scenario.contact.felt and sensed_contact(scenario).aside_lag > 0.0:
-            contact = sensed_contact(scenario)
-            felt = SlowAside.AddToBuilder(builder, contact.direction, contact.aside_lag,
-                                          contact.period, measured=felt).get_output_port()
-            signals["law_force"] = felt
-        builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
+    add_felt_force(builder, scenario, model, controller, measured, signals)
     if scenario.contact.felt:
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     command = controller.GetOutputPort(motion.command)
