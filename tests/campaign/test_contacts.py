@@ -15,7 +15,6 @@ from uvms_drake.campaign.contacts import (
     SPARE,
     FeltContact,
     contact_of,
-    following_lag,
     pace,
     steepest_friction,
     tips,
@@ -24,12 +23,12 @@ from uvms_drake.campaign.felt_walls import is_member
 from uvms_drake.campaign.vary import vary
 from uvms_drake.campaign.walls import moved, turns_freely
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.target import AHEAD
+from uvms_drake.control.contact.target import AHEAD, search_speed, touch_to_plan
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface import KnownSurface, ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.plant.surface_error import SurfaceError
-from uvms_drake.station.felt_contact import largest_force, sensed_contact
+from uvms_drake.station.felt_contact import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario import dump_scenario, load_scenario
@@ -126,7 +125,8 @@ def test_what_is_followed_is_followed_late(ocp):
     for _ in range(300):
         xi = loop @ xi - h * speed * np.pad(ocp.direction, (0, 2 * size - 3))
     behind = -xi[:3] @ ocp.direction
-    assert following_lag(ocp) == pytest.approx(behind / speed, rel=1e-6)
+    assert ocp.following_lag() == pytest.approx(behind / speed, rel=1e-6)
+    assert ocp.following_lag(2) == pytest.approx(behind / speed + 2 * h, rel=1e-6)
 
 
 @pytest.mark.parametrize("force", [6.0, 26.0])
@@ -140,10 +140,13 @@ def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_
     room = ocp.aim.target[0] - AHEAD - start[0]
     now = np.linspace(0.0, force - base.task.force_tolerance, 20001)
     way = np.minimum(room - now / most, (force - now) / (2.0 * stiffness))
-    slowness = np.maximum(following_lag(ocp) / way, PART / speed)
+    fastest = contact.speed - base.tube.depth_speed
+    slowness = np.maximum(ocp.following_lag() / way, 1.0 / fastest)
     spent = np.sum(0.5 * (slowness[1:] + slowness[:-1]) * np.diff(now)) / stiffness
     assert spent <= PART * pressing <= 3.0 * spent
-    assert speed <= PART * room / following_lag(ocp) * (1.0 + 1e-12)
+    light = search_speed(force, contact.stiffness, touch_to_plan(
+        base.mpc.time_step, 0, sensing_of(base)))
+    assert speed == pytest.approx(PART * min(room / ocp.following_lag(), fastest, light))
 
 
 def test_the_scenario_of_a_run_is_a_function_and_goes_through_a_file(base, tmp_path):

@@ -10,13 +10,13 @@ from uvms_drake.campaign.felt_walls import draw_wall
 from uvms_drake.campaign.pressed import pressed
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.commitment import committed_intervals
-from uvms_drake.control.contact.target import AHEAD
+from uvms_drake.control.contact.target import AHEAD, search_speed, touch_to_plan
 from uvms_drake.control.ocp import Ocp
 from uvms_drake.control.tracking_ocp import TrackingOcp
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.dynamic import lateness_of
-from uvms_drake.station.felt_contact import largest_force, sensed_contact
+from uvms_drake.station.felt_contact import largest_force, sensed_contact, sensing_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario import Scenario
 from uvms_drake.station.step import friction_rate, largest_rate
@@ -148,9 +148,9 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
 
     A tip follows what moves T late, so what is always s ahead of it is followed at s/T, as far as
     the limit of the speed lets. (What is committed comes to T.) In free water s is the way to the
-    front, s₀. In a wall of slope κ it is the lesser of two: to the front, s₀ − F/κ', and to the
-    target, (F_des − F)/κ̂ with κ̂ ≤ 2κ. With Ḟ = κ s/T, F is within ε of F_des after T times the
-    larger of
+    front, s₀, and a light press is slower, see `control.contact.target`. In a wall of slope κ it is
+    the lesser of two: to the front, s₀ − F/κ', and to the target, (F_des − F)/κ̂ with κ̂ ≤ 2κ. With
+    Ḟ = κ s/T, F is within ε of F_des after T times the larger of
 
         κ'/κ ln(s₀/(s₀ − F_des/κ'))    and    2 ln(F_des/ε),    κ' = a₋κ₊ (`SurfaceClass.share`),
 
@@ -159,29 +159,17 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
     """
     committed = committed_intervals(
         scenario.ancillary, lateness_of(scenario, ocp.model), ocp.time_step)
-    contact, late = sensed_contact(scenario), following_lag(ocp) + committed * ocp.time_step
+    contact, late = sensed_contact(scenario), ocp.following_lag(committed)
     room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - AHEAD
-    speed = min(room / late, contact.speed - (scenario.tube.depth_speed or 0.0))
+    fastest = contact.speed - (scenario.tube.depth_speed or 0.0)
+    speed = min(room / late, fastest, search_speed(force, contact.stiffness, touch_to_plan(
+        ocp.time_step, committed, sensing_of(scenario))))
     slope, stiffest = wall.law.slopes[0], contact.walls.share * contact.stiffness
     slower = max(
         stiffest / slope * np.log(room / (room - force / stiffest)),
         2.0 * np.log(force / scenario.task.force_tolerance))
-    pressing = late * slower + force / (slope * speed)
+    pressing = late * slower + force / (slope * min(room / late, fastest))
     return PART * speed, float(pressing) / PART
-
-
-def following_lag(ocp: TrackingOcp) -> float:
-    """Returns n·h(1 − Φ)⁻¹n on 𝔭, by how much the tip is late behind a reference along n [s].
-
-    Φ is the matrix of the loop with the terminal controller.
-    """
-    h, size = ocp.time_step, ocp.model.size
-    J_x = ocp.model.task_jacobian(ocp.model.configuration(ocp.y_des))
-    turned = np.concatenate([0.5 * h**2 * J_x, h * np.eye(size)]) @ ocp.terminal.gain
-    left = -turned  # 1 − Φ
-    left[:size, size:] -= h * J_x
-    n = np.pad(ocp.direction, (0, 2 * size - 3))
-    return float(h * n @ np.linalg.solve(left, n))
 
 
 def steepest_friction(scenario: Scenario, ocp: Ocp) -> float:

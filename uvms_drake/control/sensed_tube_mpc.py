@@ -11,7 +11,7 @@ from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.explored_front import ExploredFront
 from uvms_drake.control.contact.felt import ForceSensing
 from uvms_drake.control.contact.plan_reach import PlanReach
-from uvms_drake.control.contact.target import PressTarget
+from uvms_drake.control.contact.target import PressTarget, search_speed, touch_to_plan
 from uvms_drake.control.contact.wall_normal import WallNormal
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
@@ -110,13 +110,15 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     normal = WallNormal.AddToBuilder(
         builder, front, walls, TURNED_FREELY * ocp.turn, sensing.period)
     desired = DesiredForce.AddToBuilder(builder, walls.direction, force, largest)
+    committed = committed_intervals(law, lateness, ocp.time_step)
+    light = ocp.following_lag(committed) * search_speed(
+        1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
     press = PressTarget.AddToBuilder(builder, front, walls.direction, ocp.y_des[:3],
-                                     desired_force=desired.GetOutputPort("along"))
+                                     desired_force=desired.GetOutputPort("along"), light=light)
 
     # The plan, and the feedback about it.
     mpc = NominalMpc.AddToBuilder(
-        builder, SequentialConvexSolver(ocp), state=measured,
-        committed=committed_intervals(law, lateness, ocp.time_step))
+        builder, SequentialConvexSolver(ocp), state=measured, committed=committed)
     for source, port in ((press.get_output_port(), "target"),
                          (normal.get_output_port(), "turn"),
                          (front.GetOutputPort("front"), "safe_depth")):

@@ -144,6 +144,22 @@ class TrackingOcp(DynamicOcp):
         self.depth_reach = max([self._reach(), *(other._reach(T) for T, other in self.turned())])
         self.aim = Aim(y_des[:3])
 
+    def following_lag(self, committed: int = 0) -> float:
+        """Returns n·h(1 − Φ)⁻¹n on 𝔭, how late a tip is behind a reference along n [s].
+
+        Φ is the matrix of the loop with the terminal controller.
+
+        Args:
+            committed: Number of intervals at the beginning of a plan that are not decided.
+        """
+        h, size = self.time_step, self.model.size
+        J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
+        turned = np.concatenate([0.5 * h**2 * J_x, h * np.eye(size)]) @ self.terminal.gain
+        left = -turned  # 1 − Φ
+        left[:size, size:] -= h * J_x
+        n = np.pad(self.direction, (0, 2 * size - 3))
+        return float(h * n @ np.linalg.solve(left, n)) + committed * h
+
     def _require_the_same_everywhere(self) -> None:
         """Raises `InvalidParameter` unless model and limits do not change under a translation."""
         model, y = self.model, self.y_des

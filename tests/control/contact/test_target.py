@@ -11,9 +11,17 @@ from support.pressing import (
     random_walls_in_line,
 )
 
-from uvms_drake.control.contact.target import AHEAD, retreat_depth, target_depth
+from uvms_drake.control.contact.felt import ForceSensing
+from uvms_drake.control.contact.target import (
+    AHEAD,
+    retreat_depth,
+    search_speed,
+    target_depth,
+    touch_to_plan,
+)
 
 NOWHERE = np.nan
+SENSING = ForceSensing(force_max=45.0, noise=4.2, window=0.11)
 
 
 def aimed(force, slope, *, x=0.5, desired=20.0):
@@ -76,6 +84,19 @@ def test_beside_its_place_it_searches_no_deeper():
     for aside, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
         found = target_depth(
             20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, aside=aside)
+        assert found == pytest.approx(expected)
+
+
+def test_a_light_press_searches_no_further_than_it_may():
+    """At that speed the stiffest wall is pressed with twice the force until a plan knows of it."""
+    late, stiffness, lag = touch_to_plan(0.2, 0, SENSING), 1000.0, 0.4
+    assert late == pytest.approx(0.2 + 0.11 + 3 * 0.01)
+    assert touch_to_plan(0.2, 2, SENSING) == pytest.approx(late + 0.4)
+    speed = search_speed(6.0, stiffness, late)
+    assert stiffness * speed * late == pytest.approx(2.0 * 6.0)
+    for ahead, expected in ((lag * speed, 0.2 + lag * speed), (1.0, 0.25 + AHEAD)):
+        found = target_depth(
+            6.0, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, ahead=ahead)
         assert found == pytest.approx(expected)
 
 

@@ -59,6 +59,10 @@ tip, by more than `ASIDE` all the time, is not searched at. It aims `AHEAD` of t
 further: to move across n uses up α of the front for each metre, so a tip whose target is r away
 stops αr beside its place; that has to be less than `ASIDE`, or it would wait there.
 
+*A light press comes up slowly.* A tip at speed v that touches is κ₊vt_r deep in the stiffest wall,
+in force, until a plan follows that knows of it, t_r later at most (`touch_to_plan`). For that to be
+no more than 2F_des the search goes at v = 2F_des/(κ₊t_r), Tv ahead of a tip that follows T behind.
+
 *Off the wall.* Whoever asks for it may say how deep to steer at most: to search no further, to go
 back, to move along without a touch. The target is in no limit of the plan, so neither is that.
 
@@ -85,21 +89,25 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.common.errors import vector
+from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.explored_front import ExploredFront
+from uvms_drake.control.contact.felt import ForceSensing
 
 AHEAD = 0.1
 """How far beyond the front the search aims [m]."""
 CLEARANCE = 0.05
 """How far the retreat goes back [m]."""
+OVER = 2.0
+"""Force over F_des up to which a search may come before a plan knows of the touch."""
 ASIDE = 0.05
 """How far from its place, across n, the tip goes no deeper in search of the wall [m]."""
 
 
 def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, slope: np.ndarray,
                  contact_depth: np.ndarray, safe_depth: np.ndarray,
-                 beside: np.ndarray | float = 0.0, aside: np.ndarray | float = 0.0) -> np.ndarray:
+                 beside: np.ndarray | float = 0.0, aside: np.ndarray | float = 0.0,
+                 ahead: np.ndarray | float = np.inf) -> np.ndarray:
     """Returns the depth to steer for [m]; see the module. Of one wall, or of arrays of them.
 
     Args:
@@ -111,12 +119,36 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
         safe_depth: x_safe [m].
         beside: −𝔱·(𝔲 − 𝔭), how much deeper the wall is at the place than at the tip [m].
         aside: How far the tip is from the place, across n [m].
+        ahead: How far ahead of the tip it searches at most [m].
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
     pressing = depth + (desired - force) / slope + beside
-    search = np.where(aside < ASIDE, safe_depth + AHEAD, reading[0])
+    search = np.where(
+        aside < ASIDE, np.minimum(safe_depth + AHEAD, reading[0] + ahead), reading[0])
     return np.where(np.isnan(pressing), search, pressing)
+
+
+def touch_to_plan(time_step: float, committed: int, sensing: ForceSensing) -> float:
+    """Returns t_r [s], after which a plan that knows of a touch is followed at the latest.
+
+    Args:
+        time_step: h of the plans [s].
+        committed: Number of intervals at the beginning of a plan that are not decided.
+        sensing: The sensor.
+    """
+    return (1 + committed) * time_step + sensing.watched.window
+
+
+def search_speed(force: float, stiffness: float, late: float) -> float:
+    """Returns the speed v of the search [m/s] for a desired force [N]; see the module.
+
+    Args:
+        force: F_des [N].
+        stiffness: κ₊ [N/m].
+        late: t_r, from a touch to a plan that knows of it [s].
+    """
+    return OVER * force / (stiffness * late)
 
 
 def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray) -> np.ndarray:
@@ -164,10 +196,13 @@ class PressTarget(LeafSystem):
     Args:
         direction: n (3,).
         place: The default (3,) [m].
+        light: How far ahead of the tip it searches at most, for each newton of F_des [m/N].
     """
 
-    def __init__(self, direction: np.ndarray, place: np.ndarray):
+    def __init__(self, direction: np.ndarray, place: np.ndarray, *, light: float = np.inf):
         super().__init__()
+        require(light > 0.0, "light", light, "positive")
+        self._light = light
         self._direction, self._place = vector("direction", direction, 3), vector("place", place, 3)
         self._desired_port = self.DeclareVectorInputPort("desired_force", 1)
         self._place_port = self.DeclareVectorInputPort("place", 3)
@@ -185,8 +220,9 @@ class PressTarget(LeafSystem):
         if lost:
             depth = retreat_depth(reading, felt["contact_depth"])
         else:
-            depth = target_depth(self._desired_port.Eval(context), reading, **felt,
-                                 beside=tilt @ (tip - line), aside=float(np.linalg.norm(off)))
+            desired = self._desired_port.Eval(context)
+            depth = target_depth(desired, reading, **felt, beside=tilt @ (tip - line),
+                                 aside=float(np.linalg.norm(off)), ahead=self._light * desired)
         if self._deepest_port.HasValue(context):
             depth = np.fmin(depth, self._deepest_port.Eval(context))
         return depth
@@ -206,8 +242,8 @@ class PressTarget(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, direction: np.ndarray,
-                     place: np.ndarray, *, desired_force: OutputPort, name: str = "press_target"
-                     ) -> "PressTarget":
+                     place: np.ndarray, *, desired_force: OutputPort, light: float = np.inf,
+                     name: str = "press_target") -> "PressTarget":
         """Adds the target and connects it, but for `place` and `deepest`.
 
         Args:
@@ -216,8 +252,9 @@ class PressTarget(LeafSystem):
             direction: n (3,).
             place: Where to press if nobody says where [m].
             desired_force: Gives F_des along n.
+            light: See the constructor.
             name: Name of the system.
         """
-        system = PressTarget(direction, place)
+        system = PressTarget(direction, place, light=light)
         return added(builder, name, system, desired_force=desired_force, **{
             port: front.GetOutputPort(port) for port in system._ports})
