@@ -94,9 +94,10 @@ def test_a_light_press_searches_no_further_than_it_may():
     assert touch_to_plan(0.2, 2, SENSING) == pytest.approx(late + 0.4)
     speed = search_speed(6.0, stiffness, late)
     assert stiffness * speed * late == pytest.approx(2.0 * 6.0)
-    for ahead, expected in ((lag * speed, 0.2 + lag * speed), (1.0, 0.25 + AHEAD)):
+    for force, light, expected in ((6.0, lag * speed / 6.0, 0.2 + lag * speed),
+                                   (6.0, 1.0, 0.25 + AHEAD), (0.0, 1e-4, 0.25 + AHEAD)):
         found = target_depth(
-            6.0, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, ahead=ahead)
+            force, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, light=light)
         assert found == pytest.approx(expected)
 
 

@@ -98,6 +98,8 @@ AHEAD = 0.1
 """How far beyond the front the search aims [m]."""
 CLEARANCE = 0.05
 """How far the retreat goes back [m]."""
+TINY = 1e-9
+"""Force that is none [N]."""
 OVER = 2.0
 """Force over F_des up to which a search may come before a plan knows of the touch."""
 ASIDE = 0.05
@@ -107,7 +109,7 @@ ASIDE = 0.05
 def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, slope: np.ndarray,
                  contact_depth: np.ndarray, safe_depth: np.ndarray,
                  beside: np.ndarray | float = 0.0, aside: np.ndarray | float = 0.0,
-                 ahead: np.ndarray | float = np.inf) -> np.ndarray:
+                 light: float = np.inf) -> np.ndarray:
     """Returns the depth to steer for [m]; see the module. Of one wall, or of arrays of them.
 
     Args:
@@ -119,11 +121,13 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
         safe_depth: x_safe [m].
         beside: −𝔱·(𝔲 − 𝔭), how much deeper the wall is at the place than at the tip [m].
         aside: How far the tip is from the place, across n [m].
-        ahead: How far ahead of the tip it searches at most [m].
+        light: How far ahead of the tip it searches at most, for each newton that is asked for, if
+            any is [m/N].
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
     pressing = depth + (desired - force) / slope + beside
+    ahead = np.where(desired > 0.0, light * np.maximum(desired, TINY), np.inf)
     search = np.where(
         aside < ASIDE, np.minimum(safe_depth + AHEAD, reading[0] + ahead), reading[0])
     return np.where(np.isnan(pressing), search, pressing)
@@ -196,7 +200,7 @@ class PressTarget(LeafSystem):
     Args:
         direction: n (3,).
         place: The default (3,) [m].
-        light: How far ahead of the tip it searches at most, for each newton of F_des [m/N].
+        light: See `target_depth` [m/N].
     """
 
     def __init__(self, direction: np.ndarray, place: np.ndarray, *, light: float = np.inf):
@@ -220,9 +224,9 @@ class PressTarget(LeafSystem):
         if lost:
             depth = retreat_depth(reading, felt["contact_depth"])
         else:
-            desired = self._desired_port.Eval(context)
-            depth = target_depth(desired, reading, **felt, beside=tilt @ (tip - line),
-                                 aside=float(np.linalg.norm(off)), ahead=self._light * desired)
+            depth = target_depth(self._desired_port.Eval(context), reading, **felt,
+                                 beside=tilt @ (tip - line), aside=float(np.linalg.norm(off)),
+                                 light=self._light)
         if self._deepest_port.HasValue(context):
             depth = np.fmin(depth, self._deepest_port.Eval(context))
         return depth
