@@ -95,7 +95,7 @@ def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
     assert period.tried(0.03) == pytest.approx(0.2 / 7), "and that is what is told"
     with pytest.raises(InvalidParameter, match=r"at most mpc\.time_step"):
         period.at(0.3)
-    assert np.all(noise.at(0.01).sensing[1].dvl.noise == 0.01)
+    assert np.all(noise.at(0.01).sensing[0].dvl.noise == 0.01)
 
 
 def partial_at(value):
