@@ -48,11 +48,9 @@ def departures(told: SensedContact, time: np.ndarray, tip: np.ndarray, velocity:
     cone = told.angle + float(np.arctan(told.friction))
     off = np.arctan2(walls.aside(force), walls.depth(force))[felt]
     # Damping.
-    damped = np.concatenate([
-        (sign * (size[quick] / rubbed / phi[quick] - 1.0)) / speed[quick]
-        for sign, rubbed in ((1.0, np.hypot(1.0, told.friction)), (-1.0, 1.0))
-        for speed in (walls.advance(sign * velocity),)
-        for quick in ((phi > FELT) & (speed > MOVING),)])
+    damped = np.append(
+        _damping(walls.advance(velocity), size / np.hypot(1.0, told.friction), phi),
+        -_damping(walls.advance(-velocity), size, phi))
     # The way from the start that is free.
     ahead = np.linspace(0.0, told.clearance, 101)
     free = static(tip[0] + ahead[:, None] * walls.direction) <= NOTHING
@@ -67,6 +65,13 @@ def departures(told: SensedContact, time: np.ndarray, tip: np.ndarray, velocity:
     }
     out = {key: each for key, each in seen.items() if each.seen > ROUNDING * each.told}
     return out | ({} if nearest == told.clearance else {"clearance": Seen(told.clearance, nearest)})
+
+
+def _damping(speed: np.ndarray, force: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Returns (F/φ − 1) over the speed, where it moves and presses [s/m]."""
+    quick = (phi > FELT) & (speed > MOVING)
+    factors: np.ndarray = (force[quick] / phi[quick] - 1.0) / speed[quick]
+    return factors
 
 
 def _steepest(ahead: np.ndarray, back: np.ndarray, phi: np.ndarray) -> float:

@@ -80,7 +80,7 @@ class TipPitch(AbsoluteLimit):
         return np.array([tube.orientation])
 
     def plan_takes(self, tube: TubeRadii) -> float:
-        """Returns that of the end-effector: no slower turns 𝔬_θ."""
+        """Returns that of the end-effector: 𝔬_θ changes no faster than that turns."""
         return tube.tool_between or 0.0
 
     def closed_form(self, size: int) -> list[Slopes]:
