@@ -11,16 +11,16 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.limits import make_limits, tighten
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.plant.disturbance import SinusoidalDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 ROBOT = "girona500_arm5e"
 WALL = UnilateralPlane(stiffness=2000.0)  # N/m; the plane x = 0, the water is at x < 0

@@ -12,10 +12,10 @@ from collections import Counter
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.report.mission import summarise_mission
-from uvms_drake.station.felt_contact import sensed_contact
+from uvms_drake.report.mission.mission import summarise_mission
+from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.problem import load_model, true_surface
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 
 FAULTS = ("!LostForce {{start: {0}, duration: 2.0}}", "!FrozenForce {{start: {0}, duration: 2.0}}",
           "!SaturatedForce {{start: {0}, duration: 2.0, largest: 6.0}}",

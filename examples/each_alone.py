@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.control.tube_monitor import TUBE_REPORT
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.report.signals import constraint_signals
 
 REAL = ["start.eta=[-1.04, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 0.4, 0.0]",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import uvms_drake as uv
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 
 
 @dataclass

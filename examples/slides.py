@@ -9,7 +9,7 @@ import argparse
 
 import uvms_drake as uv
 from uvms_drake.mission.steps import Slide
-from uvms_drake.report.mission import summarise_mission
+from uvms_drake.report.mission.mission import summarise_mission
 
 PLACE = "!Approach {at: [-0.096, 0.065]}, !Hold {seconds: 3.0}"
 LEANS = "normal: [-0.9975641, 0.0, 0.0697565]"

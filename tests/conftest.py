@@ -12,26 +12,27 @@ import pytest
 import yaml
 from support.quick import search_less
 
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import Plan
 from uvms_drake.model import contact_model
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.station import robot
-from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station import robot_loading
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.scenario.scenario import load_scenario
 
 GIRONA = "girona500_arm5e"
 STIFFNESS = 1000.0  # N/m
 LONG = (
     "tests/campaign/", "tube/test_terminal_set.py", "tests/test_examples.py",
-    "control/test_scp.py", "tube/test_kinematic.py", "tests/errata/", "tube/test_constants.py",
+    "control/ocp/test_scp.py", "tube/laws/test_kinematic.py", "tests/errata/",
+    "tube/constants/test_constants.py",
     "station/test_tube_in_contact.py", "command/test_interrupt.py", "station/test_retarget.py",
-    "control/test_nlp.py", "studies/test_compare_laws.py", "station/test_faults.py",
-    "control/test_kinematic_tube_monitor.py", "report/test_replay.py",
+    "control/ocp/test_nlp.py", "studies/test_compare_laws.py", "station/scenario/test_faults.py",
+    "control/feedback/test_kinematic_tube_monitor.py", "report/test_replay.py",
     "test_a_task_out_of_reach_is_told", "test_so_does_that_of_an_ellipsoid_and_of_each_component",
     "test_a_run_without_contact_tube_and_disturbance_can_be_drawn",
     "test_every_figure_of_a_run_without_a_certificate_says_so",
@@ -40,7 +41,7 @@ LONG = (
 """Folders, files and names of tests that `.ci/run` leaves out, to end within 15 minutes."""
 SLOW = (
     "certificate/test_certify.py", *LONG, "command/test_main.py", "command/test_certified.py",
-    "command/test_fuzz.py", "station/test_sensed.py", "visual/test_browser.py")
+    "command/test_fuzz.py", "station/motions/test_sensed_contact.py", "visual/test_browser.py")
 """Those of tests that search or simulate for long; the longest first, so that the last ones to be
 run are short, and all processes end together."""
 
@@ -110,7 +111,7 @@ def parsed_once(girona: Uvms) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yaml, "load", once(yaml.load))
         patch.setattr(yaml, "compose", once(yaml.compose))
-        for module in (contact_model, robot):
+        for module in (contact_model, robot_loading):
             patch.setattr(module, "read_uvms",
                           lambda model: girona if model == GIRONA else read_uvms(model))
         yield

@@ -71,7 +71,7 @@ def test_a_room_knows_only_what_stands_below_it(room):
 def test_the_check_sees_an_import():
     """The station, which puts plant and controller together, is allowed to know both."""
     assert {"plant", "control"} <= rooms_that(PACKAGE / "station" / "diagram.py") | rooms_that(
-        PACKAGE / "station" / "dynamic.py")
+        PACKAGE / "station" / "motions" / "dynamic.py")
 
 
 def test_few_modules_stand_outside_of_the_rooms():

@@ -9,8 +9,8 @@ from support.quick import SETTINGS, search_less
 
 from uvms_drake.command.main import main
 from uvms_drake.common.schema import read_yaml
-from uvms_drake.report import robot_page, robot_views
-from uvms_drake.station import scenario
+from uvms_drake.report.robot import robot_page, robot_views
+from uvms_drake.station.scenario import scenario
 
 GUIDE = (Path(__file__).parents[1] / "models" / "README.md").read_text(encoding="utf-8")
 LONG = ("run press.yaml", "campaign press.yaml --runs 100")

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from uvms_drake.control.laws.law import Command as Command
     from uvms_drake.control.laws.law import Pair as Pair
     from uvms_drake.control.limits.limit import Limit as Limit
-    from uvms_drake.control.points import Points as Points
+    from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
-    from uvms_drake.model.part import Part as Part
-    from uvms_drake.model.part import Signals as Signals
+    from uvms_drake.model.sensor_actuator import Part as Part
+    from uvms_drake.model.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
     from uvms_drake.model.surface.plane import UnilateralPlane as UnilateralPlane
     from uvms_drake.model.surface.spring import BilateralSpring as BilateralSpring
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from uvms_drake.report.figures import make_figures as make_figures
     from uvms_drake.report.summary import summarise as summarise
     from uvms_drake.station.diagram import make_station as make_station
-    from uvms_drake.station.motions import make_ocp as make_ocp
+    from uvms_drake.station.motions.motions import make_ocp as make_ocp
     from uvms_drake.station.problem import start_state as start_state
     from uvms_drake.station.record import Record as Record
-    from uvms_drake.station.scenario import Scenario as Scenario
-    from uvms_drake.station.scenario import load_scenario as load_scenario
+    from uvms_drake.station.scenario.scenario import Scenario as Scenario
+    from uvms_drake.station.scenario.scenario import load_scenario as load_scenario
     from uvms_drake.station.simulation import simulate as simulate
 
 __version__ = VERSION
@@ -56,19 +56,19 @@ _HOME = {
     "CostTerm": "control.costs.term",
     "Disturbance": "plant.disturbance",
     "Limit": "control.limits.limit",
-    "load_scenario": "station.scenario",
+    "load_scenario": "station.scenario.scenario",
     "make_figures": "report.figures",
-    "make_ocp": "station.motions",
+    "make_ocp": "station.motions.motions",
     "make_station": "station.diagram",
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
     "Pair": "control.laws.law",
-    "Part": "model.part",
-    "Points": "control.points",
+    "Part": "model.sensor_actuator",
+    "Points": "control.plan.points",
     "Record": "station.record",
-    "Scenario": "station.scenario",
+    "Scenario": "station.scenario.scenario",
     "set_state": "plant.uvms_plant",
-    "Signals": "model.part",
+    "Signals": "model.sensor_actuator",
     "simulate": "station.simulation",
     "start_state": "station.problem",
     "summarise": "report.summary",

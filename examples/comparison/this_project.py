@@ -24,17 +24,17 @@ from problems import (
 )
 from pydrake.solvers import SnoptSolver
 
-from uvms_drake.control.dynamic_ocp import DynamicOcp, Linearisation
-from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits.attitude import VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.nlp import NonlinearSolver
-from uvms_drake.control.ocp import Inputs, MpcConfig, Ocp
-from uvms_drake.control.plan import DynamicPlan, Plan
-from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp, Linearisation
+from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp.nlp import NonlinearSolver
+from uvms_drake.control.ocp.ocp import Inputs, MpcConfig, Ocp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.plan.plan import DynamicPlan, Plan
 
 
 class HeldInput(DynamicOcp):

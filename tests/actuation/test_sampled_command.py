@@ -10,10 +10,10 @@ from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.plant.disturbance import ConstantDisturbance
-from uvms_drake.station.dynamic import make_simulated_uvms
-from uvms_drake.station.motions import make_ocp, motion_of
+from uvms_drake.station.motions.dynamic import make_simulated_uvms
+from uvms_drake.station.motions.motions import make_ocp, motion_of
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 PERIOD, DELAY = 1.0 / 64.0, 1.0 / 128.0

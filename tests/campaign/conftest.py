@@ -9,7 +9,7 @@ from support.quick import FEW, search_less
 from uvms_drake.campaign.campaign import Campaign, make_campaign
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.command.main import main
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="session")
@@ -32,7 +32,7 @@ def certified() -> Campaign:
     scenario = load_scenario("girona500_ideal", ["duration=2.0", CLOSE[1], *FEW])
     with pytest.MonkeyPatch.context() as patch:
         search_less(patch)
-        patch.setattr("uvms_drake.campaign.walls.OTHER_WALLS", WALLS)
+        patch.setattr("uvms_drake.campaign.certified_surfaces.OTHER_WALLS", WALLS)
         certificate = certified_once(scenario)
         assert certificate.certified
         return make_campaign(scenario, 0, certificate, model_error=0.2)

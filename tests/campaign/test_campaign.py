@@ -16,7 +16,7 @@ from uvms_drake.campaign.summary import (
     all_well,
     summarise_campaign,
 )
-from uvms_drake.campaign.vary import vary
+from uvms_drake.campaign.variation import vary
 from uvms_drake.command.campaign import replayed
 from uvms_drake.command.main import main
 from uvms_drake.common.output import MANIFEST_FILE

@@ -17,10 +17,10 @@ from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import between_knots, certify
 from uvms_drake.certificate.table import verdict
 from uvms_drake.command.main import main
-from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import BEYOND, Condition
 
 IDEAL = "girona500_ideal"

@@ -10,13 +10,13 @@ import pytest
 from support.arms import write_arm, write_press
 
 from uvms_drake.certificate.certify import certify, first_plan
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.uvms import slides
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
-from uvms_drake.station.robot import complaints_about
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.robot_loading import complaints_about
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 
 
 @pytest.mark.parametrize(("n", "telescope"), [

@@ -17,10 +17,10 @@ from uvms_drake.certificate.certificate import (
 )
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimate import Estimate
+from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.search.estimate import Estimate
 
 
 @pytest.fixture(scope="module")

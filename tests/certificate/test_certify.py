@@ -15,16 +15,16 @@ from uvms_drake.certificate.certify import (
 )
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.tube_monitor import TUBE_REPORT
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.report.robot_sheet import largest_wrench
+from uvms_drake.report.robot.robot_sheet import largest_wrench
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
@@ -150,7 +150,7 @@ def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
 
 def test_a_claim_that_a_second_search_beats_voids_the_certificate(monkeypatch):
     search_less(monkeypatch)
-    monkeypatch.setattr("uvms_drake.tube.tube_image.second_search",
+    monkeypatch.setattr("uvms_drake.tube.resolved.image.second_search",
                         lambda problem, wanted, rng: np.full(len(wanted), 9.0))
     void = certify(load_scenario("girona500_ideal", FEW))
     assert void.failed.name.startswith("estimates, second search over claim (rest of ν")

@@ -7,7 +7,7 @@ import pytest
 from uvms_drake.actuation import SampledCommand, Thrusters
 from uvms_drake.certificate.certify import assumptions, certify
 from uvms_drake.control.laws import Resolved
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")

@@ -12,12 +12,12 @@ from uvms_drake.certificate.certify import assumptions
 from uvms_drake.certificate.table import HELP, format_certificate, verdict
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.station.mission_legs import Leg
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import QUANTITIES, Constant
-from uvms_drake.tube.estimate import Estimate
+from uvms_drake.tube.constants.constants import QUANTITIES, Constant
+from uvms_drake.tube.contact.tip_jerk import JERK
 from uvms_drake.tube.law_tube import WEIGHTED
-from uvms_drake.tube.tip_jerk import JERK
+from uvms_drake.tube.search.estimate import Estimate
 
 EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                     inputs="", versions={})

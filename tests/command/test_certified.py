@@ -16,7 +16,7 @@ from uvms_drake.certificate.certificate import Certificate, read_certificate
 from uvms_drake.command.main import main
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.record import load_record
-from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
 VOID = ["--set", "disturbance.bound=0.2"]
 """Makes a tube that is larger than a limit of the shipped scenarios."""

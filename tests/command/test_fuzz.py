@@ -14,8 +14,8 @@ from pydrake.common.yaml import yaml_dump, yaml_load_data
 
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.station.scenario import dump_scenario, load_scenario
-from uvms_drake.station.scenario_file import shipped_scenarios
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 from uvms_drake.station.simulation import require_finite
 
 CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "120"))
@@ -223,7 +223,7 @@ def test_any_command_line_is_refused_in_one_line_or_goes_on(
         raise Begun
 
     for what in ("uvms_drake.certificate.certify.certified_once", "uvms_drake.errata.all_errata",
-                 "uvms_drake.station.simulation.simulate", "uvms_drake.studies.bench.measure",
+                 "uvms_drake.station.simulation.simulate", "uvms_drake.studies.bench.bench.measure",
                  "uvms_drake.command.campaign.certified_once",
                  "uvms_drake.command.campaign.local_pool"):
         monkeypatch.setattr(what, begin)

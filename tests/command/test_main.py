@@ -21,9 +21,9 @@ from uvms_drake.report.figures import figures_of
 from uvms_drake.report.summary import summarise
 from uvms_drake.station import simulation
 from uvms_drake.station.record import load_record
-from uvms_drake.station.scenario import dump_scenario, load_scenario
-from uvms_drake.station.scenario_file import shipped_scenarios
-from uvms_drake.studies import bench
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+from uvms_drake.studies.bench import bench
 
 QUICK = [*DATA_ONLY, "--uncertified"]
 

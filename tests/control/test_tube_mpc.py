@@ -9,8 +9,8 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc, make_tube_mpc
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def ports_of(controller) -> tuple[dict[str, int], dict[str, int]]:

@@ -8,9 +8,9 @@ import pytest
 
 from uvms_drake.errata import choices
 from uvms_drake.errata.choices import CHOICES, draw_choice, draw_choices, option_name
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 

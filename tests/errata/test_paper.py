@@ -8,10 +8,10 @@ from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certify import certified_once
 from uvms_drake.common.errors import RunFailed
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 CHI_0 = np.array([-1.0, 1.3, -1.0, 0.0, -np.pi / 8, np.pi / 12])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from uvms_drake.model.frames.spatial import cross_motion, times
 from uvms_drake.model.links import Links, read_links
-from uvms_drake.model.spatial import cross_motion, times
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from support.thrusters import T200, eight_thrusters, t200
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.thruster_data import CurveData, ThrusterKind
+from uvms_drake.model.robot_folder.thruster_file import CurveData, ThrusterKind
 from uvms_drake.model.thrusters import ThrusterModel, curve_at
 
 ONE_WAY = ThrusterKind(lag=0.1, curves=[

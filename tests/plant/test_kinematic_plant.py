@@ -10,7 +10,7 @@ from support import dh
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.euler import wrap_angle
+from uvms_drake.model.frames.euler import wrap_angle
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import configuration_rate

@@ -13,7 +13,7 @@ from support.shapes import LAWS, SHAPES, turned
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.shaped import ShapedSurface
+from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.plant.surface import CompliantSurface, pose_and_jacobian
 

@@ -5,7 +5,7 @@ import pytest
 from pydrake.common.eigen_geometry import AngleAxis
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.euler import euler_angles, rotation_matrix
+from uvms_drake.model.frames.euler import euler_angles, rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring

@@ -13,9 +13,9 @@ from uvms_drake.campaign import run
 from uvms_drake.campaign.campaign import make_campaign
 from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER, warn
-from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.control.feedback.tube_monitor import FIELDS
 from uvms_drake.report.events import ALARMING, Event, events, intervals
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def changed(name, when, value, channel=...):

@@ -11,7 +11,7 @@ from support.synthetic import synthetic_felt_record, synthetic_record
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report import replay
 from uvms_drake.report.replay import frame_indices, moment_of, write_replay, write_still
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.visual.scene import Scene
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from support.synthetic import desiring, synthetic_record
 
+from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.control.laws import Transpose
 from uvms_drake.control.limits.joints import Joints
-from uvms_drake.control.planner import KEPT
-from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
+from uvms_drake.control.mpc.planner import KEPT
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.report import signals
 from uvms_drake.report.signals import settling_index

@@ -14,11 +14,11 @@ from support.scripts import Script, use_fixed_steps
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms
-from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, readable_force
+from uvms_drake.sensing.force_error_bound import error_bound, in_tip_axes, readable_force
 from uvms_drake.sensing.force_sensor import (
     ForceSensor,
     Imperfection,
@@ -27,7 +27,7 @@ from uvms_drake.sensing.force_sensor import (
     transfer,
 )
 from uvms_drake.sensing.tip_pose import TipPose
-from uvms_drake.sensing.tool import Tool
+from uvms_drake.sensing.tool_weight import Tool
 
 ZERO = np.zeros(6)
 MOUNTING = np.array([0.02, -0.03, -0.11, 0.4, -0.7, 2.1])

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.part import Signals
+from uvms_drake.model.sensor_actuator import Signals
 from uvms_drake.sensing.navigation import (
     CHANNELS,
     Channel,
@@ -20,7 +20,7 @@ from uvms_drake.sensing.navigation import (
     channel_rows,
     triangle,
 )
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 SIZE = 10

@@ -6,15 +6,15 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.plant.disturbance import RandomDisturbance
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.signals import constraint_signals
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 SHORT = ["mpc.horizon=8"]
@@ -184,7 +184,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
         return make_tube_mpc(ocp, ancillary, targets)
 
     limited = logs_of(scenario, 2.0)
-    monkeypatch.setattr("uvms_drake.station.dynamic.make_tube_mpc", without_limits)
+    monkeypatch.setattr("uvms_drake.station.motions.dynamic.make_tube_mpc", without_limits)
     assert_identical(limited, logs_of(scenario, 2.0))
     assert told == [scenario.limits]
     assert np.all(limited["limited"] == 0.0)

@@ -9,13 +9,13 @@ from support.meshcat import press
 
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
-from uvms_drake.report.inspection import COLUMNS, inspection_table
-from uvms_drake.report.mission import summarise_mission
+from uvms_drake.report.mission.inspection import COLUMNS, inspection_table
+from uvms_drake.report.mission.mission import summarise_mission
 from uvms_drake.report.summary import broken, summarise
+from uvms_drake.station.contact_bounds import largest_force, mission_conditions
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.felt_contact import largest_force, mission_conditions
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.visual.controls import HOME
 

@@ -10,14 +10,14 @@ from pydrake.systems.primitives import Gain
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.model.part import Part
+from uvms_drake.model.sensor_actuator import Part
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.sensing.navigation import Channel, Dvl, Navigation
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions import MOTIONS
+from uvms_drake.station.motions.motions import MOTIONS
 from uvms_drake.station.record import load_record, save_record
-from uvms_drake.station.scenario import MOTIONS as NAMES
-from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import MOTIONS as NAMES
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"

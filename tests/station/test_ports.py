@@ -7,7 +7,7 @@ import pytest
 
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 README = Path(__file__).parents[2] / "uvms_drake" / "station" / "README.md"
 

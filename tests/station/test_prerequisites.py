@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
+from uvms_drake.control.contact.contact_estimator import ExploredFront
+from uvms_drake.control.contact.contact_state import ForceSensing
 from uvms_drake.control.contact.desired_force import DesiredForce
-from uvms_drake.control.contact.explored_front import ExploredFront
-from uvms_drake.control.contact.felt import ForceSensing
-from uvms_drake.control.contact.target import PressTarget
+from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.plant.adversary import TaskAdversary
-from uvms_drake.sensing.last_finite import LastFinite
+from uvms_drake.sensing.hold_last_value import LastFinite
 
 N = np.array([1.0, 0.0, 0.0])
 MADE = {

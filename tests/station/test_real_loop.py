@@ -6,7 +6,7 @@ import pytest
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.report.events import events
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 

@@ -8,7 +8,7 @@ import pytest
 from support.synthetic import synthetic_record
 
 from uvms_drake.station.record import LOG_FILE, load_record, save_record
-from uvms_drake.station.scenario import dump_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 
 @pytest.fixture(scope="module")

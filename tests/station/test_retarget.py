@@ -12,7 +12,7 @@ from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.problem import load_model, retargeted_ocp
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import make_record
 
 FORCES = ((4.0, 30.0), (9.5, 44.0), (10.5, 25.0))

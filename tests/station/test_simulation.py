@@ -10,12 +10,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.tube_monitor import FIELDS, TUBE_REPORT
+from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.record import LOG_FILE, save_record
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import _run, make_record, simulate
 
 SHORT = ["duration=1.5", "log_period=0.01"]
@@ -170,7 +170,7 @@ def test_an_error_of_drake_or_numpy_ends_the_run_with_its_time(kind):
 
 
 def test_the_first_plan_is_announced_before_it_is_made(monkeypatch):
-    monkeypatch.setattr("uvms_drake.control.planner.FIRST_SOLVE_ITERATIONS", 2)
+    monkeypatch.setattr("uvms_drake.control.mpc.planner.FIRST_SOLVE_ITERATIONS", 2)
     said = []
     with pytest.raises(RunFailed, match="out of the reach"):
         simulate(load_scenario("girona500_ideal", ["start.eta.0=-50"]),

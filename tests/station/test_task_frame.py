@@ -11,20 +11,20 @@ from support.quick import FEW, search_less
 
 from uvms_drake.certificate.certify import certify
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.limits.felt import ToolAngle
-from uvms_drake.control.points import Points
+from uvms_drake.control.limits.approach_speed import ToolAngle
+from uvms_drake.control.plan.points import Points
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.frames.coordinates import Coordinates
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.uvms_plant import set_state
 from uvms_drake.report.summary import summarise
-from uvms_drake.station.dynamic import make_simulated_uvms
+from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.problem import load_model, make_dynamic_ocp
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 FRAME = np.array([0.3, -1.4, 0.5])

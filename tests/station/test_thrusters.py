@@ -5,9 +5,9 @@ import pytest
 
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import ScenarioError
-from uvms_drake.model.part import VEHICLE_WRENCH
+from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH
 from uvms_drake.model.thrusters import ThrusterModel
-from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 PART = "actuation=[!Thrusters {lag: 0.2, dead_time: 0.02, error: [0.1]}]"

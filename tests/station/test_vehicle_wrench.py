@@ -11,9 +11,9 @@ from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import Command
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.model.part import VEHICLE_WRENCH, Part
+from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Part
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 LAGS = np.repeat([0.2, 0.01], [6, 4])
 

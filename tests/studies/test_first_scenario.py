@@ -11,11 +11,11 @@ from uvms_drake.certificate.certify import certify, check_inputs
 from uvms_drake.certificate.table import verdict
 from uvms_drake.command.main import main
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
-from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.studies import first_scenario as module
 from uvms_drake.studies.first_scenario import MARGIN, find_posture, first_scenario, strength_of
-from uvms_drake.tube.tube_image import input_gain
+from uvms_drake.tube.resolved.image import input_gain
 
 ROBOTS = ("bluerov2_alpha5", "box_uvms", "girona500_arm5e")
 

@@ -12,9 +12,9 @@ from pydrake.systems.primitives import (
     Multiplexer,
 )
 
-from uvms_drake.control.ancillary import AncillaryFeedback
-from uvms_drake.control.observer import add_observer
-from uvms_drake.model.part import VEHICLE_WRENCH, Part
+from uvms_drake.control.feedback.ancillary import AncillaryFeedback
+from uvms_drake.control.feedback.disturbance_observer import add_observer
+from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Part
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 

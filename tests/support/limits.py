@@ -9,7 +9,7 @@ from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.inputs import Forces
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.static_force import StaticForce
-from uvms_drake.control.ocp import Ocp
+from uvms_drake.control.ocp.ocp import Ocp
 
 
 def bounded(ocp: Ocp, **bounds: object) -> dict[str, Limit]:

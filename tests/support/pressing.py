@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_drake.control.contact.front import apex, replaces, safe_depth
-from uvms_drake.control.contact.slope import (
+from uvms_drake.control.contact.press_target import target_depth
+from uvms_drake.control.contact.safe_region import apex, replaces, safe_depth
+from uvms_drake.control.contact.stiffness_estimate import (
     NOTHING,
     Belief,
     slope,
     surface_depth,
     with_reading,
 )
-from uvms_drake.control.contact.target import target_depth
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEP, ACCELERATION, CRUISE = 0.2, 0.2, 0.3

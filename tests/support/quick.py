@@ -3,7 +3,7 @@
 import pytest
 
 from uvms_drake.common.schema import read_yaml
-from uvms_drake.station import scenario
+from uvms_drake.station.scenario import scenario
 
 SETTINGS = dict.fromkeys(("constant_samples", "tube_samples", "terminal_samples"), 50)
 FEW = [f"certificate.{name}={count}" for name, count in SETTINGS.items()]
@@ -15,7 +15,7 @@ def search_constants_less(patch: pytest.MonkeyPatch) -> None:
 
     A scenario has to say `FEW[0]`, too.
     """
-    patch.setattr("uvms_drake.tube.constants.START_RANKS", (0,))
+    patch.setattr("uvms_drake.tube.constants.constants.START_RANKS", (0,))
 
 
 def search_less(patch: pytest.MonkeyPatch) -> None:
@@ -26,11 +26,11 @@ def search_less(patch: pytest.MonkeyPatch) -> None:
     A scenario has to say `FEW`, too.
     """
     search_constants_less(patch)
-    patch.setattr("uvms_drake.tube.kinematic.START_RANKS", (0,))
-    patch.setattr("uvms_drake.tube.ascent.STEPS", 1)
-    patch.setattr("uvms_drake.tube.ascent.LEADERS", 2)
-    patch.setattr("uvms_drake.tube.second_search.GENERATIONS", 2)
-    patch.setattr("uvms_drake.tube.felt_proof.MOST_WORK", 0)
+    patch.setattr("uvms_drake.tube.laws.kinematic.START_RANKS", (0,))
+    patch.setattr("uvms_drake.tube.search.ascent.STEPS", 1)
+    patch.setattr("uvms_drake.tube.search.ascent.LEADERS", 2)
+    patch.setattr("uvms_drake.tube.search.second_search.GENERATIONS", 2)
+    patch.setattr("uvms_drake.tube.contact.sensor_gains_proof.MOST_WORK", 0)
     patch.setattr("uvms_drake.tube.terminal_set.STARTS", 1)
     patch.setattr("uvms_drake.tube.terminal_set.NEAR", 0.0)
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from uvms_drake.tube.conditions import LemmaConstants
-from uvms_drake.tube.tubes import smallest_k
+from uvms_drake.tube.resolved.bounds import smallest_k
 
 COUNT = 1000
 SPEED_LIMIT = 2.0

@@ -3,7 +3,7 @@
 import pytest
 
 from uvms_drake.common.errors import ScenarioError
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 
 def load_text(tmp_path, text, overrides=()):

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.control.tube_monitor import TUBE_REPORT
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 
 
 class Script(LeafSystem):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
-from uvms_drake.model.surface.shaped import ShapedSurface
+from uvms_drake.model.surface.shaped_surface import ShapedSurface
 
 R = rotation_matrix(np.array([0.7, -0.4, 2.1]))
 SHIFT = np.array([2.0, -0.3, 1.1])

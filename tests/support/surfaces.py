@@ -3,7 +3,7 @@
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.euler import rotation_matrix
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 NUMBERS = (
     "log_period=0.02", "mpc.time_step=0.2", "disturbance.bound=0.1",

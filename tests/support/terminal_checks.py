@@ -5,8 +5,8 @@ import dataclasses
 
 import numpy as np
 
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.tube.terminal_set import (
     AT_REST,
     DECREASE,

@@ -6,14 +6,14 @@ import numpy as np
 
 from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.limits import make_limits, tighten
-from uvms_drake.control.limits.contact import ForceCone, UnderContact
-from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
-from uvms_drake.control.tracking_plan import TrackingPlan
+from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 DIRECTION = np.array([1.0, 0.0, 0.0])
 SURFACE = SurfaceClass(DIRECTION, angle=0.05, friction=0.1)

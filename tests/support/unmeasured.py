@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 
 
 def close_to_the_wall(*overrides: str) -> Scenario:

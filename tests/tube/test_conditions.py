@@ -14,7 +14,7 @@ from uvms_drake.tube.conditions import (
     kinematic_tubes,
     paper_conditions,
 )
-from uvms_drake.tube.tubes import smallest_k, transpose_tube
+from uvms_drake.tube.resolved.bounds import smallest_k, transpose_tube
 
 CALM = LemmaConstants(J_min=1.0, J_max=1.0, J_dot=0.0, L_c=0.0, L_1=0.0, L_2=0.0)
 

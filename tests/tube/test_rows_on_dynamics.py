@@ -16,14 +16,14 @@ from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.laws.tip_rows import tip_rows
-from uvms_drake.model.part import VEHICLE_WRENCH
+from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import (
     DirectedDisturbance,
     OpenLoopDisturbance,
     SinusoidalDisturbance,
 )
-from uvms_drake.tube.row_loop import RowLoop
+from uvms_drake.tube.loops.row_loop import RowLoop
 
 pytestmark = pytest.mark.slow
 VEHICLE, TIP = (4.0, 2.0), (20.0, 10.0)  # k, σ [1/s]; the vehicle's fast, to be short

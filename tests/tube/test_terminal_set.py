@@ -9,23 +9,23 @@ from support.limits import bounded
 from support.terminal_checks import check_penalty, check_terminal
 from support.tracking import DIRECTION, tracking_ocp
 
-from uvms_drake.control import dynamic_ocp
 from uvms_drake.control.costs.task_cost import TaskCost
-from uvms_drake.control.dynamic_ocp import DynamicOcp
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
 from uvms_drake.control.limits.inputs import Accelerations
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.ocp import TERMINAL_PENALTY
-from uvms_drake.control.plan import DynamicPlan
-from uvms_drake.control.terminal import INFLATION, terminal_ingredients
-from uvms_drake.control.tracking_ocp import Aim, TrackingOcp
-from uvms_drake.control.tracking_plan import TrackingPlan
+from uvms_drake.control.ocp import dynamic_ocp
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY
+from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.terminal import INFLATION, terminal_ingredients
+from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
-from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.terminal_set import (
     TerminalCheck,
     TerminalLoop,

@@ -11,7 +11,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.report.figures import make_figures
 from uvms_drake.report.html import format_report
 from uvms_drake.report.replay import write_replay
-from uvms_drake.station.setting import setting_of
+from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.scene import UP, ZOOM, Scene
 
 SIZE = (960, 600)

@@ -10,8 +10,8 @@ from support.meshcat import packed_transform, press
 from support.synthetic import synthetic_record
 
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.scenario import load_scenario
-from uvms_drake.station.setting import setting_of
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.simulation import simulate
 from uvms_drake.visual import controls
 from uvms_drake.visual.config import VisualConfig

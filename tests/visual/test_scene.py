@@ -15,19 +15,19 @@ from support.synthetic import synthetic_record
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.report.replay import moment_of
-from uvms_drake.station.motions import make_ocp
-from uvms_drake.station.scenario import load_scenario
-from uvms_drake.station.setting import setting_of
-from uvms_drake.visual.bars import Bars
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.config import VisualConfig, check_visual
 from uvms_drake.visual.controls import DISTURBANCE, FORCE, DisturbanceSlider, ForceSlider
-from uvms_drake.visual.hud import NEAR, Hud
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
-from uvms_drake.visual.props import PLAN, Mark
-from uvms_drake.visual.readout import Readout
+from uvms_drake.visual.objects.bars import Bars
+from uvms_drake.visual.objects.hud import NEAR, Hud
+from uvms_drake.visual.objects.props import PLAN, Mark
+from uvms_drake.visual.objects.readout import Readout
+from uvms_drake.visual.objects.tube import round_magnification
 from uvms_drake.visual.scene import CLOSE, Scene
 from uvms_drake.visual.stage import UNSEEN, VANISHED, Stage, frame_at
-from uvms_drake.visual.tube import round_magnification
 
 FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 

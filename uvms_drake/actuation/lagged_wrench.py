@@ -6,8 +6,8 @@ import numpy as np
 
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import require
-from uvms_drake.model.part import CommandPath
-from uvms_drake.model.thruster_data import AXES
+from uvms_drake.model.robot_folder.thruster_file import AXES
+from uvms_drake.model.sensor_actuator import CommandPath
 from uvms_drake.model.thrusters import ThrusterModel, Unlimited
 from uvms_drake.model.uvms_model import UvmsModel
 
@@ -37,7 +37,7 @@ class LaggedWrench(Thrusters):
         super().check()
 
     def assumption(self) -> str:
-        """Returns the assumption that it breaks, of all proofs but those of `tube.lagged_rows`."""
+        """Returns the assumption that it breaks, except in `tube.actuation.lagged_wrench`."""
         return "the proofs take the vehicle's wrench for given at once"
 
     def command_path(self, model: UvmsModel) -> CommandPath:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
-from uvms_drake.model.part import CommandPath, Part, Signals
-from uvms_drake.model.sampled import Clock, SampledVector
+from uvms_drake.model.sample_and_hold import Clock, SampledVector
+from uvms_drake.model.sensor_actuator import CommandPath, Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -36,7 +36,7 @@ class SampledCommand(Part):
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 
     def assumption(self) -> str:
-        """Returns the assumption that it breaks, of all proofs but those of `tube.held_rows`."""
+        """Returns the assumption that it breaks, except in `tube.actuation.held_command`."""
         return "the proofs take the feedback for continuous"
 
     def command_path(self, model: UvmsModel) -> CommandPath:

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_load_data
 
-from uvms_drake.campaign.walls import CertifiedWall, walls_of, with_wall
+from uvms_drake.campaign.certified_surfaces import CertifiedWall, walls_of, with_wall
 from uvms_drake.certificate.cache import cached, source_digest
 from uvms_drake.certificate.certificate import Certificate, fingerprint
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.common.progress import Progress, part_of, silent
 from uvms_drake.common.schema import load_typed
-from uvms_drake.station.motions import motion_of
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model, retargeted_ocp
-from uvms_drake.station.scenario import Scenario, dump_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 
 FORCES = (0.5, 0.75, 1.0, 1.2)
 """Desired forces that are drawn, over the scenario's own. Each has an equilibrium, a P and an ε of

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign, require_same_code
-from uvms_drake.campaign.contacts import contact_of
-from uvms_drake.campaign.outside import MEASURED_WRONG
-from uvms_drake.campaign.vary import Variation, vary
+from uvms_drake.campaign.contact_kinds import contact_of
+from uvms_drake.campaign.outside_assumptions import MEASURED_WRONG
+from uvms_drake.campaign.variation import Variation, vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.planner import FAILED, KEPT, SOLVED
-from uvms_drake.control.solver_faults import solver_fault
-from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.control.feedback.tube_monitor import FIELDS
+from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
+from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.plant.model_error import FACTORS
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import set_wise_radii
-from uvms_drake.station.faults import faults_at
 from uvms_drake.station.record import Record
+from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.simulation import simulate
 
 PROPORTION = 1.05

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.station.scenario import dump_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 SETUP_FILE = "setup.json"
 RUNS_FILE = "runs.jsonl"

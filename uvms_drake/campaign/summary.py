@@ -10,8 +10,13 @@ from typing import Any
 import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
+from uvms_drake.campaign.contact_metrics import (
+    PRESSED,
+    broken_promises,
+    format_walls,
+    summarise_walls,
+)
 from uvms_drake.campaign.distribution import distribution_of
-from uvms_drake.campaign.pressed import PRESSED, broken_promises, format_walls, summarise_walls
 from uvms_drake.campaign.run import STEP_EDGES_MS
 
 WORST = 10

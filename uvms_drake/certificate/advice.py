@@ -12,7 +12,7 @@ from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 
 MORE = 1.2
 """Factor on what is missing, for the tube that grows with a wider limit."""

@@ -21,12 +21,12 @@ from uvms_drake.common.jsonable import jsonable, restored
 from uvms_drake.common.program import VERSION
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.uvms import model_dir
-from uvms_drake.station.faults import uncovered
 from uvms_drake.station.mission_legs import Leg
-from uvms_drake.station.scenario import Scenario, dump_scenario
+from uvms_drake.station.scenario.faults import uncovered
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.estimate import Estimate
+from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.search.estimate import Estimate
 
 CERTIFICATE_FILE = "certificate.json"
 IRRELEVANT = ("name", "description", "seed", "duration", "log_period", "simulator", "tube",

@@ -21,32 +21,32 @@ from uvms_drake.common.errors import InvalidParameter, require, within
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.limits import TubeRadii, check_limits, joint_limits, resolved_radii
-from uvms_drake.control.ocp import FEASIBLE, Ocp
-from uvms_drake.control.plan import P, Plan
-from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS, REACHED
-from uvms_drake.control.points import Points
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS, REACHED
+from uvms_drake.control.ocp.ocp import FEASIBLE, Ocp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.plan.plan import P, Plan
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import Component
+from uvms_drake.model.sensor_actuator import Component
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
-from uvms_drake.station.dynamic import command_paths, lateness_of
-from uvms_drake.station.faults import uncovered
-from uvms_drake.station.felt_contact import sensed_contact
+from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.mission_legs import legs_of
-from uvms_drake.station.motions import limits_of, make_ocp, motion_of
+from uvms_drake.station.motions.dynamic import command_paths, lateness_of
+from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
-from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.actuators import actuators_of
+from uvms_drake.station.scenario.faults import uncovered
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.estimate import unrefuted
-from uvms_drake.tube.held_search import held
+from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.laws.tip_first import lag_is_proven
+from uvms_drake.tube.loops.actuator_path import actuators_of
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.estimate import unrefuted
+from uvms_drake.tube.search.search_memo import held
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
-from uvms_drake.tube.tip_first import lag_is_proven
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
 UNLIMITED = 1.0
@@ -140,8 +140,8 @@ def assumptions(scenario: Scenario) -> list[Condition]:
 def is_counted(scenario: Scenario, part: Component) -> bool:
     """Returns whether the tube counts with what a part does to the command: one part alone.
 
-    A clock, see `tube.held_rows`, where a condition of the tube says what has no bound; or a lag of
-    the vehicle's wrench of which `tube.lagged_rows` has a proof.
+    A clock, see `tube.actuation.held_command`, where a condition of the tube says what has no
+    bound; or a lag of the vehicle's wrench of which `tube.actuation.lagged_wrench` has a proof.
     """
     law = scenario.ancillary
     if len(scenario.actuation) != 1 or not isinstance(law, TipFirst):

@@ -6,8 +6,8 @@ import numpy as np
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.tube.conditions import BEYOND, Condition
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.tip_jerk import JERK
+from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.contact.tip_jerk import JERK
 
 INPUTS = ("a smaller disturbance.bound, larger gains, a wider limit or a smaller "
           "limits.static_force, up to which the tube is taken")

@@ -8,8 +8,8 @@ from pathlib import Path
 from uvms_drake.command.files import folder, take_scenario
 from uvms_drake.command.progress import Bar, stream_of
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.scenario import load_scenario
-from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
 
 def add_bench(commands: argparse._SubParsersAction) -> None:
@@ -24,8 +24,8 @@ def add_bench(commands: argparse._SubParsersAction) -> None:
 
 def bench_scenario(args: argparse.Namespace) -> int:
     """Prints how long the parts of a scenario take, and writes it."""
-    from uvms_drake.studies.bench import BENCH_FILE, measure, write_bench
-    from uvms_drake.studies.bench_table import format_bench
+    from uvms_drake.studies.bench.bench import BENCH_FILE, measure, write_bench
+    from uvms_drake.studies.bench.bench_table import format_bench
 
     scenario = load_scenario(args.scenario, args.overrides)
     path = args.output if args.output is not None else Path("out") / scenario.name

@@ -26,7 +26,7 @@ from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
-from uvms_drake.campaign.vary import vary
+from uvms_drake.campaign.variation import vary
 from uvms_drake.certificate.certificate import CERTIFICATE_FILE, Certificate, write_certificate
 from uvms_drake.certificate.certify import certified_once, check_inputs
 from uvms_drake.command.files import DATA_FILES, picture_files, write_data, write_pictures
@@ -37,10 +37,10 @@ from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.common.progress import part_of
 from uvms_drake.report.summary import format_summary
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario, load_scenario
-from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 from uvms_drake.station.simulation import simulate
-from uvms_drake.station.step import check_step
+from uvms_drake.station.step_size import check_step
 
 CAMPAIGN_FILE, TIMES_FILE = "campaign.json", "timing.json"
 OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WALLS_FILE)

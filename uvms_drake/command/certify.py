@@ -20,9 +20,9 @@ from uvms_drake.command.run import note
 from uvms_drake.common.errors import require
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.output import output_folder
-from uvms_drake.station.motions import motion_of
-from uvms_drake.station.scenario import Scenario, load_scenario
-from uvms_drake.station.scenario_file import reported_in, scenario_source, set_options
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
 
 BUDGET_FILE = "budget.png"
 MARGINS_FILE = "margins.json"
@@ -54,10 +54,10 @@ def certify_scenario(args: argparse.Namespace) -> int:
     """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
     from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.table import format_certificate
-    from uvms_drake.station.step import floored, largest_step
+    from uvms_drake.station.step_size import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
-    from uvms_drake.studies.gain_front import format_front, front
-    from uvms_drake.studies.margins import format_margins, margins
+    from uvms_drake.studies.margins.margins import format_margins, margins
+    from uvms_drake.studies.pareto_front import format_front, front
     from uvms_drake.studies.propose_gains import propose_gains
 
     scenario = load_scenario(args.scenario, args.overrides)
@@ -116,7 +116,7 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
     if parts and np.isfinite(parts).all():
         import matplotlib
 
-        from uvms_drake.report.budget_figure import draw_budget
+        from uvms_drake.report.figure.budget_figure import draw_budget
         from uvms_drake.report.figure_style import STYLE
 
         with matplotlib.rc_context(STYLE):
@@ -125,7 +125,7 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
     """Raises `InvalidParameter` for the first study that is asked for and has no meaning."""
-    from uvms_drake.studies.gain_front import check_front
+    from uvms_drake.studies.pareto_front import check_front
 
     if args.front:
         check_front(scenario)

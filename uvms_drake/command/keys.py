@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.schema import field_docs, field_types
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 
 
 def add_keys(commands: argparse._SubParsersAction) -> None:

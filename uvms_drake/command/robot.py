@@ -50,7 +50,7 @@ def show_robot(args: argparse.Namespace) -> int:
         print(f"written to {args.new}; '{PROGRAM} robot {args.new}' shows it")
         return 0
     from uvms_drake.model.uvms_model import read_uvms
-    from uvms_drake.station.robot import complaints_about
+    from uvms_drake.station.robot_loading import complaints_about
 
     uvms = read_uvms(args.model)
     complaints = complaints_about(uvms, args.model)
@@ -59,7 +59,7 @@ def show_robot(args: argparse.Namespace) -> int:
     if complaints:
         return 2
     from uvms_drake.model.trim import middle_posture
-    from uvms_drake.report.robot_sheet import format_sheet, sheet_of
+    from uvms_drake.report.robot.robot_sheet import format_sheet, sheet_of
 
     posture = middle_posture(uvms) if args.posture is None else vector(
         "--posture", args.posture, len(uvms.joints))
@@ -68,8 +68,8 @@ def show_robot(args: argparse.Namespace) -> int:
         import matplotlib
 
         from uvms_drake.report.figure_style import STYLE
-        from uvms_drake.report.robot_page import write_page
-        from uvms_drake.report.robot_views import draw_views
+        from uvms_drake.report.robot.robot_page import write_page
+        from uvms_drake.report.robot.robot_views import draw_views
 
         with output_folder(args.output, [PICTURE_FILE, PAGE_FILE]) as output:
             with matplotlib.rc_context(STYLE):

@@ -33,9 +33,9 @@ from uvms_drake.common.output import output_folder
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import Record
-from uvms_drake.station.remarks import remarks
-from uvms_drake.station.scenario import Scenario, load_scenario
-from uvms_drake.station.scenario_file import (
+from uvms_drake.station.scenario.remarks import remarks
+from uvms_drake.station.scenario.scenario import Scenario, load_scenario
+from uvms_drake.station.scenario.scenario_file import (
     reported_in,
     scenario_source,
     set_options,
@@ -102,7 +102,7 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
 
 def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
-    from uvms_drake.station.step import check_step
+    from uvms_drake.station.step_size import check_step
 
     overrides = scenario_overrides(args)
     options = [*set_options(args.overrides), *(f"--{name}={value}" for name, value in _named(args))]

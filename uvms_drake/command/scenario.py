@@ -27,7 +27,7 @@ def add_scenario(commands: argparse._SubParsersAction) -> None:
 
 def new_scenario(args: argparse.Namespace) -> int:
     """Writes a scenario in which a robot presses on a wall."""
-    from uvms_drake.station.robot import sound_robot
+    from uvms_drake.station.robot_loading import sound_robot
     from uvms_drake.studies.first_scenario import first_scenario
     from uvms_drake.studies.first_scenario_text import format_first_scenario
 

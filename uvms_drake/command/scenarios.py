@@ -2,8 +2,8 @@
 
 import argparse
 
-from uvms_drake.station.scenario import load_scenario
-from uvms_drake.station.scenario_file import shipped_scenarios
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 
 
 def add_scenarios(commands: argparse._SubParsersAction) -> None:

@@ -4,22 +4,22 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.ahead import add_forces_ahead
-from uvms_drake.control.ancillary import AncillaryFeedback
-from uvms_drake.control.commitment import committed_intervals
+from uvms_drake.control.contact.contact_estimator import ExploredFront
+from uvms_drake.control.contact.contact_state import ForceSensing
 from uvms_drake.control.contact.desired_force import DesiredForce
-from uvms_drake.control.contact.explored_front import ExploredFront
-from uvms_drake.control.contact.felt import ForceSensing
-from uvms_drake.control.contact.plan_reach import PlanReach
-from uvms_drake.control.contact.target import PressTarget, search_speed, touch_to_plan
+from uvms_drake.control.contact.press_target import PressTarget, search_speed, touch_to_plan
 from uvms_drake.control.contact.wall_normal import WallNormal
+from uvms_drake.control.feedback.ancillary import AncillaryFeedback
+from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
+from uvms_drake.control.feedback.feedforward_preview import add_forces_ahead
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
-from uvms_drake.control.nominal_mpc import NominalMpc
-from uvms_drake.control.observer import add_observer, export_inputs
-from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.control.tracking_ocp import TURNED_FREELY, TrackingOcp
-from uvms_drake.model.part import ON_TIME, Lateness
+from uvms_drake.control.mpc.nominal_mpc import NominalMpc
+from uvms_drake.control.mpc.plan_extent import PlanReach
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp
+from uvms_drake.control.plan.commitment import committed_intervals
+from uvms_drake.model.sensor_actuator import ON_TIME, Lateness
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 

@@ -3,19 +3,19 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from uvms_drake.control.ahead import add_forces_ahead
-from uvms_drake.control.ancillary import AncillaryFeedback
-from uvms_drake.control.commitment import committed_intervals
-from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.kinematic_feedback import KinematicFeedback
-from uvms_drake.control.kinematic_ocp import KinematicOcp
+from uvms_drake.control.feedback.ancillary import AncillaryFeedback
+from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
+from uvms_drake.control.feedback.feedforward_preview import add_forces_ahead
+from uvms_drake.control.feedback.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
-from uvms_drake.control.nominal_mpc import NominalMpc
-from uvms_drake.control.observer import add_observer, export_inputs
-from uvms_drake.control.planner import Targets
-from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.model.part import ON_TIME, Lateness
+from uvms_drake.control.mpc.nominal_mpc import NominalMpc
+from uvms_drake.control.mpc.planner import Targets
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.plan.commitment import committed_intervals
+from uvms_drake.model.sensor_actuator import ON_TIME, Lateness
 
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
@@ -73,7 +73,8 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         limits: Those of the real robot, which `u` and `tau` keep to; None: the law's command is
             passed on as it is.
         lateness: Of the commands: a law that knows of actuators asks for the plan's forces ahead,
-            and its plans keep what was asked for; see `control.ahead` and `control.commitment`.
+            and its plans keep what was asked for; see `control.feedback.feedforward_preview` and
+            `control.plan.commitment`.
     """
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))

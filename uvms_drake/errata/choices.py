@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uvms_drake.common.progress import Progress, silent
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.figure_style import BLUE, STYLE, VERMILION, legend_above, panels
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
 

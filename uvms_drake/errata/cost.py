@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import (
     CHI_DES,
@@ -22,7 +22,7 @@ from uvms_drake.errata.paper import (
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.station.problem import make_dynamic_ocp
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 SETTLING = 100
 """Samples for the MPC to come to rest."""

@@ -18,7 +18,7 @@ from uvms_drake.errata.paper import (
     robot,
 )
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000

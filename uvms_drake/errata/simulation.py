@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import Limit
 from uvms_drake.control.limits.attitude import VehicleAngle
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.speeds import Speed
-from uvms_drake.control.ocp import MpcConfig
-from uvms_drake.control.planner import FIRST_SOLVE_ITERATIONS
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.errata.erratum import Erratum
 from uvms_drake.errata.paper import (
     AMPLITUDE,
@@ -39,7 +39,7 @@ from uvms_drake.errata.paper import (
     numbers,
     robot,
 )
-from uvms_drake.model.euler import pose_difference, wrap_angle
+from uvms_drake.model.frames.euler import pose_difference, wrap_angle
 from uvms_drake.tube.conditions import kinematic_tubes
 
 HOLDING = 40

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from uvms_drake.model.euler import WORLD
-from uvms_drake.model.spatial import times
+from uvms_drake.model.frames.end_effector import tip_force_gradients
+from uvms_drake.model.frames.euler import WORLD
+from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import Surface
-from uvms_drake.model.tip import tip_force_gradients
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel, read_uvms
 

@@ -24,9 +24,12 @@ from pydrake.multibody.tree import (
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.program import FOLDER
-from uvms_drake.model import thruster_data
-from uvms_drake.model.hydrodynamics_data import HydrodynamicParameters, load_hydrodynamics
-from uvms_drake.model.thruster_data import ThrusterParameters, load_thrusters
+from uvms_drake.model.robot_folder import thruster_file
+from uvms_drake.model.robot_folder.hydrodynamics_file import (
+    HydrodynamicParameters,
+    load_hydrodynamics,
+)
+from uvms_drake.model.robot_folder.thruster_file import ThrusterParameters, load_thrusters
 
 STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
 
@@ -97,7 +100,7 @@ def add_uvms(plant: MultibodyPlant, model: str, sdf: str | None = None) -> Uvms:
     for name in hydrodynamics.bodies:
         require(plant.HasBodyNamed(name, instance), f"{folder / 'hydrodynamics.yaml'}: bodies",
                 name, f"a body of {robot_file(folder).name}")
-    thrusters = folder / thruster_data.FILE
+    thrusters = folder / thruster_file.FILE
     return Uvms(
         plant=plant,
         model_instance=instance,

@@ -24,15 +24,15 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from uvms_drake.model.euler import (
+from uvms_drake.model.frames.end_effector import pose_rate_matrix, pose_rate_matrix_rate
+from uvms_drake.model.frames.euler import (
     WORLD,
     euler_angles,
     inverse_rate_matrix,
     rate_matrix,
     rotation_matrix,
 )
-from uvms_drake.model.links import read_links
-from uvms_drake.model.spatial import (
+from uvms_drake.model.frames.spatial import (
     block_diagonal,
     cross,
     cross_force,
@@ -40,7 +40,7 @@ from uvms_drake.model.spatial import (
     motion_matrix,
     times,
 )
-from uvms_drake.model.tip import pose_rate_matrix, pose_rate_matrix_rate
+from uvms_drake.model.links import read_links
 from uvms_drake.model.uvms import Uvms, add_uvms
 
 

@@ -8,7 +8,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.model.hydrodynamics_data import BodyHydrodynamics, HydrodynamicParameters
+from uvms_drake.model.robot_folder.hydrodynamics_file import (
+    BodyHydrodynamics,
+    HydrodynamicParameters,
+)
 from uvms_drake.model.uvms import Uvms, add_uvms, model_dir, robot_file
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.payload import Payload, with_payload

@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.wiring import added
-from uvms_drake.model.euler import WORLD, rate_matrix
+from uvms_drake.model.frames.euler import WORLD, rate_matrix
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.workspace import declare_workspace
 

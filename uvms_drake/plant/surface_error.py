@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.model.spatial import skew
+from uvms_drake.model.frames.spatial import skew
 from uvms_drake.model.surface.law import Surface
 
 

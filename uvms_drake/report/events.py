@@ -12,22 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.planner import DROPPED, FAILED, HOVERED, KEPT, LATE, TROUBLE
-from uvms_drake.control.tube_monitor import FIELDS, SAID, beyond
+from uvms_drake.control.feedback.tube_monitor import FIELDS, SAID, beyond
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, LATE, TROUBLE
 from uvms_drake.report.signals import (
     constraint_signals,
     disturbance_above,
     settling_index,
     wrench_unit,
 )
+from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.diagram import (
     MONITOR_SLACK,
     monitor_begin,
     monitor_floor,
     set_wise_radii,
 )
-from uvms_drake.station.felt_contact import sensed_contact
-from uvms_drake.station.motions import motion_of
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.record import Record
 
 ROUNDING = 1e-9

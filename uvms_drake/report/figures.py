@@ -11,10 +11,15 @@ from matplotlib.figure import Figure
 
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
-from uvms_drake.control.planner import HOVERED, KEPT, SOLVED
-from uvms_drake.model.euler import pose_difference
-from uvms_drake.report.coverage_figure import draw_coverage
-from uvms_drake.report.felt_figure import draw_felt
+from uvms_drake.control.mpc.planner import HOVERED, KEPT, SOLVED
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.report.figure.contact_estimate_figure import draw_felt
+from uvms_drake.report.figure.force_figure import draw_force
+from uvms_drake.report.figure.kinematic_figures import (
+    draw_input_norms,
+    draw_orientation_errors,
+    draw_position_errors,
+)
 from uvms_drake.report.figure_style import (
     BLUE,
     DARKER,
@@ -33,19 +38,14 @@ from uvms_drake.report.figure_style import (
     room_above_zero,
     tube_label,
 )
-from uvms_drake.report.force_figure import draw_force
-from uvms_drake.report.kinematic_figures import (
-    draw_input_norms,
-    draw_orientation_errors,
-    draw_position_errors,
-)
-from uvms_drake.report.mission_figure import draw_mission
-from uvms_drake.report.robot_figure import draw_robot
+from uvms_drake.report.mission.coverage_figure import draw_coverage
+from uvms_drake.report.mission.mission_figure import draw_mission
+from uvms_drake.report.robot.robot_figure import draw_robot
 from uvms_drake.report.signals import nominal_limits, real_limits
 from uvms_drake.report.thrusters import draw_thrusters, part_of
-from uvms_drake.station.motions import MOTIONS, motion_of
+from uvms_drake.station.motions.motions import MOTIONS, motion_of
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 
 JOINTS, THRUSTERS, MISSION, COVERAGE = (
     "joints.png", "thrusters.png", "mission.png", "coverage.png")

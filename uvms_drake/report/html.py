@@ -14,7 +14,7 @@ from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.common.program import VERSION
 from uvms_drake.report.summary import format_summary, summarise
 from uvms_drake.station.record import LOG_FILE, SCENARIO_FILE, TIMING_FILE, Record, load_record
-from uvms_drake.station.scenario import dump_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario
 
 PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1a1a1a; --soft: #5a5f66; --rule: #d5d9de; --blue: #0072b2; }

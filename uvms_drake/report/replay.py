@@ -6,8 +6,8 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from uvms_drake.station.record import Record
-from uvms_drake.station.setting import setting_of
-from uvms_drake.visual.knowledge import known_from
+from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.visual.objects.contact_knowledge import known_from
 from uvms_drake.visual.scene import Moment, Scene
 
 MOST_FRAMES = 1800

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from uvms_drake.control.limits import Limit, tighten
-from uvms_drake.control.points import Points
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.station.diagram import bounds_disturbance
-from uvms_drake.station.motions import limits_of
+from uvms_drake.station.motions.motions import limits_of
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9

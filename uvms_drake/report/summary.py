@@ -12,13 +12,13 @@ import numpy as np
 
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
-from uvms_drake.control.planner import DROPPED, FAILED, HOVERED, KEPT, LATE
-from uvms_drake.control.tube_monitor import TUBE_REPORT
-from uvms_drake.model.euler import pose_difference
-from uvms_drake.model.spatial import times
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, LATE
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.report.events import ALARMING, events
-from uvms_drake.report.mission import format_mission, summarise_mission
+from uvms_drake.report.mission.mission import format_mission, summarise_mission
 from uvms_drake.report.signals import (
     constraint_signals,
     constraint_units,
@@ -26,10 +26,10 @@ from uvms_drake.report.signals import (
     settling_index,
     wrench_unit,
 )
+from uvms_drake.report.surface_class_check import departures
 from uvms_drake.report.thrusters import format_thrusters, summarise_thrusters
-from uvms_drake.report.wall_class import departures
 from uvms_drake.station.diagram import bounds_disturbance, monitor_begin
-from uvms_drake.station.motions import motion_of
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 

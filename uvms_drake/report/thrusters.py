@@ -7,7 +7,7 @@ from uvms_drake.actuation import Thrusters
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.report.figure_style import BLACK, LIMIT, NOMINAL, REAL, legend_above, panels
 from uvms_drake.station.record import Record
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 
 
 def part_of(scenario: Scenario) -> Thrusters | None:

@@ -2,8 +2,8 @@
 
 Under those that are noticed a wall that nobody measured is pressed no harder than it may be, as
 long as its tube holds: what it is safe to press on is known for good, the plan goes no further
-without readings, and retreats if they stay away (`control.contact.target`). Until then, and while
-it retreats, the tube is not what it was: no certificate covers that.
+without readings, and retreats if they stay away (`control.contact.press_target`). Until then, and
+while it retreats, the tube is not what it was: no certificate covers that.
 """
 
 from dataclasses import dataclass, field

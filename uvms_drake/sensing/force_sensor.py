@@ -41,14 +41,14 @@ from pydrake.systems.framework import (
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.wiring import added
-from uvms_drake.model.euler import rotated_back
-from uvms_drake.model.part import MEASURED_FORCE, ForceReading, Part, Signals
-from uvms_drake.model.spatial import block_diagonal
-from uvms_drake.model.tip import force_in_tip, force_of_tip
+from uvms_drake.model.frames.end_effector import force_in_tip, force_of_tip
+from uvms_drake.model.frames.euler import rotated_back
+from uvms_drake.model.frames.spatial import block_diagonal
+from uvms_drake.model.sensor_actuator import MEASURED_FORCE, ForceReading, Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.sensing.force_bound import error_bound, in_tip_axes, readable_force, transfer
+from uvms_drake.sensing.force_error_bound import error_bound, in_tip_axes, readable_force, transfer
 from uvms_drake.sensing.tip_pose import tip_pose
-from uvms_drake.sensing.tool import Tool
+from uvms_drake.sensing.tool_weight import Tool
 
 STREAM = 1
 """Key of a force sensor's random numbers, which keeps them apart from those of others."""

@@ -10,24 +10,24 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLog, VectorLogSink
 
 from uvms_drake.common.errors import within
+from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.limits import resolved_radii
-from uvms_drake.control.planner import MPC_REPORT
-from uvms_drake.control.solver_faults import SolverFaults
-from uvms_drake.control.tube_monitor import TubeMonitor
+from uvms_drake.control.mpc.planner import MPC_REPORT
+from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import VEHICLE_WRENCH, Signals
+from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Signals
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.station.chain import add_chain, keyed
-from uvms_drake.station.faults import faults_at
-from uvms_drake.station.felt_force import add_felt_force
+from uvms_drake.station.force_measurement import add_felt_force
 from uvms_drake.station.mission import add_mission
-from uvms_drake.station.motions import motion_of
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
-from uvms_drake.station.scenario import Scenario
-from uvms_drake.station.setting import setting_of
+from uvms_drake.station.scenario.faults import faults_at
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.scene_setting import setting_of
+from uvms_drake.station.series_connection import add_chain, keyed
 from uvms_drake.visual.controls import DisturbanceSlider
 from uvms_drake.visual.illustration import Illustration
-from uvms_drake.visual.knowledge import KNOWN
+from uvms_drake.visual.objects.contact_knowledge import KNOWN
 
 SAMPLED = ("report", "solve_seconds")
 """Outputs of the MPC that are logged every sampling period."""

@@ -5,10 +5,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.mission.system import MissionControl
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.part import Signals
-from uvms_drake.station.felt_contact import sensed_contact
+from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.problem import task_place
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.visual.controls import HomeButton
 
 LOGGED = {"mission_place": "due_place", "mission_force": "due_force",

@@ -1,7 +1,8 @@
 """What is certified of each step of a mission before it begins: force, time, and what voids it.
 
 *The force.* In a hold `SensedContact.band`, with the plan at its target. In a slide it follows the
-target, and how far behind is known then and not before: no number here, see `report.mission`.
+target, and how far behind is known then and not before: no number here, see
+`report.mission.mission`.
 
 *At all times* the static force is at most `contact.force`, whatever the plan is short of.
 """

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.control.dynamic_ocp import DynamicOcp
-from uvms_drake.control.kinematic_ocp import KinematicOcp
 from uvms_drake.control.limits import Limit, make_limits, tighten
 from uvms_drake.control.limits.attitude import ANGLES
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.points import Points
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.model.surface.law import Surface, check_surface
 from uvms_drake.plant.surface_error import displaced
-from uvms_drake.station.robot import sound_robot
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.robot_loading import sound_robot
+from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.terminal_set import largest_radius
 
 

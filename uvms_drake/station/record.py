@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.control.tube_monitor import FIELDS
+from uvms_drake.control.feedback.tube_monitor import FIELDS
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
-from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 
 SCENARIO_FILE = "scenario.yaml"
 LOG_FILE = "log.npz"

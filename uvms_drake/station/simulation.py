@@ -14,10 +14,10 @@ from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.limits import joint_limits
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.diagram import make_station, read_logs
-from uvms_drake.station.motions import motion_of
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.record import RENAMED, Record
-from uvms_drake.station.scenario import Scenario
+from uvms_drake.station.scenario.scenario import Scenario
 
 PROGRESS_PERIOD = 0.1
 """Simulated time between two calls of `progress` [s]."""

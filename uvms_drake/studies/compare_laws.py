@@ -17,17 +17,17 @@ from pydrake.systems.framework import DiagramBuilder
 from uvms_drake.certificate.certify import basis_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
+from uvms_drake.control.feedback.tube_monitor import TubeMonitor, TubeReport
 from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.control.laws.law import FIELDS, AncillaryLaw
-from uvms_drake.control.tube_monitor import TubeMonitor, TubeReport
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.plant.adversary import AdversarialDisturbance, Adversary, Kind
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
-from uvms_drake.station.motions import motion_of
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
-from uvms_drake.station.scenario import Scenario
-from uvms_drake.tube.dynamic import TASK_RADII, lemma_constants
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.laws.dynamic import TASK_RADII, lemma_constants
 
 LAWS: tuple[AncillaryLaw, ...] = (
     Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),

@@ -18,13 +18,13 @@ import numpy as np
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.laws.tip_rows import best_rows
-from uvms_drake.model.euler import rotation_matrix
-from uvms_drake.model.thruster_data import AXES
+from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.robot_folder.thruster_file import AXES
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.report.robot_sheet import largest_wrench
-from uvms_drake.tube.tube_image import input_gain
+from uvms_drake.report.robot.robot_sheet import largest_wrench
+from uvms_drake.tube.resolved.image import input_gain
 
 POSTURES = 3000
 """Random postures among which the search begins."""

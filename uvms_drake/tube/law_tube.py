@@ -9,12 +9,12 @@ import numpy as np
 
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.tube.actuators import Actuators
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.constants import Constant
-from uvms_drake.tube.constraint_set import ConstraintSet
-from uvms_drake.tube.estimate import Check, no_estimates
-from uvms_drake.tube.sensed import FeltForce
+from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.contact.sensor_error import FeltForce
+from uvms_drake.tube.loops.actuator_path import Actuators
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.estimate import Check, no_estimates
 from uvms_drake.tube.settings import CertificateSettings
 
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}

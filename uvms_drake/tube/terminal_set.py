@@ -24,9 +24,9 @@ from pydrake.solvers import MathematicalProgram, SnoptSolver
 
 from uvms_drake.common.differentiable import differentiable
 from uvms_drake.common.errors import require
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.points import Points
-from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.points import Points
+from uvms_drake.model.frames.euler import COMPLEX_STEP
 
 DECREASE, AT_REST = "decrease", "decrease at rest"
 INNERMOST = 0.05

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.wiring import added
-from uvms_drake.visual.knowledge import KNOWN, known_from
+from uvms_drake.visual.objects.contact_knowledge import KNOWN, known_from
 from uvms_drake.visual.scene import Moment, Scene, Setting
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.points import Points
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.uvms_model import UvmsModel
 
 ACTIVE = 0.98

@@ -5,20 +5,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
-from uvms_drake.visual.coverage import Coverage
-from uvms_drake.visual.drawn_robot import DrawnRobot
-from uvms_drake.visual.floor import Floor
-from uvms_drake.visual.hud import Hud
-from uvms_drake.visual.knowledge import DrawnKnowledge, Known, Told
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
-from uvms_drake.visual.pressing import Pressing
-from uvms_drake.visual.props import PLAN, REAL, Polyline, Trail
+from uvms_drake.visual.objects.contact_knowledge import DrawnKnowledge, Known, Told
+from uvms_drake.visual.objects.coverage import Coverage
+from uvms_drake.visual.objects.drawn_robot import DrawnRobot
+from uvms_drake.visual.objects.floor import Floor
+from uvms_drake.visual.objects.hud import Hud
+from uvms_drake.visual.objects.pressing import Pressing
+from uvms_drake.visual.objects.props import PLAN, REAL, Polyline, Trail
+from uvms_drake.visual.objects.tube import DrawnTube, round_magnification
 from uvms_drake.visual.stage import NED, Stage
-from uvms_drake.visual.tube import DrawnTube, round_magnification
 
 WATER = {"top_color": [0.36, 0.60, 0.72], "bottom_color": [0.04, 0.16, 0.26]}
 GHOST = Rgba(1.0, 1.0, 1.0, 0.75)

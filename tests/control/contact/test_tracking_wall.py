@@ -14,15 +14,16 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
-from uvms_drake.control.contact.explored_front import ExploredFront
-from uvms_drake.control.contact.felt import ForceSensing
-from uvms_drake.control.contact.target import PressTarget
-from uvms_drake.control.nominal_mpc import NominalMpc
-from uvms_drake.control.planner import FAILED, MPC_REPORT
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.contact.contact_estimator import ExploredFront
+from uvms_drake.control.contact.contact_state import ForceSensing
+from uvms_drake.control.contact.press_target import PressTarget
+from uvms_drake.control.mpc.nominal_mpc import NominalMpc
+from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.sensing.faulty_sensor import FaultySensor
+from uvms_drake.sensing.force_fault_detector import ForceWatch
 from uvms_drake.sensing.force_faults import (
     ForceFault,
     FrozenForce,
@@ -31,7 +32,6 @@ from uvms_drake.sensing.force_faults import (
     SaturatedForce,
 )
 from uvms_drake.sensing.force_sensor import cut_noise
-from uvms_drake.sensing.force_watch import ForceWatch
 
 WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)
 SENSING = ForceSensing(force_max=20.0, noise=0.2, period=0.02, window=0.02, tare=0.0)

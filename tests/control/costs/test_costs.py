@@ -11,14 +11,14 @@ from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.costs.level_vehicle import LevelVehicle
 from uvms_drake.control.costs.term import CostTerm
-from uvms_drake.control.nlp import NonlinearSolver
-from uvms_drake.control.ocp import Ocp
-from uvms_drake.control.plan import Plan
-from uvms_drake.control.points import Points, Slopes
-from uvms_drake.control.scp import SequentialConvexSolver
-from uvms_drake.station.motions import make_ocp
+from uvms_drake.control.ocp.nlp import NonlinearSolver
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.plan.plan import Plan
+from uvms_drake.control.plan.points import Points, Slopes
+from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
-from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 

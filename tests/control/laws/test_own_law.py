@@ -10,10 +10,10 @@ from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.report.figures import draw_deviation
 from uvms_drake.report.summary import format_summary, summarise
-from uvms_drake.station.scenario import dump_scenario, load_scenario
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
 

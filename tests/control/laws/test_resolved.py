@@ -7,7 +7,7 @@ from support.laws import SIGMA, K, not_asked, pairs, resolved_input
 
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import pair_of
-from uvms_drake.control.plan import DynamicPlan
+from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.uvms_model import configuration_rate
 
 

@@ -16,7 +16,7 @@ from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.station.scenario import load_scenario
+from uvms_drake.station.scenario.scenario import load_scenario
 
 LAW = TipFirst(BlockGains(1.5, 0.4), BlockGains(20.0, 10.0))
 ROWS = np.array([0, 1, 2, 9])  # x, y, z, q4

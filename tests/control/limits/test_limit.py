@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.limits.limit` and of `uvms_drake.control.points`, with all kinds."""
+"""Tests of `control.limits.limit` and of `control.plan.points`, with all kinds."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits, tighten
-from uvms_drake.control.points import Points
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane

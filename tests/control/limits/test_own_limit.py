@@ -12,15 +12,15 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
-from uvms_drake.control.nlp import NonlinearSolver
-from uvms_drake.control.points import Points
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.nlp import NonlinearSolver
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.plan.points import Points
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.report.signals import constraint_signals
-from uvms_drake.station.motions import limits_of, make_ocp
+from uvms_drake.station.motions.motions import limits_of, make_ocp
 from uvms_drake.station.problem import start_state
-from uvms_drake.station.scenario import Scenario, dump_scenario, load_scenario
-from uvms_drake.station.setting import setting_of
+from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
+from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.terminal_set import TerminalLoop
 

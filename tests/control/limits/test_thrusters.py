@@ -9,11 +9,11 @@ from support.thrusters import eight_thrusters
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limits, TubeRadii, check_limits, make_limits, tighten
-from uvms_drake.control.limits.contact import ForceCone, UnderContact
+from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import Forces
 from uvms_drake.control.limits.thrusters import ThrusterForces
-from uvms_drake.control.points import Points, slopes
-from uvms_drake.control.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.plan.points import Points, slopes
 from uvms_drake.model.allocation import Allocation
 from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import configuration_rate_matrix

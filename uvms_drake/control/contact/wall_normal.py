@@ -35,7 +35,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
-from uvms_drake.control.contact.explored_front import ExploredFront
+from uvms_drake.control.contact.contact_estimator import ExploredFront
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEP = 0.01

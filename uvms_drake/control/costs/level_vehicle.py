@@ -6,7 +6,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.costs.term import CostTerm
-from uvms_drake.control.points import Points
+from uvms_drake.control.plan.points import Points
 
 
 @dataclass

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from uvms_drake.control.costs.term import CostTerm
-from uvms_drake.control.points import About, Points, Slopes
+from uvms_drake.control.plan.points import About, Points, Slopes
 
 
 @dataclass(frozen=True)

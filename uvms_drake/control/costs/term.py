@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from uvms_drake.control.points import About, Points, Slopes, slopes
+from uvms_drake.control.plan.points import About, Points, Slopes, slopes
 
 
 class CostTerm(ABC):

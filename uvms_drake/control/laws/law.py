@@ -2,7 +2,7 @@
 
 A law is a dataclass of its gains that derives from `AncillaryLaw`. One of `command` and `velocity`
 is all that a closed loop needs. `AnyLaw` in `control.laws` names those that a scenario's file may
-name, and `tube.dynamic` and `tube.kinematic` those that have a certificate.
+name, and `tube.laws.dynamic` and `tube.laws.kinematic` those that have a certificate.
 """
 
 import math
@@ -15,7 +15,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 

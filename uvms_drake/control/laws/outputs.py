@@ -3,8 +3,8 @@
 import numpy as np
 
 from uvms_drake.control.laws.law import Outputs, Pair
-from uvms_drake.model.euler import pose_difference
-from uvms_drake.model.spatial import cross, times
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.model.frames.spatial import cross, times
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 

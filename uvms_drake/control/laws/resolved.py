@@ -28,7 +28,7 @@ from uvms_drake.control.laws.law import (
     RunBound,
     check_gains,
 )
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 
 
@@ -83,8 +83,8 @@ class Resolved(AncillaryLaw):
 
             Ṙ = −k R + d̃,    Ė_b = −σ E_b + ‖J_b(𝔮(t))Ŵ‖₂ R,    Ṗ = −(σ − μ(t)) P + R,
 
-        μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs in `tube.tubes`
-        ‖𝔯‖ ≤ ‖Ŵ⁻¹𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ P, and so
+        μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs in
+        `tube.resolved.bounds` ‖𝔯‖ ≤ ‖Ŵ⁻¹𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ P, and so
         ‖𝔷‖ ≤ R + σP + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖. Only the E_b know of Ŵ; R and P are those of
         the ball ‖d‖ ≤ d̃ too. The states are R, the E_b of task, position, orientation and joints,
         and P.

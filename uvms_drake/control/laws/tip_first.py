@@ -33,8 +33,9 @@ about it. In (L) its row of dynamics, with that torque, takes the place of its r
 not fed back; all other rows obey (R) as before.
 
 The vehicle's rows obey (R) as far as τ_v is what (L) asks for. What a lag makes of them is in
-`tube.row_loop`. What is known in advance need not be late: where the command is known to act ℓ
-later, the plan's forces of that time are asked for, τ + τ̄(t + ℓ) − τ̄(t), see `control.ahead`.
+`tube.loops.row_loop`. What is known in advance need not be late: where the command is known to
+act ℓ later, the plan's forces of that time are asked for, τ + τ̄(t + ℓ) − τ̄(t), see
+`control.feedback.feedforward_preview`.
 """
 
 from collections.abc import Callable

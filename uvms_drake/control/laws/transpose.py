@@ -26,7 +26,7 @@ from uvms_drake.control.laws.law import (
     RunBound,
     check_gains,
 )
-from uvms_drake.model.euler import pose_difference
+from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.control.limits.limit import AbsoluteLimit
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import Points, Slopes
+from uvms_drake.control.plan.points import Points, Slopes
 
 ANGLES = {"roll": 3, "pitch": 4}
 """Indices of the angles in 𝔮."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import About, Points, Slopes
+from uvms_drake.control.plan.points import About, Points, Slopes
 
 
 def input_names(num_joints: int) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import About, Points, Slopes, slopes
+from uvms_drake.control.plan.points import About, Points, Slopes, slopes
 
 
 class Rows(NamedTuple):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require, vector, within
+from uvms_drake.control.limits.approach_speed import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.attitude import TipPitch, VehicleAngle
-from uvms_drake.control.limits.felt import ContactSpeed, ToolAngle
 from uvms_drake.control.limits.inputs import Accelerations, Forces
 from uvms_drake.control.limits.joints import Joints
 from uvms_drake.control.limits.limit import Limit
@@ -17,8 +17,8 @@ from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.limits.thrusters import ThrusterForces
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
+from uvms_drake.model.robot_folder.thruster_file import ThrusterParameters
 from uvms_drake.model.surface.law import Surface
-from uvms_drake.model.thruster_data import ThrusterParameters
 
 AnyLimit = TipBox | TipVelocity
 """Limits that a scenario may have besides those that every robot has, by their YAML tags."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import About, Points, Slopes
+from uvms_drake.control.plan.points import About, Points, Slopes
 
 BLOCKS = {"nu1": (slice(0, 3), "vehicle speed", "m/s"),
           "nu2": (slice(3, 6), "vehicle turn rate", "rad/s"),

@@ -7,7 +7,7 @@ import numpy as np
 
 from uvms_drake.control.limits.limit import AbsoluteLimit, Cone, Rows
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import Points, Slopes
+from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.model.surface.law import StaticForceRows, Surface
 
 

@@ -14,9 +14,9 @@ from uvms_drake.common.errors import InvalidParameter, require, vector
 from uvms_drake.control.limits.inputs import Forces
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import Points, Slopes
+from uvms_drake.control.plan.points import Points, Slopes
 from uvms_drake.model.allocation import Allocation
-from uvms_drake.model.thruster_data import AXES, ThrusterParameters
+from uvms_drake.model.robot_folder.thruster_file import AXES, ThrusterParameters
 from uvms_drake.model.thrusters import ThrusterModel
 
 

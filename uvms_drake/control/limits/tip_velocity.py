@@ -8,7 +8,7 @@ import numpy as np
 from uvms_drake.common.errors import vector
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii
-from uvms_drake.control.points import About, Points
+from uvms_drake.control.plan.points import About, Points
 
 
 @dataclass

@@ -1,9 +1,9 @@
 """Surfaces to press on, one a file, and the list of those that a scenario can name."""
 
-from uvms_drake.model.surface.known import KnownSurface
+from uvms_drake.model.surface.known_surface import KnownSurface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.surface.sensed import SensedContact
-from uvms_drake.model.surface.shaped import ShapedSurface
+from uvms_drake.model.surface.sensed_contact import SensedContact
+from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 
 AnySurface = UnilateralPlane | BilateralSpring | ShapedSurface

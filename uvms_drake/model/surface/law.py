@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.model.euler import COMPLEX_STEP
+from uvms_drake.model.frames.euler import COMPLEX_STEP
 
 if TYPE_CHECKING:
-    from uvms_drake.model.surface.sensed import SensedContact
+    from uvms_drake.model.surface.sensed_contact import SensedContact
 
 TRIALS = 32
 """Poses at which `check_surface` compares derivatives; half of them at rest."""

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, symmetric_matrix, vector
-from uvms_drake.model.euler import (
+from uvms_drake.model.frames.euler import (
     euler_angles,
     inverse_rate_matrix,
     rate_matrix,
     rotation_matrix,
     wrap_angle,
 )
-from uvms_drake.model.spatial import block_diagonal, in_ball
+from uvms_drake.model.frames.spatial import block_diagonal, in_ball
 from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 

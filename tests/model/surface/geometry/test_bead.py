@@ -7,7 +7,7 @@ from support.shapes import R, in_ball_of, near, turned
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.surface.geometry import Bead
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.surface.shaped import ShapedSurface
+from uvms_drake.model.surface.shaped_surface import ShapedSurface
 
 BEAD = turned(Bead(height=0.003, width=0.03))
 

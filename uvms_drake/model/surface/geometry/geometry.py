@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple, Self
 import numpy as np
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.model.spatial import cross
+from uvms_drake.model.frames.spatial import cross
 
 
 class Spread(NamedTuple):

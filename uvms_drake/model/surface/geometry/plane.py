@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from uvms_drake.model.spatial import cross
+from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.surface.geometry.geometry import Geometry, Spread, angle_between
 
 

@@ -1,0 +1,232 @@
+"""Tests of `control.contact.stiffness_estimate`: what is learned of a wall, and what is not."""
+
+import numpy as np
+import pytest
+
+from uvms_drake.control.contact.press_target import target_depth
+from uvms_drake.control.contact.stiffness_estimate import (
+    NOTHING,
+    SCATTER,
+    Belief,
+    first_belief,
+    moved,
+    slope,
+    surface_depth,
+    tilt,
+    with_reading,
+)
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+MOST, NOISE, MEMORY, PERIOD = 1000.0, 4.2, 10.0, 0.01
+SIGMA = 0.25  # N, of a reading; the bound has bias and much else in it
+WALLS = SurfaceClass(np.array([0.0, 1.0, 0.0]), MOST, np.radians(5.0))
+DEG_3 = np.tan(np.radians(3.0))
+ASIDE = np.array([0.6, 0.0, 0.8])
+"""Unit vector across n, down which the wall here runs off."""
+
+
+def wall(kappa, tilted=0.0):
+    """Returns the static force at places (..., 3) [N] of a wall through the origin."""
+    return lambda tip: kappa * np.maximum(tip @ (WALLS.direction + tilted * ASIDE), 0.0)
+
+
+def path(depth, aside=0.0):
+    """Returns places (m, 3) at depths and lengths along `ASIDE` (m,)."""
+    return np.multiply.outer(depth, WALLS.direction) + np.multiply.outer(
+        np.broadcast_to(aside, np.shape(depth)), ASIDE)
+
+
+def read(tips, forces, belief=NOTHING, *, walls=WALLS, memory=MEMORY, period=PERIOD):
+    """Returns the beliefs after each reading of a contact."""
+    beliefs = []
+    for tip, force in zip(tips, forces, strict=True):
+        belief = with_reading(belief, walls, tip, force, True, NOISE, memory, period)
+        beliefs.append(belief)
+    return beliefs
+
+
+def felt(tips, force, seed=0, **options):
+    noise = SIGMA * np.clip(np.random.default_rng(seed).standard_normal(len(tips)), -3.0, 3.0)
+    return read(tips, force(tips) + noise, **options)
+
+
+def pressed(kappa, force=20.0, tilted=0.0, count=150):
+    """Returns what is believed after a press to a force, as fast at first as at the end slow."""
+    depth = force / kappa * (1.0 - np.linspace(1.0, 0.0, count) ** 2)
+    return felt(path(depth), wall(kappa, tilted))[-1]
+
+
+def test_it_is_the_least_squares_fit_of_a_wall_that_is_straight():
+    """With its beginning as one more reading, and no step that is smaller than ν/κ₊."""
+    straight = SurfaceClass(WALLS.direction, MOST)
+    rng = np.random.default_rng(0)
+    depth = np.cumsum(rng.uniform(1.0, 2.0, 12)) * NOISE / MOST
+    forces = 300.0 * depth + rng.uniform(-1.0, 1.0, 12)
+    last = read(path(depth), forces, walls=straight, memory=np.inf, period=0.0)[-1]
+    weights = 1.0 / np.array([0.5 * MOST, NOISE, *[SCATTER * NOISE] * 11])
+    rows = np.column_stack([np.append(0.0, np.ones(12)), np.append(1.0, depth - depth[-1])])
+    fit, *_ = np.linalg.lstsq(weights[:, None] * rows, weights * np.append(0.5 * MOST, forces),
+                              rcond=None)
+    np.testing.assert_allclose(last.mean[:2], fit)
+    np.testing.assert_allclose(last.covariance[:2, :2], np.linalg.inv(
+        rows.T @ (weights[:, None] ** 2 * rows)))
+
+
+def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
+    belief = first_belief(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
+        mean=np.array([9.0, 600.0, 0.03, -0.05]))
+    tip = np.array([0.01, 0.03, -0.02])
+
+    def after(mean):
+        return moved(belief._replace(mean=mean), WALLS, tip, np.inf).mean
+
+    steps = 1e-6 * np.array([1.0, 600.0, 1.0, 1.0])
+    A = np.column_stack([(after(belief.mean + h) - after(belief.mean - h)) / (2.0 * np.max(h))
+                         for h in np.diag(steps)])
+    P, expected = moved(belief, WALLS, tip, np.inf).covariance, A @ belief.covariance @ A.T
+    apart = ~np.eye(4, dtype=bool)
+    np.testing.assert_allclose(P[apart], expected[apart], rtol=1e-6, atol=1e-9)
+    assert np.all(np.diag(P) >= np.diag(expected) * (1.0 - 1e-9))
+
+
+def test_nothing_known_is_the_stiffest_wall():
+    assert slope(NOTHING, WALLS) == MOST
+    assert np.isnan(surface_depth(NOTHING, WALLS, np.zeros(3)))
+    np.testing.assert_array_equal(tilt(NOTHING, WALLS), np.zeros(3))
+    once = read(path([0.3]), [10.0])[-1]
+    assert slope(once, WALLS) == MOST
+    assert surface_depth(once, WALLS, path(0.31)) == pytest.approx(0.3 - 10.0 / MOST)
+
+
+@pytest.mark.parametrize("kappa", [100.0, 300.0, 950.0])
+def test_a_press_teaches_the_slope(kappa):
+    last = pressed(kappa)
+    assert 0.95 * kappa <= slope(last, WALLS) <= min(1.4 * kappa, MOST)
+    begins = surface_depth(last, WALLS, path(20.0 / kappa))
+    assert begins == pytest.approx(0.0, abs=0.3 * 20.0 / kappa)
+
+
+def test_a_tip_at_rest_neither_learns_nor_forgets():
+    """Nor one whose position is measured with an error of 2 mm at most."""
+    before, rng = pressed(300.0), np.random.default_rng(1)
+    tips = before.at + 6.7e-4 * np.clip(rng.standard_normal((500, 3)), -2.0, 2.0)
+    after = felt(tips, lambda tips: np.full(500, 20.0), belief=before)[-1]
+    np.testing.assert_array_equal(after.mean, before.mean)
+    np.testing.assert_array_equal(after.covariance[1:], before.covariance[1:])
+
+
+@pytest.mark.parametrize("kappa", [100.0, 700.0])
+def test_a_slide_on_a_wall_that_runs_off_teaches_how_it_is_inclined(kappa):
+    """At one force, 0.6 m along the wall: the wall that recedes does not look soft."""
+    before, aside = pressed(kappa, tilted=DEG_3), np.linspace(0.0, 0.6, 200)
+    beliefs = felt(path(20.0 / kappa - DEG_3 * aside, aside), wall(kappa, DEG_3), belief=before)
+    learned = np.array([slope(belief, WALLS) for belief in beliefs])
+    assert np.all(learned >= 0.9 * kappa)
+    assert np.all(learned <= min(1.6 * kappa, MOST))
+    np.testing.assert_allclose(tilt(beliefs[-1], WALLS), DEG_3 * ASIDE, atol=0.15 * DEG_3)
+
+
+@pytest.mark.parametrize("kappa", [300.0, 900.0])
+def test_a_slide_along_which_the_position_is_wrong_teaches_no_stiffness(kappa):
+    """By 2 mm at most, at 50 Hz: depths that are not there would make the wall look soft."""
+    before, rng, count = pressed(kappa, 10.0, DEG_3), np.random.default_rng(2), 1500
+    aside = np.linspace(0.0, 0.6, count)
+    tips = path(10.0 / kappa - DEG_3 * aside, aside)
+    seen = tips + np.repeat(
+        6.7e-4 * np.clip(rng.standard_normal((count // 2, 3)), -3.0, 3.0), 2, axis=0)
+    last = read(seen, wall(kappa, DEG_3)(tips), belief=before)[-1]
+    assert 0.9 * kappa <= slope(last, WALLS) <= min(1.6 * kappa, MOST)
+    np.testing.assert_allclose(tilt(last, WALLS), DEG_3 * ASIDE, atol=0.25 * DEG_3)
+
+
+def test_hard_below_soft_and_soft_below_hard_are_noticed_within_a_few_noises():
+    for first, second in ((100.0, MOST), (MOST, 100.0)):
+        before, start = pressed(first), 20.0 / first
+        deeper = start + np.linspace(0.0, 5.0 * NOISE / MOST, 60)
+        last = felt(path(deeper), lambda tips, at=start, k=second: 20.0 + k * (
+            tips @ WALLS.direction - at), belief=before)[-1]
+        assert slope(last, WALLS) > 0.8 * MOST or second < first
+        longer = start + np.linspace(0.0, 15.0 / second, 120)
+        last = felt(path(longer), lambda tips, at=start, k=second: 20.0 + k * (
+            tips @ WALLS.direction - at), belief=before)[-1]
+        assert 0.9 * second <= slope(last, WALLS) <= max(2.0 * second, 0.3 * MOST)
+
+
+def test_a_wall_that_hardens_is_followed():
+    depth = np.linspace(0.0, 0.06, 300)
+    beliefs = felt(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
+    for i in (150, 299):
+        assert 0.6 <= slope(beliefs[i], WALLS) / (1e4 * depth[i]) <= 1.5
+
+
+def test_a_wall_that_is_gone_is_forgotten_and_one_ahead_is_not():
+    before = pressed(500.0)
+    for depth, forgotten in ((-0.05, False), (0.0, False), (0.04, True)):
+        after = with_reading(before, WALLS, path(depth), 0.2, False, NOISE, MEMORY, PERIOD)
+        assert np.isnan(after.mean[0]) == forgotten
+        assert slope(after, WALLS) == (MOST if forgotten else slope(before, WALLS))
+
+
+@pytest.mark.parametrize("kappa", [100.0, 400.0, MOST])
+@pytest.mark.parametrize("late", [0.0, 0.03, 0.14])
+def test_a_fast_press_teaches_the_slope_too(kappa, late):
+    """However late the readings are: at 50 mm/s, and with a stop within 30 mm at 20 N."""
+    window, speed = 0.14, 0.05
+    time = np.arange(0.0, 2.0 + 20.0 / kappa / speed, PERIOD)
+    depth = np.where(time * speed < 20.0 / kappa, time * speed, 20.0 / kappa)
+    before = np.interp(time - window, time, depth, left=0.0)
+    force = kappa * np.interp(time - late, time, depth, left=0.0)
+    belief, rng = NOTHING, np.random.default_rng(3)
+    for tip, F, way in zip(path(depth), force, depth - before, strict=True):
+        F += SIGMA * np.clip(rng.standard_normal(), -3.0, 3.0)
+        belief = with_reading(belief, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, way)
+        assert slope(belief, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
+    assert slope(belief, WALLS) < max(2.0 * kappa, 0.25 * MOST)
+
+
+def test_a_reading_that_may_be_of_another_place_is_of_another_wall_only_beyond_that():
+    before, way = pressed(500.0), 8.0 * NOISE / MOST
+    expected = 20.0 + 500.0 * 0.02
+    for off, forgotten in ((-0.9 * 500.0 * way, False), (-NOISE - 2.0 * 500.0 * way, True)):
+        after = with_reading(before, WALLS, path(20.0 / 500.0 + 0.02), expected + off, False,
+                             NOISE, MEMORY, PERIOD, way)
+        assert np.isnan(after.mean[0]) == forgotten
+
+
+def test_walls_can_be_stacked():
+    rng = np.random.default_rng(5)
+    tips = path(np.cumsum(rng.uniform(0, 3e-3, (30, 4)), axis=0), rng.uniform(0.0, 0.1, (30, 4)))
+    forces, touched = rng.uniform(0, 20, (30, 4)), rng.random((30, 4)) < 0.8
+    together = Belief(*(np.broadcast_to(part, (4, *part.shape)) for part in NOTHING))
+    alone = [NOTHING] * 4
+    for tip, force, touch in zip(tips, forces, touched, strict=True):
+        together = with_reading(together, WALLS, tip, force, touch, NOISE, MEMORY, PERIOD)
+        alone = [with_reading(alone[i], WALLS, tip[i], force[i], touch[i], NOISE, MEMORY, PERIOD)
+                 for i in range(4)]
+    for i in range(4):
+        np.testing.assert_allclose(together.mean[i], alone[i].mean, rtol=1e-9)
+        np.testing.assert_allclose(together.covariance[i], alone[i].covariance, rtol=1e-9)
+
+
+def test_the_state_has_all_of_it():
+    before = pressed(500.0)
+    for part, other in zip(before, Belief.of(before.state), strict=True):
+        np.testing.assert_array_equal(part, other)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
+    """A tip that follows its target T late, along a wall that comes nearer; else κ̂Tv tan θ is."""
+    kappa, speed, lag, desired = 700.0, 0.02, 0.6, 20.0
+    belief, force_at = pressed(kappa, tilted=DEG_3), wall(kappa, DEG_3)
+    tip = path(desired / kappa)
+    for time in np.arange(0.0, 20.0, 0.1):
+        force, place = force_at(tip), path(0.0, speed * time)
+        belief = with_reading(belief, WALLS, tip, force, True, NOISE, MEMORY, 0.1)
+        estimate = slope(belief, WALLS) if known else kappa
+        beside = tilt(belief, WALLS) @ (tip - place) if known else 0.0
+        depth = target_depth(desired, np.array([WALLS.depth(tip), force]), True, estimate, 0.0,
+                             np.inf, beside=beside)
+        tip = tip + 0.1 / lag * (place + depth * WALLS.direction - tip)
+    left = 0.0 if known else kappa * lag * speed * DEG_3
+    assert force - desired == pytest.approx(left, abs=0.05)

@@ -1,0 +1,316 @@
+"""Tests of `uvms_drake.control.convex.staged_program`, against the program written out in full."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from support.limits import with_limits
+from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
+
+from uvms_drake.control.convex import staged_solver
+from uvms_drake.control.convex.least_norm_conic import shortest
+from uvms_drake.control.convex.regulator import motion, riccati
+from uvms_drake.control.convex.staged_program import (
+    LinearLimits,
+    NormLimit,
+    Room,
+    StagedProgram,
+    TerminalLimit,
+    stacked,
+)
+from uvms_drake.control.convex.staged_solver import solve_staged
+from uvms_drake.control.convex.working_set import WorkingSet
+from uvms_drake.control.ocp.tracking_ocp import Aim
+from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+
+def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | None:
+    """Returns w, s, v and the cost: every variable and every limit goes to the conic solver."""
+    N, nx, nw = program.B.shape
+    prog = MathematicalProgram()
+    x, w = prog.NewContinuousVariables(N + 1, nx, "x"), prog.NewContinuousVariables(N, nw, "w")
+    s, v = prog.NewContinuousVariables(1, "s"), prog.NewContinuousVariables(1, "v")
+    prog.AddLinearCost([program.slack_penalty, program.excess_penalty], np.concatenate([s, v]))
+    prog.AddBoundingBoxConstraint(0.0, np.inf, np.concatenate([s, v]))
+    prog.AddBoundingBoxConstraint(0.0, 0.0, x[0])
+    prog.AddQuadraticCost(program.H_end, program.g_end, 0.0, x[N], is_convex=True)
+    for k in range(N):
+        prog.AddQuadraticCost(
+            program.H[k], program.g[k], 0.0, np.concatenate([x[k], w[k]]), is_convex=True)
+        prog.AddLinearEqualityConstraint(
+            np.hstack([program.A[k], program.B[k], -np.eye(nx)]), np.zeros(nx),
+            np.concatenate([x[k], w[k], x[k + 1]]))
+    linear = program.linear
+    unused = prog.NewContinuousVariables(nw, "w_N")
+    prog.AddBoundingBoxConstraint(0.0, 0.0, unused)
+    z = [*(np.concatenate([x[k], w[k]]) for k in range(N)), np.concatenate([x[N], unused])]
+    for k in range(N + 1):
+        soft = linear.soft[:, None].astype(float)
+        for sign, bound in ((1.0, linear.upper[k]), (-1.0, -linear.lower[k])):
+            kept = np.isfinite(bound)
+            prog.AddLinearConstraint(
+                np.hstack([sign * linear.C[k], -soft])[kept], np.full(kept.sum(), -np.inf),
+                (bound - sign * linear.value[k])[kept], np.concatenate([z[k], v]))
+        for limit in program.norms:
+            if np.isfinite(limit.bound[k]):
+                prog.AddLorentzConeConstraint(
+                    np.vstack([np.zeros((1, nx + nw)), limit.C]),
+                    np.concatenate([[limit.bound[k]], limit.value[k]]), z[k])
+    terminal = program.terminal
+    if np.isfinite(terminal.radius):
+        A = np.zeros((1 + len(terminal.T), nx + 1))
+        A[0, nx], A[1:, :nx] = 1.0, terminal.T
+        prog.AddLorentzConeConstraint(
+            A, np.concatenate([[terminal.radius], terminal.value]), np.concatenate([x[N], s]))
+    if terminal.room is not None:
+        for row, room in zip(terminal.room.rows, terminal.room.size, strict=True):
+            A = np.zeros((1 + len(terminal.T), nx + 1))
+            A[0, nx], A[0, :nx], A[1:, :nx] = 1.0, row, terminal.T
+            prog.AddLorentzConeConstraint(
+                A, np.append(room, terminal.value), np.concatenate([x[N], s]))
+    result = ClarabelSolver().Solve(prog)
+    if not result.is_success():
+        return None
+    return (result.GetSolution(w), *result.GetSolution(s), *result.GetSolution(v),
+            result.get_optimal_cost())
+
+
+def value(program: StagedProgram, w: np.ndarray, slack: float, excess: float) -> float:
+    """Returns the cost of a change."""
+    x, total = np.zeros(program.A.shape[1]), 0.0
+    for A, B, H, g, w_k in zip(program.A, program.B, program.H, program.g, w, strict=True):
+        z = np.concatenate([x, w_k])
+        total += 0.5 * z @ H @ z + g @ z
+        x = A @ x + B @ w_k
+    total += 0.5 * x @ program.H_end @ x + program.g_end @ x
+    return total + program.slack_penalty * slack + program.excess_penalty * excess
+
+
+def random_program(seed: int, room: float, radius: float = 0.2) -> StagedProgram:
+    """Returns a program of 5 stages, 4 states and 2 decisions; more `room` leaves more free."""
+    rng = np.random.default_rng(seed)
+    N, nx, nw, m = 5, 4, 2, 3
+    roots = rng.normal(size=(N, nx + nw, nx + nw))
+    C = rng.normal(size=(N + 1, m, nx + nw))
+    C[N, :, nx:] = 0.0
+    bound = room * rng.uniform(0.5, 1.5, size=(N + 1, m))
+    bound[0] = np.inf
+    T = rng.normal(size=(3, nx))
+    return StagedProgram(
+        A=np.eye(nx) + 0.3 * rng.normal(size=(N, nx, nx)), B=rng.normal(size=(N, nx, nw)),
+        H=np.swapaxes(roots, 1, 2) @ roots + 0.1 * np.eye(nx + nw),
+        g=rng.normal(size=(N, nx + nw)), H_end=np.eye(nx), g_end=rng.normal(size=nx),
+        linear=LinearLimits(C, 0.2 * rng.uniform(-1, 1, size=(N + 1, m)), -bound, bound,
+                            np.array([True, False, False])),
+        norms=(NormLimit(np.hstack([rng.normal(size=(2, nx)), np.zeros((2, nw))]),
+                         0.1 * rng.normal(size=(N + 1, 2)),
+                         np.concatenate([[np.inf], np.full(N, room)])),
+               NormLimit(np.eye(6)[4:], 0.1 * rng.normal(size=(N + 1, 2)),
+                         np.concatenate([np.full(N, room), [np.inf]]))),
+        terminal=TerminalLimit(T, 0.1 * rng.normal(size=3), radius * room),
+        slack_penalty=1.0, excess_penalty=2.0)
+
+
+KINDS = ("free", "by rows", "by cones", "infeasible")
+
+
+def compare(program: StagedProgram) -> str:
+    """Checks a solution against that in full; returns which limits had a say."""
+    found, reference = solve_staged(program), in_full(program)
+    if reference is None:
+        assert found is None
+        return "infeasible"
+    w, slack, excess, cost = reference
+    scale = max(1.0, abs(cost))
+    assert value(program, found.w, found.slack, found.excess) == pytest.approx(
+        cost, abs=1e-6 * scale)
+    np.testing.assert_allclose(found.w, w, atol=1e-3 * max(1.0, np.max(np.abs(w))))
+    assert found.slack == pytest.approx(slack, abs=1e-4)
+    assert found.excess == pytest.approx(excess, abs=1e-5)
+    if found.rows == 0:
+        return "free"
+    return "by rows" if found.cone_programs == 0 else "by cones"
+
+
+@pytest.mark.parametrize("seeds", [12, pytest.param(250, marks=pytest.mark.long)])
+def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
+    kinds = [compare(random_program(seed, room))
+             for room in (0.03, 0.3, 1.0, 100.0) for seed in range(seeds)]
+    kinds += [compare(random_program(seed, room, radius=100.0))
+              for room in (0.3, 1.0) for seed in range(seeds)]
+    assert set(KINDS) == {kind for kind in KINDS if kinds.count(kind) > 5}
+
+
+@pytest.mark.parametrize("off", [0.0, 1.0])
+@pytest.mark.parametrize("size", [-0.1, 0.0, 0.2])
+def test_the_end_has_to_be_where_there_is_room_for_it(size, off):
+    """A second bound of the same norm, which changes with the end; and a plan that ends there."""
+    mattered = 0
+    for seed in range(12):
+        program = random_program(seed, 1.0)
+        row = np.random.default_rng(seed).normal(size=4)
+        room = Room(np.array([size]), row[None])
+        program = replace(program, terminal=program.terminal._replace(
+            value=off * program.terminal.value))
+        inside = replace(program, terminal=program.terminal._replace(room=room))
+        compare(inside)
+        one, other = solve_staged(program), solve_staged(inside)
+        mattered += one is not None and other is not None and not np.allclose(
+            one.w, other.w, atol=1e-4)
+    assert mattered > 2
+
+
+def test_plans_in_front_of_a_wall_end_where_there_is_room_for_nothing():
+    """The kink of the terminal set's cone, which is no cone there but equalities."""
+    facets = SurfaceClass(DIRECTION, angle=0.2).facets
+    ocp = tracking_ocp(facets=facets)
+    aim = Aim(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
+    kinds = []
+    start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    for problem, guess, _ in follow(ocp, 8 * [aim], start, 3):
+        kinds.append(compare(problem.staged_program(guess)))
+    assert kinds.count("by rows") > 4
+
+
+def test_both_relaxations_and_more_than_one_conic_program_occur():
+    """Otherwise the comparison would say nothing about them."""
+    found = [solve_staged(random_program(seed, room))
+             for room in (0.1, 0.3, 1.0) for seed in range(12)]
+    found = [solution for solution in found if solution is not None]
+    assert max(solution.slack for solution in found) > 0.1
+    assert min(solution.slack for solution in found) < 1e-6
+    assert max(solution.excess for solution in found) > 1e-3
+    assert max(solution.cone_programs for solution in found) > 1
+
+
+def both_forms(program: StagedProgram, *, softened: bool) -> bool:
+    """Checks that both forms of the conic program have one solution; returns if there is one."""
+    regulator = riccati(program)
+    z = motion(program, regulator)
+    kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program, 0.03)
+    condensed, sparse = (
+        shortest(program, regulator, z, kept, sparse=sparse, softened=softened)
+        for sparse in (False, True))
+    assert (condensed is None) == (sparse is None)
+    if condensed is None or sparse is None:
+        return False
+    r, *others = condensed
+    np.testing.assert_allclose(sparse.r, r, atol=1e-3 * max(1.0, np.max(np.abs(r))))
+    np.testing.assert_allclose(sparse[1:], others, atol=1e-4 * max(1.0, condensed.price))
+    lengths = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
+               + program.excess_penalty * each.excess for each in (condensed, sparse)]
+    assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
+    return True
+
+
+def test_the_condensed_and_the_sparse_conic_program_have_one_solution(short_ocp, start_plans):
+    """For few limits and for many, without solution too."""
+    for softened in (False, True):
+        solved = [both_forms(random_program(seed, room), softened=softened)
+                  for room in (0.03, 1.0) for seed in range(6)]
+        assert 0 < sum(solved) < len(solved)
+        assert all(both_forms(short_ocp.staged_program(guess), softened=softened)
+                   for guess in start_plans["off"][:3])
+
+
+def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
+    """Checked by widening the soft rows a little."""
+    seen = []
+    for seed in range(20):
+        program = random_program(seed, 0.3)
+        regulator, wide = riccati(program), 1e-4 * program.linear.soft
+        z = motion(program, regulator)
+        kept = WorkingSet.broken(program, z, 0.0)
+        widened = replace(program, linear=program.linear._replace(
+            lower=program.linear.lower - wide, upper=program.linear.upper + wide))
+        here, there = (shortest(each, regulator, z, kept, sparse=True, softened=False)
+                       for each in (program, widened))
+        if here is not None and there is not None:
+            saved = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
+                     for each in (here, there)]
+            assert (saved[0] - saved[1]) / 1e-4 == pytest.approx(here.price, rel=0.05, abs=1e-2)
+            seen.append(here.price)
+    assert max(seen) > program.excess_penalty > min(seen)
+
+
+def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):
+    """Those that the sparse form is taken for."""
+    seen = []
+    solve = staged_solver.shortest
+
+    def watched(program, regulator, z, kept, *, sparse, softened):
+        seen.append((kept.rows(program) > 0.75 * program.B.shape[0] * program.B.shape[2], sparse,
+                     kept.at_all_stages(program).rows(program) == kept.rows(program)))
+        return solve(program, regulator, z, kept, sparse=sparse, softened=softened)
+
+    monkeypatch.setattr(staged_solver, "shortest", watched)
+    for ocp in (short_ocp, with_limits(short_ocp, nu1=0.03, nu2=0.02, qdot=0.05)):
+        for where in ("off", "on"):
+            solve_staged(ocp.staged_program(start_plans[where][0]))
+    assert {(many, sparse) for many, sparse, _ in seen} == {(False, False), (True, True)}
+    assert all(everywhere for _, sparse, everywhere in seen if sparse)
+
+
+@pytest.mark.parametrize("where", ["off", "before", "on"])
+def test_programs_of_the_ideal_scenario_have_the_solution_of_the_program_in_full(
+        short_ocp, start_plans, where):
+    kinds = {compare(short_ocp.staged_program(guess)) for guess in start_plans[where]}
+    assert kinds and "infeasible" not in kinds
+
+
+def test_the_regulator_completes_the_square():
+    """cost(r) − cost(0) = ½ ‖r‖², whatever r."""
+    program = random_program(3, 100.0)
+    regulator = riccati(program)
+    rng = np.random.default_rng(0)
+    costs, sizes = [], []
+    for scale in (0.0, 1.0, 2.0):
+        x, w = np.zeros(4), []
+        r = scale * rng.normal(size=(5, 2))
+        for k in range(5):
+            w.append(regulator.K[k] @ x + regulator.k[k] + regulator.W[k] @ r[k])
+            x = program.A[k] @ x + program.B[k] @ w[k]
+        costs.append(value(program, np.array(w), 0.0, 0.0))
+        sizes.append(0.5 * np.sum(r**2))
+    np.testing.assert_allclose(np.array(costs) - costs[0], sizes, rtol=1e-9)
+
+
+def test_limits_are_stacked_row_by_row():
+    one, other = (random_program(seed, 1.0).linear for seed in (1, 2))
+    both = stacked([one, other])
+    assert both.C.shape == (6, 6, 6)
+    for part, rows in ((one, slice(0, 3)), (other, slice(3, 6))):
+        np.testing.assert_array_equal(both.C[:, rows], part.C)
+        np.testing.assert_array_equal(both.upper[:, rows], part.upper)
+        np.testing.assert_array_equal(both.soft[rows], part.soft)
+
+
+def test_the_program_is_the_first_order_model_of_the_problem(short_ocp, start_plans, derivative):
+    """Along any change of the decision: gradient of the cost, and every limited value."""
+    guess = start_plans["on"][1]
+    program = short_ocp.staged_program(guess)
+    rng = np.random.default_rng(2)
+    change = rng.normal(size=guess.zeta_dot.shape)
+    x, z, slope = np.zeros(20), [], 0.0
+    for k in range(short_ocp.horizon):
+        z.append(np.concatenate([x, change[k]]))
+        slope += program.g[k] @ z[k]
+        x = program.A[k] @ x + program.B[k] @ change[k]
+    z.append(np.concatenate([x, np.zeros(10)]))
+    slope += program.g_end @ x
+
+    def moved(s: float) -> DynamicPlan:
+        return guess.redone(guess.start, guess.zeta_dot + s * change)
+
+    def smooth_cost(s: float) -> float:
+        evaluation = short_ocp.evaluate(moved(s))
+        return evaluation.cost - program.slack_penalty * evaluation.terminal_slack
+
+    assert derivative(smooth_cost, 1e-4) == pytest.approx(slope, rel=1e-6)
+    rows = derivative(lambda s: np.concatenate(short_ocp.inputs(moved(s)), axis=1), 1e-5)
+    predicted = (program.linear.C @ np.array(z)[..., None])[..., 0]
+    np.testing.assert_allclose(rows, predicted[:-1, :20], rtol=1e-4, atol=1e-4)
+    y = derivative(lambda s: short_ocp.model.task_pose(moved(s).config), 1e-5)
+    np.testing.assert_allclose(y[1:], np.array(z)[1:, :10], atol=1e-6)

@@ -1,0 +1,173 @@
+"""Tests of `control.feedback.disturbance_observer`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hovering import Hovering, Lag
+
+from uvms_drake.actuation.joint_brake import StuckJoint
+from uvms_drake.actuation.sampled_command import SampledCommand
+from uvms_drake.actuation.thrusters import Thrusters
+from uvms_drake.control.feedback.disturbance_observer import estimate
+from uvms_drake.control.laws import Resolved, TipFirst
+from uvms_drake.control.laws.law import pair_of
+from uvms_drake.control.laws.tip_first import BlockGains
+from uvms_drake.control.limits import Limits
+from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.sensing.navigation import Channel, Drift, Dvl, Navigation
+
+LAW = TipFirst(BlockGains(1.5, 0.4, 3.0), BlockGains(20.0, 10.0, 5.0), observer_period=0.05)
+RATES = np.repeat([3.0, 5.0], [6, 4])
+BOUND = 0.1
+D = np.full(10, BOUND / np.sqrt(10.0))  # as of `ConstantDisturbance`
+
+
+def disturbance(model, state) -> np.ndarray:
+    """Returns δ = J_y d (10,), d constant."""
+    now = pair_of(model, state, state)
+    return LAW.observed(model).outputs(now).J[0] @ D
+
+
+def test_it_is_a_filter_of_the_mean_of_the_disturbance():
+    """A step takes 1 − e^{−λt}, exactly at the ticks; a law without λ is not observed."""
+    value = np.zeros(2)
+    for _ in range(10):
+        value = estimate(value, np.array([1.0, -2.0]), np.array([3.0, 0.0]), 0.05)
+    np.testing.assert_allclose(value, [1.0 - np.exp(-1.5), 0.0], rtol=1e-12)
+
+
+def test_only_a_law_with_a_rate_has_one(model):
+    assert Resolved().observed(model) is None
+    assert TipFirst().observed(model) is None
+    np.testing.assert_array_equal(LAW.observed(model).rates, RATES)
+
+
+@pytest.mark.parametrize("actuation", [
+    [], [Lag(0.15)], [SampledCommand(0.05, 0.02)], [SampledCommand(0.05, 0.0), Lag(0.1)]])
+def test_it_finds_the_disturbance_whatever_the_actuators_do_to_the_command(model, actuation):
+    """δ is nearly constant here: J_y turns with the posture."""
+    robot = Hovering(model, LAW, bound=BOUND, actuation=actuation)
+    robot.simulator.AdvanceTo(0.501)
+    delta = disturbance(model, robot.read("uvms", "state"))
+    expected = delta * (1.0 - np.exp(-RATES * 0.5))
+    # In a sampled loop the model's forces are those of the last sample, too.
+    np.testing.assert_allclose(robot.read("observer", "estimate"), expected, atol=5e-3 * BOUND)
+
+
+def test_a_constant_disturbance_leaves_no_error(model):
+    errors = []
+    for law in (LAW, TipFirst(LAW.vehicle, replace(LAW.tip, observer=0.0))):
+        robot = Hovering(model, law, bound=BOUND, step=0.05)
+        robot.simulator.AdvanceTo(1.5)
+        tip = model.task_pose(robot.read("uvms", "state")[:10])[:3]
+        errors.append(np.linalg.norm(tip - model.task_pose(robot.nominal[:10])[:3]))
+    assert errors[1] > 2e-4
+    assert errors[0] < 0.02 * errors[1]
+
+
+def test_a_command_that_is_cut_does_not_wind_it_up(model):
+    """The joint that holds the arm up gets a tenth of what it needs, and sinks."""
+    limits = Limits(u=np.full(10, 50.0), tau=np.repeat([500.0, 0.3], [6, 4]))
+    robot = Hovering(model, LAW, bound=BOUND, limits=limits)
+    found = robot.every(0.05, 1.0, lambda: np.concatenate([
+        robot.read("observer", "estimate"), disturbance(model, robot.read("uvms", "state")),
+        robot.read("feedback", "limited")]))
+    assert found[:, -1].all()
+    largest = np.maximum.accumulate(np.abs(found[:, 10:20]), axis=0)
+    assert np.all(np.abs(found[:, :10]) <= 1.05 * largest + 1e-3 * BOUND)
+    moved = robot.read("uvms", "state")[:10] - robot.nominal[:10]
+    assert np.max(np.abs(moved[6:])) > 0.02
+
+
+@pytest.mark.parametrize(("axis", "push", "dead"), [(0, 1.5, ()), (1, 0.25, (4,))])
+def test_thrusters_at_their_limits_do_not_wind_it_up(model, axis, push, dead):
+    """A push that they cannot hold, or one against a thruster that is dead, which nobody knows.
+
+    The estimate is that of (O) for what acts, with all that a dead one is taken to give.
+    """
+    parts = Thrusters(period=0.02, dead_time=0.04, error=np.where(
+        np.isin(np.arange(5), dead), -0.999, 0.0))
+    d, B = push * np.eye(10)[axis], parts.known(model).B
+    robot = Hovering(model, LAW, disturbance=ConstantDisturbance(push, direction=d),
+                     actuation=[parts])
+
+    def signal(name: str) -> np.ndarray:
+        port = robot.signals[name]
+        return port.Eval(port.get_system().GetMyContextFromRoot(robot.context)).copy()
+
+    def read() -> np.ndarray:
+        state = robot.read("uvms", "state")
+        now = pair_of(model, state, state)
+        given = np.linalg.lstsq(B, signal(VEHICLE_WRENCH), rcond=None)[0]
+        missing = np.pad(B @ (parts.error * given), (0, 4))
+        acts = d + np.linalg.solve(model.mass_matrix(now.kinematics.at(0)), missing)
+        return np.stack([robot.read("observer", "estimate"),
+                         LAW.observed(model).outputs(now).J[0] @ acts])
+
+    found, expected = robot.every(0.05, 0.8, read), np.zeros(10)
+    assert np.abs(signal("wrench_shortfall")[axis]) > 100.0
+    for before, after in zip(found[:-1, 1], found[1:, 1], strict=True):
+        expected = estimate(expected, 0.5 * (before + after), RATES, 0.05)
+    np.testing.assert_allclose(found[-1, 0], expected, atol=0.02 * np.max(np.abs(expected)))
+
+
+def test_gaps_of_a_dvl_move_it_by_no_more_than_what_the_velocity_is_off(model):
+    """s/(s + λ) λ of an error has the peak-to-peak gain 2λ; a gap that goes on adds nothing."""
+    channel, growth, rates = Channel(20.0, 0.0, 0.0, True), 0.02, RATES[:3]
+    robot = Hovering(model, LAW, bound=BOUND, sensing=[Navigation(
+        *6 * [channel], drift=Drift(0.0), dvl=Dvl(noise=np.zeros(3), lost=1.0, growth=growth))],
+        step=0.05)
+    found = robot.every(0.05, 1.2, lambda: np.stack([
+        robot.read("observer", "estimate"), disturbance(model, robot.read("uvms", "state"))]))
+    t = 0.05 * np.arange(1, 25)[:, None]
+    off = (found[:, 0] - found[:, 1] * (1.0 - np.exp(-RATES * t)))[:, :3]
+    assert 0.1 < np.max(np.abs(off)) / np.max(2.0 * rates * growth * 0.38) < 1.0
+
+
+def test_a_state_that_is_frozen_is_no_news(model):
+    """Nobody says so; the law goes on pushing, and the estimate stays where it was."""
+    robot = Hovering(model, LAW, bound=BOUND, sensing=[FrozenState(0.42, 0.4)], step=0.05)
+    robot.simulator.AdvanceTo(0.46)
+    before = robot.read("observer", "estimate")
+    robot.simulator.AdvanceTo(0.81)
+    np.testing.assert_array_equal(robot.read("observer", "estimate"), before)
+    robot.simulator.AdvanceTo(0.96)
+    delta = disturbance(model, robot.read("uvms", "state"))
+    left = np.abs(robot.read("observer", "estimate") - delta)
+    assert np.all(left <= np.abs(before - delta) + 0.02 * BOUND)
+
+
+def test_a_gap_of_the_measured_state_leaves_the_estimate_as_it_is(model):
+    robot = Hovering(model, LAW, bound=BOUND, sensing=[LostState(0.42, 0.4)])
+    robot.simulator.AdvanceTo(0.41)
+    before = robot.read("observer", "estimate")
+    robot.simulator.AdvanceTo(0.86)  # The first tick after the gap has no tick before it.
+    np.testing.assert_array_equal(robot.read("observer", "estimate"), before)
+    robot.simulator.AdvanceTo(1.21)
+    delta = disturbance(model, robot.read("uvms", "state"))
+    expected = delta + (before - delta) * np.exp(-RATES * 0.35)
+    np.testing.assert_allclose(
+        robot.read("observer", "estimate"), expected, atol=0.02 * BOUND)
+
+
+def test_a_joint_that_is_stuck_takes_it_no_further_than_the_limits_of_the_command(model):
+    """It asks for ever more, until a limit cuts that, which it knows."""
+    limits = Limits(u=np.full(10, 50.0), tau=np.repeat([500.0, 40.0], [6, 4]))
+    robot = Hovering(model, LAW, bound=1.0, limits=limits, faults=[StuckJoint(1, 0.1)])
+    found = robot.every(0.1, 2.0, lambda: np.append(
+        robot.read("observer", "estimate"), robot.read("feedback", "limited")))
+    assert np.isfinite(found).all()
+    assert np.max(np.abs(found[-5:, :10])) < 1.1 * np.max(np.abs(found[:-5, :10]))
+
+
+def test_a_cloned_context_goes_on_identically(model):
+    robot = Hovering(model, LAW, bound=BOUND, actuation=[Lag(0.15)])
+    robot.simulator.AdvanceTo(0.22)
+    clone = robot.context.Clone()
+    robot.simulator.AdvanceTo(0.41)
+    robot.simulate(clone).AdvanceTo(0.41)
+    np.testing.assert_array_equal(robot.read("observer", "estimate", clone),
+                                  robot.read("observer", "estimate"))

@@ -1,0 +1,627 @@
+"""Tests of `uvms_drake.control.mpc.nominal_mpc`, in a Diagram of its own with a constant state."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+from support.limits import with_limits
+
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.mpc.nominal_mpc import NominalMpc
+from uvms_drake.control.mpc.planner import (
+    DROPPED,
+    FAILED,
+    HOVERED,
+    KEPT,
+    LATE,
+    MPC_REPORT,
+    SOLVED,
+    SOLVERS_KEPT,
+    Planner,
+    Targets,
+)
+from uvms_drake.control.ocp.ocp import FEASIBLE
+from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
+from uvms_drake.model.uvms_model import configuration_rate
+
+H = 0.2  # s
+
+
+class FailingSolver:
+    """Solves as the real one does, but for the calls whose numbers are in `failures`."""
+
+    def __init__(self, ocp, failures=()):
+        self.ocp = ocp
+        self.calls = 0
+        self._real = SequentialConvexSolver(ocp)
+        self._failures = failures
+
+    def solve(self, guess, iterations):
+        self.calls += 1
+        if self.calls - 1 in self._failures:
+            return Solution(None, None, iterations, converged=False)
+        return self._real.solve(guess, iterations)
+
+
+class ViolatingSolver(FailingSolver):
+    """Says of the plans that it finds that a limit is violated by so much, or finds none."""
+
+    def __init__(self, ocp, violation: float | None):
+        super().__init__(ocp, failures=() if violation is not None else {0})
+        self._violation = violation
+
+    def solve(self, guess, iterations):
+        solution = super().solve(guess, iterations)
+        if solution.plan is None:
+            return solution
+        return replace(
+            solution, evaluation=replace(solution.evaluation, violation=self._violation))
+
+
+class MissingSolver(FailingSolver):
+    """Says of every plan but the first that it misses the terminal set by so much."""
+
+    def __init__(self, ocp, slack: float):
+        super().__init__(ocp)
+        self._slack = slack
+
+    def solve(self, guess, iterations):
+        first, solution = self.calls == 0, super().solve(guess, iterations)
+        return solution if first else replace(
+            solution, evaluation=replace(solution.evaluation, terminal_slack=self._slack))
+
+
+class Setup:
+    """A planner alone, with a measured state that does not follow the plan."""
+
+    def __init__(self, solver, state: np.ndarray, iterations: int = 2, targets=None, committed=0):
+        solver.ocp = copy.copy(solver.ocp)
+        solver.ocp.iterations = iterations
+        builder = DiagramBuilder()
+        self.source = builder.AddNamedSystem("measurement", ConstantVectorSource(state))
+        self.mpc = NominalMpc.AddToBuilder(
+            builder, solver, state=self.source.get_output_port(), targets=targets,
+            committed=committed)
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+        self.ocp = solver.ocp
+
+    def go(self, time: float) -> None:
+        self.simulator.AdvanceTo(time)
+
+    def read(self, name: str, context=None):
+        context = context or self.simulator.get_context()
+        return self.mpc.GetOutputPort(name).Eval(self.mpc.GetMyContextFromRoot(context))
+
+    def report(self) -> dict[str, float]:
+        return dict(zip(MPC_REPORT, self.read("report"), strict=True))
+
+    def give(self, name: str, value) -> None:
+        """Sets an input port from now on."""
+        context = self.mpc.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+        self.mpc.GetInputPort(name).FixValue(context, value)
+
+    def jump(self, state: np.ndarray) -> None:
+        context = self.source.GetMyMutableContextFromRoot(
+            self.simulator.get_mutable_context())
+        self.source.get_mutable_source_value(context).set_value(state)
+
+
+@pytest.fixture
+def start(start_plans) -> np.ndarray:
+    """A measured state (𝔮, ζ) 0.05 m off the wall, in motion."""
+    guess = start_plans["before"][0]
+    return np.concatenate([guess.config[0], guess.zeta[0]])
+
+
+def test_the_nominal_state_starts_at_the_measured_one(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.Initialize()
+    np.testing.assert_array_equal(setup.read("nominal_state"), start)
+    assert setup.report()["time"] == 0.0
+    assert setup.read("plan").start_time == 0.0
+
+
+def test_the_first_plan_is_converged_and_later_ones_take_the_iterations_asked_for(
+        short_ocp, start):
+    solver = SequentialConvexSolver(short_ocp)
+    setup = Setup(solver, start, iterations=1)
+    setup.simulator.Initialize()
+    guess = short_ocp.resting_plan(0.0, start)
+    expected = solver.solve(guess, 100)
+    assert setup.report()["cost"] == pytest.approx(expected.evaluation.cost, rel=1e-6)
+    setup.go(H + 0.01)
+    expected = solver.solve(short_ocp.continued(expected.plan), 1)
+    assert setup.report()["iterations"] == 1
+    np.testing.assert_allclose(setup.read("plan").zeta_dot, expected.plan.zeta_dot, atol=1e-9)
+
+
+def test_it_plans_once_in_each_interval_and_not_twice_at_the_start(short_ocp, start):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    for k in range(8):
+        setup.go((k + 0.5) * H)
+        assert solver.calls == k + 1
+        assert setup.report()["time"] == pytest.approx(k * H, abs=1e-12)
+        assert setup.read("plan").start_time == pytest.approx(k * H, abs=1e-9)
+
+
+def test_every_plan_starts_where_the_last_one_went_wherever_the_robot_is(short_ocp, start):
+    """The tube is about the nominal trajectory: a jump of the measurement does not matter."""
+    followed = []
+    for offset in (0.0, 0.1):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.go(0.05)
+        setup.jump(start + offset)
+        plan = setup.read("plan")
+        for k in range(1, 5):
+            setup.go(k * H + 1e-6)
+            predicted = np.concatenate(plan.at(k * H)[:2])
+            plan = setup.read("plan")
+            np.testing.assert_allclose(
+                np.concatenate([plan.config[0], plan.zeta[0]]), predicted, atol=1e-12)
+        followed.append(setup.read("nominal_state"))
+    np.testing.assert_array_equal(followed[0], followed[1])
+    assert np.linalg.norm(followed[0] - start) > 0.02, "the plan does go somewhere"
+
+
+def test_between_samples_the_outputs_are_a_motion_under_the_nominal_input(short_ocp, start):
+    """ζ̄̇ = f(𝔮̄, ζ̄) + ū, and the nominal state moves by 𝔮̄̇ = Γζ̄ and ζ̄̇; nothing is held."""
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    states, times = [], 0.5 + np.array([-1e-3, 0.0, 1e-3])
+    for time in times:
+        setup.go(time)
+        states.append(setup.read("nominal_state"))
+        if time == 0.5:
+            zeta_dot, u = setup.read("nominal_acceleration"), setup.read("nominal_input")
+    config, zeta = np.split(states[1], 2)
+    f = short_ocp.model.drift(config, zeta)
+    np.testing.assert_allclose(f + u, zeta_dot, rtol=1e-9, atol=1e-12)
+    rate = (states[2] - states[0]) / 2e-3
+    np.testing.assert_allclose(rate[:10], configuration_rate(config, zeta), atol=1e-6)
+    np.testing.assert_allclose(rate[10:], zeta_dot, atol=1e-9)
+    assert np.linalg.norm(zeta_dot) > 0.01
+
+
+def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short_ocp, start):
+    solver = FailingSolver(short_ocp, failures={2, 3})
+    setup = Setup(solver, start)
+    setup.go(1.5 * H)
+    assert setup.report()["status"] == 0.0
+    plan = setup.read("plan")
+    for k in (2, 3):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        taken, report = setup.read("plan"), setup.report()
+        for name in ("config", "zeta", "zeta_dot"):
+            np.testing.assert_array_equal(getattr(taken, name), getattr(plan, name))
+        assert report["status"] == 1.0
+        evaluation = short_ocp.evaluate(plan)
+        assert report["cost"] == evaluation.cost
+        assert report["violation"] == evaluation.violation
+        for port in ("nominal_state", "nominal_input", "nominal_acceleration", "report"):
+            assert np.all(np.isfinite(setup.read(port)))
+    setup.go(4.5 * H)
+    assert setup.report()["status"] == 0.0
+    assert solver.calls == 5
+    before = short_ocp.evaluate(short_ocp.continued(plan))
+    assert setup.report()["cost"] <= before.merit
+
+
+@pytest.mark.parametrize(("slack", "status"), [(10.0 * FEASIBLE, KEPT), (0.1 * FEASIBLE, SOLVED)])
+def test_a_plan_that_is_kept_because_it_is_sounder_is_no_failure(
+        short_ocp, caplog, slack, status):
+    """It is within the terminal set and the new one, which may cost less, is not."""
+    rest = np.concatenate([short_ocp.model.configuration(short_ocp.y_des), np.zeros(10)])
+    solver = MissingSolver(short_ocp, slack)
+    setup = Setup(solver, rest)
+    setup.simulator.Initialize()
+    plan = setup.read("plan")
+    assert short_ocp.evaluate(plan).terminal_slack == 0.0
+    for k in (1, 2, 3):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        report = setup.report()
+        assert report["status"] == status
+        assert report["iterations"] > 0.0
+        if status == KEPT:
+            np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
+            assert report["terminal_slack"] == short_ocp.evaluate(plan).terminal_slack
+    assert solver.calls == 4
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("fault", [FAILED, LATE])
+def test_a_fault_of_the_solver_takes_the_continued_plan(short_ocp, start, fault):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    setup.give("fault", [fault])
+    setup.simulator.Initialize()
+    assert setup.report()["status"] == SOLVED, "the first plan is exempt"
+    plan = setup.read("plan")
+    for k in (1, 2):
+        setup.go((k + 0.5) * H)
+        plan = short_ocp.continued(plan)
+        np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
+        report = setup.report()
+        assert (report["status"], report["iterations"]) == (fault, 0.0)
+        assert report["time"] == pytest.approx(k * H)
+        assert report["cost"] == short_ocp.evaluate(plan).cost
+    assert solver.calls == 1
+    setup.give("fault", [SOLVED])
+    setup.go(3.5 * H)
+    assert setup.report()["status"] == SOLVED
+    assert solver.calls == 2
+
+
+def test_a_dropped_sample_leaves_plan_and_report_and_the_next_one_starts_where_it_went(
+        short_ocp, start):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    setup.go(1.5 * H)
+    plan, report = setup.read("plan"), setup.report()
+    setup.give("fault", [DROPPED])
+    for k in (2, 3):
+        setup.go((k + 0.5) * H)
+        assert setup.read("plan").start_time == plan.start_time
+        np.testing.assert_array_equal(setup.read("plan").zeta_dot, plan.zeta_dot)
+        np.testing.assert_array_equal(
+            setup.read("nominal_state"), np.concatenate(plan.at((k + 0.5) * H)[:2]))
+        now = setup.report()
+        assert (now["status"], now["time"]) == (DROPPED, pytest.approx(k * H))
+        assert {**now, "status": 0.0, "time": report["time"]} == report
+    assert solver.calls == 2
+    setup.give("fault", [SOLVED])
+    setup.go(4.5 * H)
+    assert (setup.report()["status"], solver.calls) == (SOLVED, 3)
+    np.testing.assert_allclose(
+        setup.read("plan").start, np.concatenate(plan.at(4 * H)[:2]), atol=1e-12)
+
+
+def test_at_a_dropped_sample_the_next_interval_begins(short_ocp, start):
+    """An integrator's first stage sees the acceleration of the step that it makes."""
+    for k in (1, 2):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.give("fault", [DROPPED])
+        setup.go(k * H)
+        plan = setup.read("plan")
+        np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[k - 1])
+        setup.go((k + 0.5) * H)
+        setup.simulator.get_mutable_context().SetTime(k * H)
+        np.testing.assert_array_equal(setup.read("nominal_acceleration"), plan.zeta_dot[k])
+
+
+def test_a_plan_that_is_never_followed_by_another_is_continued_where_it_ends(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.Initialize()
+    plan = setup.read("plan")
+    setup.give("fault", [DROPPED])
+    for k in range(short_ocp.horizon + 3):
+        setup.go((k + 0.5) * H)
+        expected = plan
+        while expected.start_time < (k - 0.5) * H:
+            expected = short_ocp.continued(expected)
+        np.testing.assert_allclose(
+            setup.read("nominal_state"), np.concatenate(expected.at((k + 0.5) * H)[:2]),
+            atol=1e-12)
+
+
+def test_a_context_with_dropped_samples_goes_on_in_a_clone(short_ocp, start):
+    for pause in (H, 1.5 * H, 3.5 * H):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.give("fault", [DROPPED])
+        setup.go(pause)
+        clone = setup.simulator.get_context().Clone()
+        other = Simulator(setup.diagram, clone)
+        other.Initialize()
+        other.AdvanceTo(5.5 * H)
+        setup.go(5.5 * H)
+        np.testing.assert_array_equal(
+            setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
+
+
+def test_a_plan_after_its_deadline_is_thrown_away(short_ocp, start):
+    for deadline, status in ((1e-9, LATE), (1e6, SOLVED)):
+        ocp = copy.copy(short_ocp)
+        ocp.deadline = deadline
+        solver = FailingSolver(ocp)
+        setup = Setup(solver, start)
+        setup.simulator.Initialize()
+        assert setup.report()["status"] == SOLVED, "the first plan is exempt"
+        plan = setup.read("plan")
+        setup.go(1.5 * H)
+        assert (setup.report()["status"], solver.calls) == (status, 2)
+        kept = np.array_equal(setup.read("plan").zeta_dot, ocp.continued(plan).zeta_dot)
+        assert kept == (status == LATE)
+
+
+@pytest.mark.parametrize("fault", [FAILED, LATE, "deadline"])
+def test_without_a_new_plan_there_is_no_new_force_either(short_ocp, start, fault):
+    """It is asked for and refused, and accepted when a plan is made again."""
+    force, other = np.full(6, 20.0), np.full(6, 21.0)
+    ocp = copy.copy(short_ocp)
+    setup = Setup(SequentialConvexSolver(ocp), start, targets=Targets(
+        force, lambda force: copy.copy(short_ocp)))
+    setup.give("desired_force", other)
+    if fault == "deadline":
+        setup.ocp.deadline = 1e-9
+    else:
+        setup.give("fault", [fault])
+    setup.go(1.5 * H)
+    assert setup.report()["status"] == (LATE if fault == "deadline" else fault)
+    assert setup.report()["refused"] == 1.0
+    np.testing.assert_array_equal(setup.read("accepted_force"), force)
+    setup.ocp.deadline = None
+    setup.give("fault", [SOLVED])
+    setup.go(2.5 * H)
+    assert (setup.report()["status"], setup.report()["refused"]) == (SOLVED, 0.0)
+    np.testing.assert_array_equal(setup.read("accepted_force"), other)
+
+
+def test_a_plan_from_the_measured_state_starts_at_the_nominal_one_while_it_is_lost(
+        short_ocp, start):
+    ocp = copy.copy(short_ocp)
+    ocp.starts_at_measured = True
+    setup = Setup(SequentialConvexSolver(ocp), start)
+    setup.go(0.5 * H)
+    plan = setup.read("plan")
+    setup.jump(np.full_like(start, np.nan))
+    setup.go(1.5 * H)
+    assert setup.report()["status"] == SOLVED
+    np.testing.assert_allclose(
+        setup.read("plan").start, np.concatenate(plan.at(H)[:2]), atol=1e-12)
+    setup.jump(start)
+    setup.go(2.5 * H)
+    np.testing.assert_array_equal(setup.read("plan").start, start)
+
+
+@pytest.mark.parametrize("violation", [None, 1.01 * FEASIBLE, 1.0])
+def test_without_a_first_plan_within_the_limits_the_run_fails_with_one_line(
+        short_ocp, start, violation):
+    setup = Setup(ViolatingSolver(short_ocp, violation), start)
+    with pytest.raises(RunFailed, match=r"no solution at the start") as caught:
+        setup.simulator.Initialize()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("violation", [0.0, 0.99 * FEASIBLE])
+def test_a_first_plan_may_violate_the_limits_by_rounding(short_ocp, start, violation):
+    setup = Setup(ViolatingSolver(short_ocp, violation), start)
+    setup.simulator.Initialize()
+    assert setup.report()["violation"] == violation
+    assert setup.report()["status"] == 0.0
+
+
+def test_a_start_from_where_the_limits_cannot_be_kept_is_refused(short_ocp, start):
+    """The solver returns a plan, for it softens limits; it is not followed."""
+    weak = with_limits(short_ocp, u=1e-3 * short_ocp.limits["u"].upper)
+    solver = FailingSolver(weak)
+    with pytest.raises(RunFailed, match=r"where nothing moves, limits\.u\[7\] is exceeded"):
+        Setup(solver, start).simulator.Initialize()
+    assert solver.calls == 1
+
+
+def test_outputs_before_initialization_say_what_is_missing(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    with pytest.raises(RuntimeError, match="Initialize"):
+        setup.read("nominal_state")
+
+
+def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
+    """All that changes in time is in the Context, at a sampling instant and between two."""
+    for pause in (0.5, 2 * H):
+        solver = FailingSolver(short_ocp)
+        setup = Setup(solver, start)
+        setup.go(pause)
+        clone = setup.simulator.get_context().Clone()
+        at_pause = solver.calls
+        setup.go(1.1)
+        at_end = solver.calls
+        other = Simulator(setup.diagram, clone)
+        other.Initialize()
+        other.AdvanceTo(1.1)
+        for port in ("nominal_state", "nominal_input", "report"):
+            np.testing.assert_array_equal(
+                setup.read(port, other.get_context()), setup.read(port))
+        assert solver.calls - at_end == at_end - at_pause >= 3
+
+
+def test_what_was_asked_for_ahead_is_what_then_comes(short_ocp, start):
+    """Of every plan, also after a sample that failed or was dropped; the first one coasts there."""
+    n, ahead = 2, 7  # Intervals, and quarters of them.
+    setup = Setup(FailingSolver(short_ocp), start, committed=n)
+    asked, later, came = [], [], []
+    for step in range(36):
+        setup.give("fault", [{2: FAILED, 4: DROPPED}.get((step + 2) // 4, SOLVED)])
+        setup.go((0.25 * step + 0.125) * H)
+        time, plan = setup.simulator.get_context().get_time(), setup.read("plan")
+        assert len(plan.zeta_dot) == n + short_ocp.horizon
+        for many, quarters in ((asked, ahead), (later, ahead + 4)):
+            many.append(np.concatenate(plan.at(time + 0.25 * quarters * H)))
+        came.append(np.append(setup.read("nominal_state"), setup.read("nominal_acceleration")))
+    asked, later, came = map(np.array, (asked, later, came))
+    np.testing.assert_allclose(came[ahead:], asked[:-ahead], rtol=0.0, atol=1e-12)
+    assert np.max(np.abs(came[ahead + 4:] - later[: -ahead - 4])) > 1e-3  # That is free.
+    coasting = slice(4 * n)
+    np.testing.assert_array_equal(came[coasting, 10:], np.tile(np.pad(start[10:], (0, 10)), (8, 1)))
+    assert setup.report()["violation"] < 1e-4
+
+
+def test_the_problem_is_that_of_what_is_free(short_ocp, start):
+    """From rest it is the one without anything committed, as much later."""
+    rest = start * np.repeat([1.0, 0.0], 10)
+    later, plain = (Setup(SequentialConvexSolver(short_ocp), rest, committed=n) for n in (2, 0))
+    for setup in (later, plain):
+        setup.go(1.5 * H)
+    assert later.report() == pytest.approx(plain.report())
+    np.testing.assert_allclose(
+        later.read("plan").zeta_dot[2:], plain.read("plan").zeta_dot, atol=1e-12)
+    assert later.read("plan").start_time == plain.read("plan").start_time
+
+
+def test_with_committed_intervals_a_context_goes_on_in_a_clone(short_ocp, start):
+    for pause in (0.5 * H, H, 1.5 * H, 2 * H):
+        setup = Setup(FailingSolver(short_ocp), start, committed=2)
+        setup.go(pause)
+        setup.jump(start + 0.001)
+        other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
+        other.Initialize()
+        for simulator in (setup.simulator, other):
+            simulator.AdvanceTo(3.5 * H)
+        np.testing.assert_array_equal(
+            setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
+
+
+def test_before_its_first_instant_has_passed_the_first_plan_can_be_made_anew(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.Initialize()
+    moved = start + 0.001
+    setup.jump(moved)
+    setup.simulator.Initialize()
+    np.testing.assert_array_equal(setup.read("nominal_state"), moved)
+    setup.go(0.05)
+    followed = setup.read("nominal_state")
+    setup.jump(start)
+    setup.simulator.Initialize()
+    np.testing.assert_array_equal(setup.read("nominal_state"), followed)
+
+
+def test_a_context_whose_time_was_set_to_another_starts_again(short_ocp, start):
+    """Back to the start, or further on than its plan goes without another sample."""
+    for time in (0.0, 4 * H):
+        setup = Setup(SequentialConvexSolver(short_ocp), start)
+        setup.go(1.5 * H)
+        assert np.linalg.norm(setup.read("nominal_state") - start) > 1e-3
+        setup.simulator.get_mutable_context().SetTime(time)
+        setup.simulator.Initialize()
+        np.testing.assert_array_equal(setup.read("nominal_state"), start)
+        assert setup.read("plan").start_time == time
+        assert setup.report()["time"] == time
+
+
+@pytest.mark.parametrize("time", [H, 3 * H])
+def test_it_may_start_at_any_sampling_instant(short_ocp, start, time):
+    solver = FailingSolver(short_ocp)
+    setup = Setup(solver, start)
+    setup.simulator.get_mutable_context().SetTime(time)
+    setup.go(time + 1.5 * H)
+    assert solver.calls == 2
+    assert setup.read("plan").start_time == pytest.approx(time + H, abs=1e-9)
+
+
+def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, start):
+    """From where it was measured at first, whatever is measured then, and with the same plan."""
+    rest = start * np.repeat([1.0, 0.0], 10)
+    hovering, plain = FailingSolver(short_ocp), FailingSolver(short_ocp)
+    setup = Setup(hovering, rest)
+    setup.ocp.hover = 2.0 * H - 0.5 * H  # That is from the second sample on.
+    setup.go(0.5 * H)
+    setup.jump(rest + 0.001)
+    setup.give("fault", [FAILED])
+    setup.go(1.5 * H)
+    np.testing.assert_array_equal(setup.read("nominal_state"), rest)
+    np.testing.assert_array_equal(setup.read("nominal_acceleration"), np.zeros(10))
+    assert setup.report() == {**dict.fromkeys(MPC_REPORT, 0.0), "time": H, "status": HOVERED}
+    assert hovering.calls == 0
+    setup.give("fault", [SOLVED])
+    setup.go(3.5 * H)
+    other = Setup(plain, rest)
+    other.simulator.get_mutable_context().SetTime(2.0 * H)
+    other.go(3.5 * H)
+    assert hovering.calls == plain.calls == 2
+    assert setup.report() == other.report()
+    np.testing.assert_array_equal(setup.read("nominal_state"), other.read("nominal_state"))
+
+
+def test_it_keeps_its_place_however_it_was_measured_to_move(short_ocp, start):
+    """A velocity of which part is noise is none to coast at, sample after sample."""
+    setup = Setup(FailingSolver(short_ocp), start, committed=2)
+    setup.ocp.hover = 4.0 * H
+    setup.go(3.9 * H)
+    np.testing.assert_array_equal(setup.read("nominal_state"), start * np.repeat([1.0, 0.0], 10))
+
+
+def test_after_hovering_a_problem_that_starts_where_it_is_measured_does_so(short_ocp, start):
+    setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10))
+    setup.ocp.hover, setup.ocp.starts_at_measured = H, True
+    setup.go(0.5 * H)
+    setup.jump(start)
+    setup.go(1.5 * H)
+    np.testing.assert_array_equal(setup.read("plan").start, start)
+
+
+def test_without_a_plan_after_hovering_the_run_fails_and_says_when(short_ocp, start):
+    setup = Setup(ViolatingSolver(short_ocp, None), start * np.repeat([1.0, 0.0], 10))
+    setup.ocp.hover = H
+    setup.go(0.5 * H)
+    with pytest.raises(RunFailed, match=f"no solution at the start, t = {H:g} s: "):
+        setup.go(1.5 * H)
+
+
+@pytest.mark.parametrize("pause", [0.5, 1.0, 1.5])
+def test_while_it_hovers_a_context_goes_on_in_a_clone(short_ocp, start, pause):
+    setup = Setup(FailingSolver(short_ocp), start * np.repeat([1.0, 0.0], 10), committed=2)
+    setup.ocp.hover = 2.0 * H
+    setup.go(pause * H)
+    setup.jump(start + 0.001)
+    other = Simulator(setup.diagram, setup.simulator.get_context().Clone())
+    other.Initialize()
+    for simulator in (setup.simulator, other):
+        simulator.AdvanceTo(4.5 * H)
+    np.testing.assert_array_equal(
+        setup.read("nominal_state", other.get_context()), setup.read("nominal_state"))
+    assert np.linalg.norm(setup.read("nominal_state")[:10] - start[:10]) > 1e-4
+
+
+def test_it_does_not_start_between_two_sampling_instants(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.simulator.get_mutable_context().SetTime(0.3)
+    with pytest.raises(RunFailed, match=r"starts at t = 0\.3 s: must be a multiple .* 0\.2 s$"):
+        setup.simulator.Initialize()
+
+
+def test_the_reports_of_two_contexts_do_not_mix(short_ocp, start):
+    setup = Setup(SequentialConvexSolver(short_ocp), start)
+    setup.go(0.5)
+    fresh = setup.diagram.CreateDefaultContext()
+    assert np.all(np.isnan(setup.read("report", fresh)))
+    assert np.all(np.isfinite(setup.read("report")))
+    assert setup.read("solve_seconds")[0] > 0.0
+
+
+@pytest.mark.parametrize("asked", [99.0, np.nan])
+def test_why_a_force_is_refused_is_said_once(short_ocp, start, caplog, asked):
+    def problem(force: np.ndarray):
+        raise InvalidParameter("force", float(force[0]), "smaller")
+
+    setup = Setup(SequentialConvexSolver(short_ocp), start, targets=Targets(
+        np.full(6, 20.0), problem))
+    setup.give("desired_force", np.full(6, asked))
+    setup.go(3.5 * H)
+    assert setup.report()["refused"] == 1.0
+    (said,) = [record.getMessage() for record in caplog.records]
+    assert said.endswith(f"the desired force is refused: force = {asked}: must be smaller")
+
+
+def test_the_problem_of_the_start_outlives_all_others(short_ocp):
+    """However many forces were asked for, it is not made anew; the others are, when needed."""
+    made = []
+
+    def problem(force: np.ndarray):
+        made.append(force[0])
+        if force[0] > 100.0:
+            raise InvalidParameter("force", force, "smaller")
+        return short_ocp
+
+    start, solver = np.full(6, 20.0), SequentialConvexSolver(short_ocp)
+    planner = Planner(solver, Targets(start, problem))
+    for force in [*range(SOLVERS_KEPT + 5), 101, 101]:
+        found = planner._solver_of(np.full(6, float(force)))
+        assert (found is None) == (force == 101)
+    assert planner._solver_of(start) is solver
+    assert 20.0 not in made
+    assert made.count(101.0) == 1, "a refusal is remembered"

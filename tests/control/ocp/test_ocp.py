@@ -1,0 +1,313 @@
+"""Tests of `uvms_drake.control.ocp.ocp`: the problem of the ideal scenario."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import dh
+from support.limits import with_limits
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY, VIOLATION_PENALTY, Ocp
+from uvms_drake.control.plan.plan import DynamicPlan, Plan, advance
+from uvms_drake.station.scenario.scenario import load_scenario
+
+H = 0.2  # s
+MPC = load_scenario("girona500_ideal").mpc
+Q = np.concatenate([MPC.weight_y, MPC.weight_zeta])
+R = MPC.weight_u
+
+
+def plan_around(ocp, seed: int, depth: float = 0.0) -> Plan:
+    """Returns a plan of 4 intervals that moves in all coordinates near the wall."""
+    rng = np.random.default_rng(seed)
+    y = ocp.y_des + rng.uniform(-0.2, 0.2, size=10)
+    y[0] = depth
+    zeta = rng.uniform(-0.1, 0.1, size=10)
+    zeta[:3] = 0.01, -0.02, 0.015
+    zeta_dot = rng.uniform(-0.1, 0.1, size=(4, 10))
+    zeta_dot[:, :3] *= 0.01
+    return DynamicPlan.from_accelerations(0.0, H, ocp.model.configuration(y), zeta, zeta_dot)
+
+
+@pytest.fixture(params=["free", "in contact"])
+def plan(request, ocp) -> Plan:
+    plan = plan_around(ocp, 1, depth={"free": -0.3, "in contact": 0.05}[request.param])
+    touches = ocp.model.surface.penetration(ocp.model.task_pose(plan.config)[:, :6]) > 0.01
+    assert np.all(touches) if request.param == "in contact" else not np.any(touches)
+    return plan
+
+
+@pytest.fixture
+def limited_forces(ocp) -> Ocp:
+    """The problem with limits on the forces, of some size."""
+    return with_limits(ocp, tau=np.full(10, 50.0))
+
+
+def forces(ocp, plan) -> np.ndarray:
+    """Returns M(𝔮̄)ū (2, N, 10) at the beginning and at the end of every interval."""
+    model, N = ocp.model, len(plan.zeta_dot)
+    return np.array([[
+        model.mass_matrix(model.kinematics(plan.config[k + end]))
+        @ (plan.zeta_dot[k] - model.drift(plan.config[k + end], plan.zeta[k + end]))
+        for k in range(N)] for end in (0, 1)])
+
+
+# First-order model -------------------------------------------------------------------------------
+
+
+def test_the_knots_are_linearised_about_their_own_values(ocp, plan):
+    linear = ocp.linearise(plan)
+    y = linear.knots.y
+    np.testing.assert_allclose(y[:, :6], [dh.chi(c) for c in plan.config], atol=1e-12)
+    np.testing.assert_array_equal(y[:, 6:], plan.config[:, 6:])
+    np.testing.assert_array_equal(linear.knots.config, plan.config)
+    np.testing.assert_allclose(linear.f, ocp.model.drift(plan.config, plan.zeta), rtol=1e-12)
+
+
+def test_every_derivative_by_y_is_that_of_differences(ocp, plan, derivative):
+    model, linear = ocp.model, ocp.linearise(plan)
+    y = linear.knots.y
+    for j, direction in enumerate(np.eye(10)):
+        def config(s, d=direction):
+            return model.configuration(y + s * d)
+
+        def next_y(s, d=direction):
+            start = model.configuration(y[:-1] + s * d)
+            return model.task_pose(advance(start, plan.zeta[:-1], plan.zeta_dot, H))
+
+        np.testing.assert_allclose(linear.dy_dy[..., j], derivative(next_y), atol=1e-8)
+        np.testing.assert_allclose(
+            linear.knots.config_y[..., j], derivative(config), atol=1e-8)
+        np.testing.assert_allclose(
+            linear.f_y[..., j],
+            derivative(lambda s, config=config: model.drift(config(s), plan.zeta), 1e-4),
+            rtol=1e-6, atol=1e-8 * np.max(np.abs(linear.f_y)))
+
+
+def test_every_derivative_by_velocity_and_acceleration_is_that_of_differences(
+        ocp, plan, derivative):
+    model, linear = ocp.model, ocp.linearise(plan)
+    for j, direction in enumerate(np.eye(10)):
+        def by_velocity(s, d=direction):
+            return model.task_pose(
+                advance(plan.config[:-1], plan.zeta[:-1] + s * d, plan.zeta_dot, H))
+
+        def by_acceleration(s, d=direction):
+            return model.task_pose(
+                advance(plan.config[:-1], plan.zeta[:-1], plan.zeta_dot + s * d, H))
+
+        def drift(s, d=direction):
+            return model.drift(plan.config, plan.zeta + s * d)
+
+        np.testing.assert_allclose(linear.dy_dzeta[..., j], derivative(by_velocity), atol=1e-9)
+        np.testing.assert_allclose(linear.dy_da[..., j], derivative(by_acceleration), atol=1e-9)
+        np.testing.assert_allclose(
+            linear.f_zeta[..., j], derivative(drift, 1e-6), rtol=1e-6, atol=2e-6)
+
+
+# Objective and limits ----------------------------------------------------------------------------
+
+
+def test_the_cost_is_the_sum_that_the_documentation_says(ocp, plan):
+    def xi(k: int) -> np.ndarray:
+        y = np.concatenate([dh.chi(plan.config[k]), plan.config[k, 6:]])
+        return np.concatenate([y - ocp.y_des, plan.zeta[k]])
+
+    cost = 0.0
+    for k in range(4):
+        u = plan.zeta_dot[k] - ocp.model.drift(plan.config[k], plan.zeta[k])
+        cost += H * (np.sum(Q * xi(k) ** 2) + np.sum(R * (u - ocp.u_eq) ** 2))
+    terminal = xi(4) @ ocp.terminal.P @ xi(4)
+    slack = max(0.0, np.sqrt(terminal) - MPC.terminal_radius)
+    evaluation = ocp.evaluate(plan)
+    assert slack > 0.0
+    assert evaluation.terminal_slack == pytest.approx(slack, rel=1e-9)
+    assert evaluation.cost == pytest.approx(
+        cost + terminal + TERMINAL_PENALTY * slack, rel=1e-9)
+
+
+def test_staying_at_the_task_costs_nothing(ocp):
+    """The equilibrium input is not penalised: the robot may hold its 20 N."""
+    plan = ocp.resting_plan(
+        0.0, np.concatenate([ocp.model.configuration(ocp.y_des), np.zeros(10)]))
+    evaluation = ocp.evaluate(plan)
+    assert evaluation.cost == pytest.approx(0.0, abs=1e-18)
+    assert (evaluation.terminal_slack, evaluation.violation) == (0.0, 0.0)
+    force = ocp.model.surface.force(ocp.y_des[:6], np.zeros(6))
+    np.testing.assert_allclose(force, [20.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    assert np.linalg.norm(ocp.u_eq) > 0.01
+
+
+def extremes(ocp, plan) -> dict[str, object]:
+    """Returns the limits that a plan just touches at its knots after the first."""
+    zeta, config = plan.zeta[1:], plan.config[1:]
+    u = np.vstack([plan.zeta_dot - ocp.model.drift(plan.config[k: k + 4], plan.zeta[k: k + 4])
+                   for k in (0, 1)])
+    return {
+        "nu1": np.max(np.linalg.norm(zeta[:, :3], axis=1)),
+        "nu2": np.max(np.linalg.norm(zeta[:, 3:6], axis=1)),
+        "qdot": np.max(np.linalg.norm(zeta[:, 6:], axis=1)),
+        "roll": np.max(np.abs(config[:, 3])),
+        "pitch": np.max(np.abs(config[:, 4])),
+        "tip_pitch": np.max(np.abs([dh.chi(c)[4] for c in config])),
+        "q_lower": np.min(config[:, 6:], axis=0),
+        "q_upper": np.max(config[:, 6:], axis=0),
+        "u": np.max(np.abs(u), axis=0),
+        "tau": np.max(np.abs(forces(ocp, plan)), axis=(0, 1)),
+        "static_force": np.max([force_of(ocp, dh.chi(c)) for c in config]),
+    }
+
+
+def force_of(ocp, chi: np.ndarray) -> float:
+    """Returns the force on the wall at rest [N]; at least that of the transition's end."""
+    return max(float(ocp.model.surface.force(chi, np.zeros(6))[0]), 1.0)
+
+
+@pytest.mark.parametrize("kind", ["nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"])
+def test_a_plan_that_exceeds_a_limit_is_seen_to(ocp, plan, kind):
+    touched = extremes(ocp, plan)
+    tight = with_limits(ocp, **touched)
+    assert tight.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
+    evaluation = with_limits(tight, **{kind: touched[kind] - 1e-3}).evaluate(plan)
+    assert evaluation.violation == pytest.approx(1e-3, rel=1e-6)
+    assert 1e-3 <= evaluation.total_violation * (1.0 + 1e-9) <= 5e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "inwards"), [("q_lower", 1.0), ("q_upper", -1.0), ("u", -1.0), ("tau", -1.0)])
+def test_every_joint_every_input_and_every_force_has_its_own_limit(ocp, plan, kind, inwards):
+    touched = extremes(ocp, plan)
+    for i in range(len(touched[kind])):
+        bound = touched[kind].copy()
+        bound[i] += inwards * 1e-3
+        tight = with_limits(ocp, **{**touched, kind: bound})
+        assert tight.evaluate(plan).violation == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_a_plan_that_presses_too_hard_is_deeper_by_so_much(ocp):
+    plan = plan_around(ocp, 1, depth=0.05)
+    touched = extremes(ocp, plan)
+    tight = with_limits(ocp, **{**touched, "static_force": touched["static_force"] - 1.0})
+    assert tight.evaluate(plan).violation == pytest.approx(1e-3, rel=1e-6)  # 1 N at 1000 N/m
+    free = with_limits(tight, static_force=None)
+    assert free.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_forces_are_limited_at_both_ends_of_every_interval(ocp, plan, end):
+    """A limit that is exceeded at one of the ends only, half-way between the two's largest."""
+    tau = np.max(np.abs(forces(ocp, plan)), axis=1)
+    gap = tau[end] - tau[1 - end]
+    channel = np.argmax(gap)
+    assert gap[channel] > 1e-3
+    limit = np.full(10, np.inf)
+    limit[channel] = np.mean(tau[:, channel])
+    tight = with_limits(ocp, **{**extremes(ocp, plan), "tau": limit})
+    assert tight.evaluate(plan).violation == pytest.approx(0.5 * gap[channel], rel=1e-6)
+
+
+def test_without_limits_on_forces_none_is_seen(ocp, plan):
+    lax = with_limits(ocp, **{**extremes(ocp, plan), "tau": None})
+    assert lax.evaluate(plan).violation == pytest.approx(0.0, abs=1e-12)
+
+
+def test_violations_add_up(ocp, plan):
+    touched = extremes(ocp, plan)
+    tight = with_limits(ocp, **{
+        **touched, "nu1": touched["nu1"] - 1e-3, "tip_pitch": touched["tip_pitch"] - 2e-3})
+    zeta, config = plan.zeta[1:], plan.config[1:]
+    speed = np.linalg.norm(zeta[:, :3], axis=1) - tight.limits["nu1"].upper[0]
+    tip = np.abs([dh.chi(c)[4] for c in config]) - tight.limits["tip_pitch"].upper[0]
+    expected = np.sum(np.maximum(speed, 0.0)) + np.sum(np.maximum(tip, 0.0))
+    evaluation = tight.evaluate(plan)
+    assert evaluation.total_violation == pytest.approx(expected, rel=1e-9)
+    assert evaluation.violation == pytest.approx(2e-3, rel=1e-6)
+    assert evaluation.merit == pytest.approx(
+        evaluation.cost + VIOLATION_PENALTY * expected, rel=1e-12)
+    assert ocp.evaluate(plan).cost == evaluation.cost, "limits cost nothing"
+
+
+def test_the_first_knot_is_given_and_violates_nothing(ocp):
+    """A limit on the initial velocity could not be kept by any plan."""
+    config, zeta = ocp.model.configuration(ocp.y_des), np.zeros(10)
+    config[0] -= 0.5
+    zeta[0] = ocp.limits["nu1"].upper[0] + 0.02
+    zeta_dot = np.zeros((4, 10))
+    zeta_dot[0, 0] = -0.12
+    plan = DynamicPlan.from_accelerations(0.0, H, config, zeta, zeta_dot)
+    assert plan.zeta[1, 0] < ocp.limits["nu1"].upper[0]
+    assert ocp.evaluate(plan).violation == 0.0
+
+
+def test_inputs_are_those_at_both_ends_of_every_interval(ocp, plan):
+    """Driven by ū, the model accelerates as planned; between two intervals ū may jump."""
+    begin, end = ocp.inputs(plan)
+    for k in range(4):
+        for u, time in ((begin[k], k * H + 1e-9), (end[k], (k + 1) * H)):
+            config, zeta, zeta_dot = plan.at(time)
+            np.testing.assert_allclose(
+                ocp.model.drift(config, zeta) + u, zeta_dot, rtol=1e-6, atol=1e-6)
+
+
+# Guesses -----------------------------------------------------------------------------------------
+
+
+def test_a_resting_plan_comes_to_rest(ocp):
+    rng = np.random.default_rng(5)
+    config, zeta = rng.uniform(-0.3, 0.3, size=(2, 10))
+    plan = ocp.resting_plan(1.6, np.concatenate([config, zeta]))
+    assert (plan.start_time, plan.time_step, len(plan.zeta_dot)) == (1.6, H, MPC.horizon)
+    np.testing.assert_array_equal(plan.config[0], config)
+    np.testing.assert_array_equal(plan.zeta[0], zeta)
+    np.testing.assert_allclose(plan.zeta[-1], 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_plan_is_continued_by_the_terminal_controller_from_the_edge_of_its_set_at_most(
+        ocp, inside):
+    plan = plan_around(ocp, 2)
+    if inside:
+        plan = ocp.resting_plan(0.0, np.concatenate(
+            [ocp.model.configuration(ocp.y_des + 1e-4), np.zeros(10)]))
+    continued = ocp.continued(plan)
+    y = np.concatenate([dh.chi(plan.config[-1]), plan.config[-1, 6:]])
+    xi = np.concatenate([y - ocp.y_des, plan.zeta[-1]])
+    size = np.sqrt(xi @ ocp.terminal.P @ xi)
+    assert (size < ocp.terminal.radius) == inside
+    last = ocp.terminal.gain @ xi * (1.0 if inside else ocp.terminal.radius / size)
+    np.testing.assert_allclose(continued.zeta_dot[-1], last, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(continued.zeta_dot[:-1], plan.zeta_dot[1:])
+    np.testing.assert_array_equal(continued.config[:-1], plan.config[1:])
+
+
+def test_near_the_task_the_continued_plan_costs_less_by_what_it_leaves_behind_or_more(ocp):
+    """The terminal penalty is at least the cost to go, so the tail is paid for."""
+    rng = np.random.default_rng(6)
+    config = ocp.model.configuration(ocp.y_des + 1e-4 * rng.uniform(-1.0, 1.0, size=10))
+    plan = ocp.resting_plan(0.0, np.concatenate([config, np.zeros(10)]))
+    y = np.concatenate([dh.chi(config), config[6:]]) - ocp.y_des
+    begin, _ = ocp.inputs(plan)
+    first = H * (np.sum(Q[:10] * y**2) + np.sum(R * (begin[0] - ocp.u_eq) ** 2))
+    fall = ocp.evaluate(plan).cost - ocp.evaluate(ocp.continued(plan)).cost
+    assert fall > 0.99 * first > 0.0
+
+
+@pytest.mark.parametrize("turns", [-1, 1, 3])
+def test_whole_turns_of_the_tool_cost_nothing(ocp, turns):
+    y = ocp.y_des + 0.1
+    y[3:6] += 2.0 * np.pi * turns
+    np.testing.assert_allclose(ocp.unwrapped(y), ocp.y_des + 0.1, atol=1e-12)
+
+
+@pytest.mark.parametrize(("key", "value"), [
+    ("horizon", 0), ("time_step", 0.0), ("time_step", np.inf), ("iterations", 0),
+    ("terminal_radius", 0.0), ("weight_y", np.zeros(10)), ("weight_zeta", np.ones(9)),
+    ("weight_u", np.full(10, -1.0)), ("weight_u", np.full(10, np.nan)),
+])
+def test_a_setting_without_meaning_is_named(ocp, key, value):
+    config = replace(load_scenario("girona500_ideal").mpc, **{key: value})
+    with pytest.raises(InvalidParameter) as caught:
+        DynamicOcp(ocp.model, config, ocp.y_des, ocp.limits)
+    assert caught.value.key == key

@@ -1,0 +1,252 @@
+"""Tests of `uvms_drake.control.ocp.tracking_ocp`: one problem for every target."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.solvers import SnoptSolver, SolverOptions
+from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.costs.level_vehicle import LevelVehicle
+from uvms_drake.control.costs.offset_cost import OffsetCost
+from uvms_drake.control.limits.tip_box import TipBox
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.nlp import NonlinearSolver
+from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.control.plan.tracking_plan import TrackingPlan
+
+TIGHT = SolverOptions()
+for name in ("Major feasibility tolerance", "Major optimality tolerance"):
+    TIGHT.SetOption(SnoptSolver.id(), name, 1e-7)
+EXCEEDED = 1e-6
+
+
+@pytest.fixture(scope="module")
+def ocp() -> TrackingOcp:
+    return tracking_ocp()
+
+
+def somewhere(ocp: TrackingOcp, seed: int, scatter: float = 1.0) -> TrackingPlan:
+    """Returns a guess from a random state in motion."""
+    rng = np.random.default_rng(seed)
+    state = at_rest(ocp, POSITION)
+    state[:10] += scatter * rng.uniform(-1.0, 1.0, 10) * np.array(
+        [0.05] * 3 + [0.02] * 3 + [0.04] * 4)
+    state[10:] = scatter * rng.uniform(-1.0, 1.0, 10) * np.repeat([0.04, 0.02, 0.04], [3, 3, 4])
+    return ocp.resting_plan(0.0, state)
+
+
+def mpc_of(ocp: TrackingOcp) -> MpcConfig:
+    """Returns the settings that the problem was made with."""
+    weight_y, weight_zeta = np.split(np.diag(ocp.Q), 2)
+    return MpcConfig(horizon=ocp.horizon, time_step=ocp.time_step, weight_y=weight_y,
+                     weight_zeta=weight_zeta, weight_u=np.diag(ocp.R),
+                     terminal_radius=ocp.terminal.radius)
+
+
+def tip(ocp: TrackingOcp, config: np.ndarray) -> np.ndarray:
+    return ocp.model.task_pose(config)[..., :3]
+
+
+AIMS = {"free": Aim(POSITION + [0.4, -0.1, 0.2]),
+        "front": Aim(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12)}
+
+
+@pytest.fixture(params=AIMS)
+def aimed(ocp, request) -> TrackingOcp:
+    return ocp.aimed(AIMS[request.param])
+
+
+def test_cost_and_limits_have_the_derivatives_of_differences(aimed, derivative):
+    """By accelerations and by where the reference is, of all that SNOPT is given."""
+    guess, rng = somewhere(aimed, 1), np.random.default_rng(2)
+    nlp = NonlinearSolver(aimed, SnoptSolver())
+    values = np.append(rng.uniform(-0.05, 0.05, size=guess.decision.size), 0.4)
+    _, gradient = nlp._cost(values, guess)
+    _, jacobian = nlp._constraints(values, guess)
+    scale = np.max(np.abs(jacobian), axis=1)
+    for j in [0, 1, 2, 3, *range(10, len(values), 7), len(values) - 1]:
+        e = np.eye(len(values))[j]
+        slope = derivative(lambda s, e=e: nlp._cost(values + s * e, guess)[0][0], 1e-5)
+        np.testing.assert_allclose(
+            gradient[0, j], slope, rtol=1e-6, atol=1e-7 * np.max(np.abs(gradient)))
+        column = derivative(lambda s, e=e: nlp._constraints(values + s * e, guess)[0], 1e-5)
+        assert np.all(np.abs(jacobian[:, j] - column) <= 1e-5 * scale + 1e-8), f"column {j}"
+    assert np.all(gradient[0, 3:10] == 0.0), "what the stage before the first does not decide"
+
+
+@pytest.mark.parametrize(("seed", "aim"), [
+    (0, Aim(POSITION + [0.1, -0.05, 0.05])),
+    (1, Aim(POSITION + [0.2, -0.1, 0.1], POSITION[0] + 0.05))])
+def test_the_optimum_is_that_of_the_nonlinear_program(seed, aim):
+    """Of 0.6 s and a wider V_o, which SNOPT, that knows nothing of its curvature, is fast with."""
+    ocp = tracking_ocp(offset=OffsetCost(60.0, 0.05), overrides=("mpc.horizon=3",)).aimed(aim)
+    guess = somewhere(ocp, seed, 0.4)
+    one = SequentialConvexSolver(ocp).solve(guess, 200, 1e-10)
+    other = NonlinearSolver(ocp, SnoptSolver(), TIGHT).solve(guess)
+    assert one.converged and other.converged
+    for solution in (one, other):
+        assert solution.evaluation.violation < EXCEEDED
+        assert solution.evaluation.terminal_slack < EXCEEDED
+        np.testing.assert_array_equal(solution.plan.start, guess.start)
+    assert one.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-7)
+    np.testing.assert_allclose(one.plan.a, other.plan.a, atol=1e-5)
+    np.testing.assert_allclose(one.plan.zeta_dot, other.plan.zeta_dot, atol=1e-3)
+    room = ocp.terminal.radius if np.isinf(aim.safe_depth) else (
+        aim.safe_depth - ocp.reference(one.plan)[0]) / ocp.depth_reach
+    assert ocp.terminal_radius(one.plan) == pytest.approx(room)
+    if seed:  # The front leaves less than the whole set, and all of that is used.
+        end = ocp.errors(one.plan, ocp.model.task_pose(one.plan.config))[-1]
+        assert np.linalg.norm(ocp.terminal.root @ end) == pytest.approx(room, abs=EXCEEDED)
+        assert room < ocp.terminal.radius
+
+
+@pytest.mark.long
+def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded():
+    """The target jumps at every sample; the safe depth never falls."""
+    ocp = tracking_ocp(overrides=("mpc.horizon=3",))
+    rng, depth = np.random.default_rng(0), POSITION[0] + 0.02
+
+    def aims():
+        nonlocal depth
+        for _ in range(300):
+            depth += rng.choice([0.0, 0.0, 0.0005, 0.004])
+            off = rng.uniform([-0.1, -0.4, -0.4], 0.4)
+            yield Aim(np.array([depth, *POSITION[1:]]) + off, depth)
+
+    start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    moved, closest = 0.0, np.inf
+    for problem, guess, plan in follow(ocp, aims(), start):
+        for each in (guess, plan):
+            value = problem.evaluate(each)
+            assert value.violation <= EXCEEDED
+            assert value.terminal_slack <= EXCEEDED
+        positions = tip(problem, plan.config)
+        assert np.all(positions @ DIRECTION <= problem.aim.safe_depth + EXCEEDED)
+        moved += np.linalg.norm(positions[1] - positions[0])
+        closest = min(closest, problem.aim.safe_depth - np.max(positions @ DIRECTION))
+    assert moved > 1.0, "it does go somewhere"
+    assert closest < 0.02, "and plans close to the front"
+
+
+def test_each_problem_has_a_continuation_for_the_next_whatever_that_asks_for(ocp):
+    """The same plan, continued, for aims that have nothing in common but the front."""
+    problem = ocp.aimed(Aim(POSITION + DIRECTION, POSITION[0] + 0.05))
+    plan = SequentialConvexSolver(problem).solve(
+        problem.resting_plan(0.0, at_rest(ocp, POSITION)), 20).plan
+    for _ in range(40):
+        plan = problem.continued(plan)
+        for target in (POSITION - 10.0 * DIRECTION, POSITION + 10.0 * np.ones(3)):
+            value = ocp.aimed(Aim(target, POSITION[0] + 0.05)).evaluate(plan)
+            assert max(value.violation, value.terminal_slack) <= EXCEEDED
+
+
+@pytest.mark.parametrize("iterations", [1, 3])
+def test_it_converges_to_a_target_within_reach(ocp, iterations):
+    target = POSITION + [0.15, -0.1, 0.05]
+    aims = 60 * [Aim(target, POSITION[0] + 0.2)]
+    start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    *_, (problem, _, plan) = follow(ocp, aims, start, iterations)
+    np.testing.assert_allclose(tip(problem, plan.config)[0], target, atol=5e-4)
+    np.testing.assert_allclose(problem.reference(plan)[:3], target, atol=5e-4)
+    assert np.max(np.abs(plan.zeta)) < 1e-3
+
+
+def test_behind_the_front_it_converges_to_the_place_nearest_to_the_target(ocp):
+    """For a V_o that is a function of the distance, the projection of the target."""
+    depth = POSITION[0] + 0.05
+    aims = 70 * [Aim(POSITION + [0.2, -0.1, 0.05], depth)]
+    start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    for problem, _, plan in follow(ocp, aims, start):
+        assert tip(problem, plan.config)[0] @ DIRECTION <= depth + EXCEEDED
+    nearest = np.array([depth, POSITION[1] - 0.1, POSITION[2] + 0.05])
+    np.testing.assert_allclose(tip(problem, plan.config)[0], nearest, atol=5e-4)
+
+
+def test_between_knots_the_tip_stays_behind_the_front_but_for_its_third_derivative(ocp):
+    """It runs into the front as fast as it may."""
+    depth = POSITION[0] + 0.06
+    start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
+    deepest, jerk = -np.inf, 0.0
+    for problem, _, plan in follow(ocp, 20 * [Aim(POSITION + DIRECTION, depth)], start, 2):
+        times = plan.start_time + np.linspace(0.0, 0.2, 81)
+        x = np.array([tip(problem, plan.at(t, plan.start_time)[0]) @ DIRECTION for t in times])
+        deepest = max(deepest, np.max(x) - depth)
+        jerk = max(jerk, np.max(np.abs(np.diff(x[::8], 3))) / 0.02**3)
+    assert -2e-3 < deepest <= 2.0 / 81.0 * 0.2**3 * 1.5 * jerk + EXCEEDED
+
+
+def test_a_retarget_costs_a_copy_and_one_program(ocp, monkeypatch):
+    """Nothing is computed anew: neither terminal ingredients nor limits, nor their reach."""
+    one, other = ocp.aimed(AIMS["free"]), ocp.aimed(AIMS["front"])
+    for key, value in vars(ocp).items():
+        if key not in ("aim", "limits"):
+            assert getattr(one, key) is value
+    assert all(one.limits[name] is limit for name, limit in ocp.limits.items())
+    assert set(other.limits) - set(ocp.limits) == {"front", "front_ahead"}
+    plan = one.continued(SequentialConvexSolver(one).solve(somewhere(ocp, 0), 20).plan)
+    made = []
+    monkeypatch.setattr(TrackingOcp, "staged_program", lambda self, plan, real=(
+        TrackingOcp.staged_program): made.append(self) or real(self, plan))
+    solution = SequentialConvexSolver(other).solve(plan, 1)
+    assert (solution.iterations, made) == (1, [other])
+    assert not np.array_equal(solution.plan.a, plan.a)
+
+
+def test_about_its_own_reference_a_plan_costs_what_the_fixed_problem_says(ocp):
+    """Whose penalty and input at rest are the same, wherever the task is."""
+    plan = somewhere(ocp, 4)
+    fixed = DynamicOcp(ocp.model, mpc_of(ocp), ocp.reference(plan), ocp.limits)
+    here, there = ocp.aimed(Aim(ocp.reference(plan)[:3])).evaluate(plan), fixed.evaluate(plan)
+    assert here.cost == pytest.approx(there.cost, rel=1e-9)
+    assert here.terminal_slack == pytest.approx(there.terminal_slack, abs=1e-9)
+    np.testing.assert_allclose(fixed.terminal.P, ocp.terminal.P, rtol=1e-6)
+    np.testing.assert_allclose(fixed.u_eq, ocp.u_eq, atol=1e-9)
+
+
+def test_a_plan_keeps_its_reference_when_it_is_continued_or_redone(ocp):
+    plan = somewhere(ocp, 5)
+    assert isinstance(ocp.continued(plan), TrackingPlan)
+    np.testing.assert_array_equal(ocp.continued(plan).a, plan.a)
+    again = plan.redone(plan.start, plan.decision)
+    for key in ("config", "zeta", "zeta_dot", "a"):
+        np.testing.assert_allclose(getattr(again, key), getattr(plan, key), atol=1e-15)
+    rolled = DynamicPlan.from_accelerations(
+        0.0, 0.2, plan.config[0], plan.zeta[0], plan.zeta_dot)
+    np.testing.assert_array_equal(plan.config, rolled.config)
+
+
+def test_what_is_not_the_same_everywhere_is_refused(ocp, model):
+    box = TipBox(lower_corner=POSITION - 1.0, upper_corner=POSITION + 1.0)
+    mpc = mpc_of(ocp)
+    with pytest.raises(InvalidParameter, match=r"limits\.tip"):
+        TrackingOcp(ocp.model, mpc, ocp.y_des, {**ocp.limits, "tip": box}, DIRECTION)
+    with pytest.raises(InvalidParameter, match="model = 'ContactModel'"):
+        TrackingOcp(model, mpc, ocp.y_des, ocp.limits, DIRECTION)
+    with pytest.raises(InvalidParameter, match="direction"):
+        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, 2.0 * DIRECTION)
+    for key, value in (("terms", [LevelVehicle()]), ("terminal_set", False),
+                       ("terminal_weight", np.ones(20))):
+        other = replace(mpc, **{key: value})
+        with pytest.raises(InvalidParameter, match=key):
+            TrackingOcp(ocp.model, other, ocp.y_des, ocp.limits, DIRECTION)
+    with pytest.raises(InvalidParameter, match="slope"):
+        TrackingOcp(ocp.model, mpc, ocp.y_des, ocp.limits, DIRECTION,
+                    offset=OffsetCost(slope=0.0))
+
+
+def test_a_strict_problem_never_leaves_a_sound_plan_for_another(ocp):
+    """Where a full step breaks a limit by curvature alone, a shorter one is taken."""
+    problem = ocp.aimed(AIMS["front"])
+    lax = copy.copy(problem)
+    lax.strict = False
+    guess = problem.resting_plan(0.0, at_rest(ocp, POSITION))
+    one, other = (SequentialConvexSolver(each).solve(guess, 1).evaluation
+                  for each in (problem, lax))
+    assert problem.is_sound(one) and one.merit < problem.evaluate(guess).merit
+    assert not problem.is_sound(other)

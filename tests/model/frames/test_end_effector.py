@@ -1,0 +1,96 @@
+"""Tests of `uvms_drake.model.frames.end_effector`."""
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw, RotationMatrix
+
+from uvms_drake.model.frames.end_effector import (
+    complex_step,
+    force_in_tip,
+    force_of_tip,
+    pose_rate_matrix,
+    pose_rate_matrix_rate,
+    tip_force,
+    tip_force_gradients,
+)
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.surface.spring import BilateralSpring
+
+SPRING = BilateralSpring(stiffness=np.diag([9.0, 8.0, 7.0, 3.0, 2.0, 1.0]) + np.ones((6, 6)))
+PLANE = UnilateralPlane(stiffness=500.0, dissipation=2.0)
+
+
+def displaced(chi: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Returns χ after a motion s in axes of Σ_E, to second order, with Drake's rotations."""
+    R = RollPitchYaw(chi[3:]).ToRotationMatrix()
+    turn = RotationMatrix(RollPitchYaw(s[3:]))
+    return np.concatenate([chi[:3] + R.matrix() @ s[:3], RollPitchYaw(R @ turn).vector()])
+
+
+def matrix(chi: np.ndarray) -> np.ndarray:
+    return pose_rate_matrix(RollPitchYaw(chi[3:]).ToRotationMatrix().matrix(), chi[3:])
+
+
+@pytest.fixture(params=range(3))
+def chi(request) -> np.ndarray:
+    """A pose inside of the plane."""
+    rng = np.random.default_rng(request.param)
+    return np.concatenate([[0.004], rng.normal(size=2), rng.uniform(-1.2, 1.2, size=3)])
+
+
+def test_the_matrix_gives_the_rate_of_the_pose(chi, derivative):
+    for direction in np.eye(6):
+        np.testing.assert_allclose(
+            matrix(chi) @ direction, derivative(lambda s, d=direction: displaced(chi, s * d)),
+            atol=1e-9)
+
+
+def test_a_complex_step_moves_pose_and_matrix_alike(chi, derivative):
+    direction = np.array([0.3, -0.2, 0.5, 0.7, -0.4, 0.6])
+    moved, A_moved = complex_step(chi, matrix(chi), direction)
+    np.testing.assert_allclose(
+        moved.imag / 1e-30, derivative(lambda s: displaced(chi, s * direction), 1e-4), atol=1e-7)
+    np.testing.assert_allclose(
+        A_moved.imag / 1e-30, derivative(lambda s: matrix(displaced(chi, s * direction)), 1e-4),
+        atol=1e-6)
+
+
+def test_the_rate_of_the_matrix_is_its_derivative_along_the_motion(chi):
+    stack = np.stack([chi, 0.5 * chi])
+    A, V_E = np.stack([matrix(one) for one in stack]), np.linspace(-0.4, 0.6, 12).reshape(2, 6)
+    _, moved = complex_step(stack, A, V_E)
+    np.testing.assert_allclose(
+        pose_rate_matrix_rate(A, V_E[:, 3:]), moved.imag / 1e-30, atol=1e-13)
+
+
+def test_a_force_goes_into_the_axes_of_the_tip_and_back(chi):
+    force = np.array([3.0, -2.0, 5.0, 0.7, -0.4, 0.6])
+    np.testing.assert_allclose(force_in_tip(chi, force), force @ matrix(chi), atol=1e-13)
+    np.testing.assert_allclose(force_of_tip(chi, force_in_tip(chi, force)), force, atol=1e-13)
+
+
+@pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
+def test_the_power_of_the_force_is_the_same_in_both_coordinates(chi, surface):
+    law, A, V_E = check_surface(surface), matrix(chi), np.linspace(-0.2, 0.3, 6)
+    assert V_E @ tip_force(law, chi, A, V_E) == pytest.approx(
+        law.force(chi, A @ V_E) @ (A @ V_E), rel=1e-12)
+
+
+@pytest.mark.parametrize("surface", [SPRING, PLANE], ids=["spring", "plane"])
+def test_the_gradients_are_those_of_differences(chi, surface, derivative):
+    law, V_E = check_surface(surface), np.linspace(-0.2, 0.3, 6)
+    by_velocity, by_motion = tip_force_gradients(law, chi, matrix(chi), V_E)
+    for direction in np.eye(6):
+        velocity = derivative(
+            lambda s, d=direction: tip_force(law, chi, matrix(chi), V_E + s * d), 1e-4)
+
+        def moved(s, d=direction):
+            there = displaced(chi, s * d)
+            return tip_force(law, there, matrix(there), V_E)
+
+        scale = np.max(np.abs(by_motion))
+        np.testing.assert_allclose(times(by_velocity, direction), velocity, atol=1e-7 * scale)
+        np.testing.assert_allclose(
+            times(by_motion, direction), derivative(moved, 1e-5), atol=1e-6 * scale)

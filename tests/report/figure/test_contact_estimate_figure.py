@@ -1,0 +1,125 @@
+"""Tests of `uvms_drake.report.figure.contact_estimate_figure`: what is known beside what is."""
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from support.synthetic import synthetic_felt_record
+
+from uvms_drake.report.figure.contact_estimate_figure import depths_of, marks_of
+from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
+from uvms_drake.report.figures import FIGURES, make_figures
+from uvms_drake.report.html import format_report
+from uvms_drake.station.contact_bounds import front_margin
+
+PANELS = ["force along $n$ [N]", "depth [mm]", "slope [N/m]", "", "depth [mm]"]
+
+
+@pytest.fixture(scope="module")
+def record():
+    return synthetic_felt_record()
+
+
+def axes_of(record, **how):
+    with matplotlib.rc_context(STYLE):
+        return FIGURES["force.png"](record, **how).axes
+
+
+def lines(axis):
+    return {line.get_label(): np.asarray(line.get_ydata()) for line in axis.get_lines()}
+
+
+def test_depths_are_counted_from_where_the_wall_is_first_touched(record):
+    depths = depths_of(record)
+    safe = 1e3 * (record.chi_nominal[:, 0] + 0.025 + front_margin(record.scenario))
+    np.testing.assert_allclose(depths["wall"], 0.0, atol=1e-5)
+    np.testing.assert_allclose(depths["tip"], 1e3 * record.chi[:, 0], atol=1e-5)
+    np.testing.assert_allclose(depths["planned"], 1e3 * record.chi_nominal[:, 0], atol=1e-5)
+    np.testing.assert_allclose(depths["explored"], safe, atol=1e-5)
+    believed = depths["believed"][record.time > 2.11]
+    np.testing.assert_allclose(believed, 3.0, atol=1e-5)
+    assert np.all(np.isnan(depths["believed"][record.time < 2.09]))
+
+
+def test_without_a_touch_depths_are_counted_from_the_start(record):
+    never = replace(record, penetration=np.zeros_like(record.penetration))
+    depths = depths_of(never)
+    assert depths["tip"][0] == 0.0
+    np.testing.assert_allclose(depths["wall"], -1e3 * record.chi[0, 0], atol=1e-5)
+    assert [axis.get_ylabel() for axis in axes_of(never)] == PANELS[:4]
+
+
+def test_nothing_is_drawn_of_what_is_not_explored(record):
+    signals = {**record.signals, "safe_depth": np.full((len(record.time), 1), -np.inf)}
+    axes = axes_of(replace(record, signals=signals))
+    assert np.all(np.isnan(lines(axes[1])["explored up to"]))
+
+
+def test_its_panels_show_the_logs(record):
+    axes = axes_of(record)
+    assert [axis.get_ylabel() for axis in axes] == PANELS
+    force = lines(axes[0])
+    np.testing.assert_array_equal(force["felt"], record.signals["felt_force"][:, 0])
+    np.testing.assert_array_equal(force["real"], record.force[:, 0])
+    assert set(force["desired"]) == {20.0}
+    assert set(force["limit of the static force"]) == {45.0}
+    slope = lines(axes[2])
+    np.testing.assert_array_equal(slope["learned"], record.signals["slope"][:, 0])
+    assert set(slope[r"told, $\kappa_+$"]) == {1000.0}
+    for axis in (axes[1], axes[4]):
+        depth, expected = lines(axis), depths_of(record)
+        for label, name in (("tip", "tip"), ("planned tip", "planned"), ("wall", "wall"),
+                            ("explored up to", "explored"), ("wall as believed", "believed")):
+            np.testing.assert_array_equal(depth[label], expected[name])
+
+
+def test_the_enlarged_panel_has_the_wall_and_the_front_in_view(record):
+    low, high = axes_of(record)[4].get_ylim()
+    assert low < 0.0 < np.max(depths_of(record)["explored"]) < high
+    assert axes_of(record)[4].get_xlim() == pytest.approx((2.02 - 1.5, 4.0))
+
+
+def test_the_force_along_n_is_the_part_of_it_along_n(record):
+    n = np.array([0.8, 0.6, 0.0])
+    contact = replace(record.scenario.contact, direction=n)
+    turned = replace(record, scenario=replace(record.scenario, contact=contact))
+    force = lines(axes_of(turned)[0])
+    np.testing.assert_allclose(force["real"], 0.8 * record.force[:, 0])
+    np.testing.assert_allclose(force["felt"], record.signals["felt_force"][:, :3] @ n)
+
+
+def test_what_happened_is_marked_and_named(record):
+    assert marks_of(record) == {"first touch": [pytest.approx(2.02)], "contact lost": [],
+                                "retargeted": [], "last plan kept": [], "sensor lost": []}
+    status, depth, desired = (getattr(record, name).copy() for name in (
+        "mpc_status", "penetration", "desired_force"))
+    status[[3, 8]], depth[150:], desired[120:, 0] = 4.0, 0.0, 25.0
+    missing = np.where(abs(record.time - 3.5) < 0.19, 1.0, 0.0)[:, None]
+    eventful = replace(record, mpc_status=status, penetration=depth, desired_force=desired,
+                       signals={**record.signals, "force_lost": missing})
+    marks = marks_of(eventful)
+    assert {name: np.round(times, 6).tolist() for name, times in marks.items()} == {
+        "first touch": [2.02], "contact lost": [3.0], "retargeted": [2.4],
+        "last plan kept": [0.6, 1.6], "sensor lost": [3.32]}
+    strip = axes_of(eventful)[3]
+    assert [tick.get_text() for tick in strip.get_yticklabels()] == list(marks)
+    for line, times, row in zip(strip.get_lines(), marks.values(), range(5), strict=True):
+        np.testing.assert_array_equal(line.get_xdata(), times)
+        assert set(line.get_ydata()) == {-row}
+
+
+def test_the_certified_band_is_about_the_force_along_n(record):
+    at_task = replace(record, chi_nominal=np.tile(record.chi_des, (len(record.time), 1)))
+    bands = {band.get_label(): band for band in axes_of(at_task, certified=3.5)[0].collections}
+    (band,) = (band for label, band in bands.items() if "certified" in label)
+    corners = band.get_paths()[0].vertices[:, 1]
+    assert (np.min(corners), np.max(corners)) == (16.5, 23.5)
+
+
+def test_it_is_the_file_of_the_force_with_a_caption_of_its_own(record, tmp_path):
+    paths = make_figures(record, tmp_path)
+    (path,) = [path for path in paths if path.name == "force.png"]
+    assert matplotlib.image.imread(path).shape[1] == COLUMN_WIDTH * STYLE["savefig.dpi"]
+    page = format_report(record, [path], None)
+    assert "explored" in page[page.index("<figcaption>"):page.index("</figcaption>")]

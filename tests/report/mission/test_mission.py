@@ -1,0 +1,190 @@
+"""Tests of what a run says about its mission: table, figure, readings and learned normal."""
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from support.synthetic import synthetic_felt_record, synthetic_record
+
+from uvms_drake.command.files import write_data
+from uvms_drake.mission.law import DONE, FORCE_LOST, RUNNING, SKIPPED
+from uvms_drake.mission.steps import Approach, Hold, Mission, Retreat, Slide
+from uvms_drake.report.figure_style import STYLE
+from uvms_drake.report.figures import FIGURES, figures_of
+from uvms_drake.report.mission.inspection import COLUMNS, inspection_table, learned_normals
+from uvms_drake.report.mission.mission import attempts_of
+from uvms_drake.report.summary import format_summary, summarise
+from uvms_drake.tube.ultimate_bounds import tip_errors
+
+MISSION = Mission(steps=[
+    Approach(), Hold(force=10.0, tolerance=1.0), Slide(along=np.array([0.0, -0.1]), speed=0.05),
+    Retreat()])
+TIMES = (0.0, 1.0, 2.0, 4.0, 5.0)  # s, when the steps begin, and the last one ends
+OFF = 0.003  # m, of the tip from the line
+
+
+def made(mission=MISSION, duration=6.0, **progress):
+    """A tip that slides along y (−t₂) from 2 s on, off by 3 mm along z, 4 mm behind."""
+    base = synthetic_felt_record(duration)
+    time = base.time
+    step = np.searchsorted(TIMES, time + 1e-9) - 1
+    y = 0.05 * np.clip(time - 2.0, 0.0, 2.0)
+    chi = base.chi.copy()
+    chi[:, 0], chi[:, 1], chi[:, 2] = 0.02, y - 0.004 * (step == 2), OFF * (step == 2)
+    columns = {"step": np.minimum(step, len(mission.steps)),
+               "outcome": np.where(step < 4, RUNNING, DONE), "reason": 0.0 * time,
+               "failures": 0.0 * time, "tries": 0.0 * time} | progress
+    force = np.zeros((len(time), 6))
+    force[:, 0] = 10.0 + 1.5 * np.sin(2.0 * np.pi * time)
+    return replace(
+        base, scenario=replace(base.scenario, mission=mission), chi=chi, force=force,
+        signals=base.signals | {
+            "felt_force": force, "touched": (step > 0)[:, None].astype(float),
+            "mission_place": np.column_stack([0.0 * y, y, 0.0 * y]),
+            "mission_force": np.full((len(time), 1), 10.0),
+            "mission_progress": np.column_stack(list(columns.values()))})
+
+
+@pytest.fixture(scope="module")
+def record():
+    return made()
+
+
+def test_the_table_has_what_every_step_reached(record):
+    rows = summarise(record)["mission"]
+    assert (rows["outcome"], rows["over_s"], rows["not_begun"]) == ("done", 5.0, 0)
+    assert [row["kind"] for row in rows["steps"]] == ["Approach", "Hold", "Slide", "Retreat"]
+    assert [row["seconds"] for row in rows["steps"]] == pytest.approx([1.0, 1.0, 2.0, 1.0])
+    hold, slide = rows["steps"][1:3]
+    # A sine of 1.5 N: its rms, and the share of its time within 1 N.
+    assert hold["force_rms"] == pytest.approx(1.5 / np.sqrt(2.0), rel=1e-2)
+    assert hold["force_worst"] == pytest.approx(1.5, rel=1e-2)
+    assert hold["within"] == pytest.approx(2.0 / np.pi * np.arcsin(1.0 / 1.5), abs=0.03)
+    assert hold["mean_force"] == pytest.approx(10.0, abs=0.05)
+    assert slide["within"] == 1.0
+    assert (slide["off_rms"], slide["off_worst"]) == pytest.approx((OFF, OFF))
+    assert slide["behind"] == pytest.approx(0.004)
+
+
+def test_what_is_certified_of_a_step_grows_with_what_its_plans_were_short_of(record):
+    assert summarise(record)["mission"]["steps"][1]["certified"] is None
+    found = []
+    for short in ([0.0, 0.0, 0.0], [0.002, 0.0, 0.0], [-0.002, 0.0, 0.0], [0.0, 0.01, 0.0]):
+        target = record.chi_nominal[:, :3] + short
+        known = replace(record, certified=np.array(True), signals=record.signals | {
+            "target": target})
+        found.append([row["certified"] for row in summarise(known)["mission"]["steps"][1:3]])
+    contact, (there, less, more, beside) = record.scenario.contact, np.array(found)
+    assert there[0] == contact.band(10.0, tip_errors(record.scenario.tube))
+    assert there[1] == contact.band(10.0, tip_errors(record.scenario.tube), 0.05)
+    assert less == pytest.approx(more)
+    ratio = contact.walls.tilt * 0.01 / 0.002
+    assert beside - there == pytest.approx(ratio * (less - there))
+    assert np.all(less - there >= 0.002 * contact.stiffness)
+
+
+def test_the_terminal_has_a_line_for_each_step(record):
+    block = format_summary(summarise(record)).split("\n\n")[2].splitlines()
+    assert block[0] == "mission       done after 5.0 s, 0 steps failed"
+    assert [line.split()[:2] for line in block[3:]] == [
+        ["0", "Approach"], ["1", "Hold"], ["2", "Slide"], ["3", "Retreat"]]
+    assert block[5].split()[-1] == "done"
+
+
+def test_a_step_that_failed_says_why_and_what_was_not_begun_is_counted():
+    base = synthetic_felt_record(6.0)
+    late = base.time + 1e-9 >= 2.0  # From then on the hold has failed, and the retreat goes on.
+    record = made(step=np.where(late, 3, np.searchsorted(TIMES, base.time + 1e-9) - 1),
+                  reason=FORCE_LOST * late, failures=1.0 * late,
+                  outcome=np.where(base.time + 1e-9 >= 5.0, SKIPPED, RUNNING))
+    assert [(each.step, each.ended) for each in attempts_of(record)] == [
+        (0, "done"), (1, "force lost"), (3, "done")]
+    rows = summarise(record)["mission"]
+    assert (rows["outcome"], rows["failures"], rows["not_begun"]) == ("skipped in part", 1, 1)
+
+
+def test_the_end_of_the_run_may_cut_a_step_off():
+    record = made(duration=3.0)
+    assert [each.ended for each in attempts_of(record)] == ["done", "done", "not over"]
+    rows = summarise(record)["mission"]
+    assert rows["outcome"] == "not over at the end of the run"
+    assert rows["over_s"] is None
+
+
+def test_without_a_mission_nothing_is_said_or_written(tmp_path):
+    record = synthetic_record(4.0)
+    assert summarise(record)["mission"] == {}
+    assert "mission " not in format_summary(summarise(record))
+    assert "mission.png" not in figures_of(record.scenario)
+    write_data(record, tmp_path)
+    assert not (tmp_path / "inspection.csv").exists()
+
+
+def test_every_reading_of_a_step_that_presses_is_a_line(record, tmp_path):
+    write_data(record, tmp_path)
+    text = (tmp_path / "inspection.csv").read_text().splitlines()
+    assert text[0].split(",") == list(COLUMNS)
+    rows = np.array([[float(each) for each in line.split(",")] for line in text[1:]])
+    assert rows == pytest.approx(inspection_table(record), abs=1e-3)
+    pressing = (record.time + 1e-9 >= 1.0) & (record.time + 1e-9 < 4.0)
+    assert rows[:, 0] == pytest.approx(record.time[pressing], abs=1e-3)
+    assert set(rows[:, 1]) == {1.0, 2.0}
+    found = rows[:, COLUMNS.index("slid")]
+    assert not np.any(found[rows[:, 0] < 2.0])
+    assert np.all(found[rows[:, 0] > 2.5])
+    assert rows[:, 5] == pytest.approx(np.ones(len(rows)), abs=1e-2)
+
+
+def test_an_inspector_is_told_how_far_the_tool_is_off_the_normal():
+    record = made()
+    chi = record.chi.copy()
+    chi[:, 3:6] = [0.3, 0.06, -0.08]  # Its roll turns the tool about its own axis.
+    rows = inspection_table(replace(record, chi=chi))
+    held = rows[rows[:, COLUMNS.index("slid")] == 0.0]
+    assert len(held) > 10
+    assert held[:, COLUMNS.index("aslant_rad")] == pytest.approx(
+        np.arccos(np.cos(0.06) * np.cos(0.08)), abs=1e-9)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("angle", [0.0, 0.05, -0.08])
+def test_the_normal_that_is_learned_on_a_straight_way_has_no_friction_in_it(friction, angle):
+    """On a plane: the force is F (n + μ t), which is off n by atan μ; the way says which part."""
+    time = np.arange(0.0, 6.0, 0.02)
+    n = np.array([np.cos(angle), 0.6 * np.sin(angle), 0.8 * np.sin(angle)])
+    t = np.cross(n, [0.0, 0.8, -0.6])
+    t /= np.linalg.norm(t)
+    tip = 0.02 * np.maximum(time - 1.0, 0.0)[:, None] * t
+    sliding = (time > 1.0)[:, None]
+    force = (10.0 + np.sin(time))[:, None] * (n + friction * sliding * t)
+    found = learned_normals(time, tip, force)
+    slid = np.isfinite(found[:, 0])
+    assert np.all(slid == (np.linalg.norm(tip - tip[np.maximum(
+        np.arange(len(time)) - 100, 0)], axis=1) >= 0.02 - 1e-9))
+    assert found[slid] == pytest.approx(np.broadcast_to(n, found[slid].shape), abs=1e-9)
+    raw = force[-1] / np.linalg.norm(force[-1])
+    assert np.arccos(min(raw @ n, 1.0)) == pytest.approx(np.arctan(friction), abs=1e-6)
+
+
+def test_the_figure_has_the_force_over_time_and_line(record):
+    assert "mission.png" in figures_of(record.scenario)
+    with matplotlib.rc_context(STYLE):
+        figure = FIGURES["mission.png"](record)
+    over_time, over_line, off = figure.axes
+    assert over_line.get_xlim()[1] == pytest.approx(96.0, abs=3.0)
+    (line,) = off.get_lines()
+    assert np.asarray(line.get_ydata()) == pytest.approx(np.full(100, 1e3 * OFF))
+    assert [text.get_text() for text in over_time.texts] == ["approach", "hold", "slide", "retreat"]
+
+
+def test_places_are_those_of_the_navigation(record):
+    def table(state):
+        return inspection_table(
+            replace(record, signals={**record.signals, "measured_state": state}))
+
+    drifted = record.state.copy()
+    drifted[:, 1] += 0.02
+    shift = table(drifted) - table(record.state)
+    assert shift[:, COLUMNS.index("y_m")] == pytest.approx(0.02)
+    assert np.delete(shift, COLUMNS.index("y_m"), axis=1) == pytest.approx(0.0, abs=1e-9)

@@ -1,0 +1,170 @@
+"""Tests of `station.motions.sensed_contact`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.unmeasured import close_to_the_wall
+
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certify
+from uvms_drake.command.run import BROKEN, _report
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.report.summary import summarise
+from uvms_drake.station.contact_bounds import (
+    front_margin,
+    largest_force,
+    pressing_force,
+    sensed_contact,
+    sensing_of,
+)
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.motions.sensed_contact import Sensed
+from uvms_drake.station.problem import load_model, true_surface
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.station.simulation import simulate
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.law_tube import LawTube
+
+
+@pytest.mark.parametrize("overrides", [
+    ("surface.geometry.point.0=0.01",),
+    pytest.param(
+        ("surface.geometry.point.0=-0.005", "surface.law.stiffness=1000.0", "surface.friction=0.4",
+         "simulator.max_step_size=0.005"), marks=pytest.mark.long),
+])
+def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stiff(overrides):
+    scenario = close_to_the_wall(*overrides)
+    record = simulate(scenario)
+    contact = sensed_contact(scenario)
+    static = true_surface(scenario).static_force(record.chi)
+    assert static.max() <= contact.force
+    assert np.all(record.mpc_status == 0.0)
+    assert record.mpc_violation.max() <= 1e-6
+    assert record.mpc_terminal_slack.max() <= 1e-6
+    last = record.time >= 5.0
+    assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.5
+    depth = record.chi[:, 0]
+    assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * front_margin(scenario))
+    assert set(summarise(record)["contact"]["out_of_class"]) <= {"clearance"}  # It is near here.
+
+
+def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path):
+    record = simulate(close_to_the_wall("surface.law.stiffness=4000.0", "duration=2.5"))
+    summary = summarise(replace(record, certified=True))
+    seen = summary["contact"]["out_of_class"]["stiffness"]
+    assert seen == {"told": 1000.0, "seen": pytest.approx(4000.0, rel=0.05)}
+    summary["constraints"] = {}
+    assert _report(summary, tmp_path, []) == BROKEN
+    assert "NOTHING WAS PROMISED of this wall" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("overrides", [
+    ["sensing.0.tare=0.9"],
+    ["sensing.0.noise=[0, 0, 0, 0, 0, 0]", "sensing.0.drift=[0, 0, 0, 0, 0, 0]"],
+    ["sensing.0.rate=20"]])
+def test_a_sensor_that_is_slow_or_silent_or_tares_for_long_is_trusted(overrides):
+    """Off the wall: of such sensors, readings that repeat are no sign that they froze."""
+    record = simulate(load_scenario("girona500_contact", ["duration=1.2", *overrides]))
+    assert record.signals["force_lost"].max() == 0.0
+
+
+def test_of_a_sensor_that_nothing_is_known_of_no_reading_is_refused():
+    contact = load_scenario("girona500_contact")
+    assert (sensing_of(contact).repeats, sensing_of(contact).tare) == (3, 0.5)
+    unknown = sensing_of(replace(contact, sensing=[]))
+    assert (unknown.repeats, unknown.tare) == (0, 0.0)
+
+
+def test_a_force_that_is_asked_for_while_it_runs_is_accepted_as_far_as_the_class_allows():
+    scenario = close_to_the_wall()
+    contact = sensed_contact(scenario)
+    most = largest_force(scenario)
+    assert 20.0 < most < contact.force
+    station = make_station(scenario)
+    context = station.CreateDefaultContext()
+    for asked, accepted in ((12.0, 12.0), (100.0, most), (-3.0, 0.0)):
+        station.GetInputPort("desired_force").FixValue(context, contact.wrench(asked))
+        found = station.GetOutputPort("accepted_force").Eval(context)
+        assert found == pytest.approx(contact.wrench(accepted))
+
+
+def test_a_place_that_is_said_while_it_runs_is_where_it_presses():
+    station = make_station(close_to_the_wall())
+    context = station.CreateDefaultContext()
+    target = station.GetOutputPort("target").Eval(context)
+    place = [9.0, target[1] + 0.02, target[2] - 0.01]
+    station.GetInputPort("place").FixValue(context, place)
+    assert station.GetOutputPort("target").Eval(context) == pytest.approx([target[0], *place[1:]])
+
+
+def test_the_controller_is_told_nothing_of_the_surface():
+    """Its model is the same for any surface of the world."""
+    models = [load_model(load_scenario("girona500_contact", [f"surface.law.stiffness={k}"]))
+              for k in (100.0, 900.0)]
+    assert repr(models[0].surface) == repr(models[1].surface)
+    assert not models[0].surface.force(np.ones(6), np.ones(6)).any()
+
+
+QUICK = ["certificate.constant_samples=200", "certificate.tube_samples=40",
+         "certificate.terminal_samples=200"]
+
+
+def test_it_is_certified_for_every_wall_of_the_class(few_searches):
+    """The budget's parts add up to the radii, and the force is bounded by what was explored."""
+    certificate = certify(load_scenario("girona500_contact", QUICK))
+    assert certificate.certified, certificate.failed
+    tube = certificate.tube
+    for name, parts in certificate.budget.items():
+        assert sum(parts.values()) == pytest.approx(getattr(tube, name))
+    assert tube.depth < tube.position < 0.0021
+    assert {"contact_speed[0]", "tool_angle"} < {
+        item.name.removeprefix("tube in limits.") for item in certificate.conditions}
+    again = Certificate.from_data(certificate.to_data())
+    assert again.budget == certificate.budget
+
+
+@pytest.mark.parametrize(("override", "broken"), [
+    ("contact.force_error=3.0", "contact.force_error"),
+    ("sensing.0.range=[60, 60, 60, 40, 40, 30]", "sensing, the force that is within the range"),
+    pytest.param("contact.clearance=0.04", "contact.clearance", marks=pytest.mark.long),
+    pytest.param("contact.stiffness=8000.0", "front, room", marks=pytest.mark.long),
+    pytest.param("contact.speed=0.02", "contact.speed, what comes to it", marks=pytest.mark.long),
+    ("faults=[!LostForce {start: 1.0, duration: 1.0}]", "faults"),
+])
+def test_what_voids_the_certificate_is_named(few_searches, override, broken):
+    certificate = certify(load_scenario("girona500_contact", [*QUICK, override]))
+    assert certificate.failed.name.startswith(broken), certificate.failed
+
+
+@pytest.mark.parametrize(("overrides", "message"), [
+    (["sensing=[]"], "sensing"),
+    (["task.force.0=40.0"], r"task\.force.*less than"),
+    (["contact.force_error=12.0"], r"task\.force"),
+])
+def test_what_is_missing_or_too_much_is_named(overrides, message):
+    with pytest.raises(InvalidParameter, match=message):
+        make_station(load_scenario("girona500_contact", overrides))
+
+
+def test_the_force_along_the_direction_is_that_of_the_task():
+    assert pressing_force(load_scenario("girona500_contact")) == 20.0
+
+
+def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
+    """The tip goes on within what was felt before; the front waits."""
+    scenario = close_to_the_wall(
+        "duration=1.4", "faults=[!LostForce {start: 0.8, duration: 0.6}]")
+    record = simulate(scenario)
+    safe, y = record.signals["safe_depth"][:, 0], record.chi[:, 1:3]
+    gap = (record.time > 0.83) & (record.time < 1.39)
+    slope = sensed_contact(scenario).walls.tilt
+    aside = np.sum(np.abs(y[gap] - y[gap][0]), axis=1)
+    assert np.ptp(safe[gap]) <= 1.2 * slope * np.max(aside)
+    assert safe[record.time < 0.8][-1] > safe[0]
+
+
+def test_a_law_without_a_tube_has_none_in_contact():
+    none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0),))
+    assert Sensed().in_contact(none, load_scenario("girona500_tip_first"), None) is none

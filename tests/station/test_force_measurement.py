@@ -1,0 +1,229 @@
+"""The measured force in the closed loop: wiring, what it adds to d, faults, and what is refused."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
+
+from uvms_drake.certificate.certify import assumptions
+from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.sensor_actuator import Part
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
+from uvms_drake.sensing.force_sensor import ForceSensor
+from uvms_drake.sensing.navigation import Navigation
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.scenario.faults import faults_at
+from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
+from uvms_drake.station.simulation import simulate
+
+CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
+"""The tip starts 4 cm off the wall and touches it within a second."""
+SENSOR = ForceSensor(tare=0.2)
+
+
+def scenario_of(duration: float, *overrides, **changes):
+    scenario = load_scenario("girona500_ideal", [f"duration={duration}", CLOSE, *overrides])
+    return replace(scenario, **{"sensing": [SENSOR], **changes})
+
+
+def given_up(scenario) -> list[str]:
+    return [condition.name for condition in assumptions(scenario) if not condition.holds]
+
+
+@dataclass
+class TrueForce(Part):
+    """Measures the force as it is."""
+
+    def add_to(self, builder, model, port, signals, seed):
+        force = builder.AddNamedSystem("force", PassThrough(6))
+        builder.Connect(signals["force"], force.get_input_port())
+        signals["measured_force"] = force.get_output_port()
+        return port
+
+
+@dataclass
+class NoForce(Part):
+    """Says that nothing is touched, or that it does not know."""
+
+    value: float = 0.0
+
+    def add_to(self, builder, model, port, signals, seed):
+        force = builder.AddNamedSystem("force", ConstantVectorSource(np.full(6, self.value)))
+        signals["measured_force"] = force.get_output_port()
+        return port
+
+
+def force_on_the_robot(record, force):
+    """Returns M⁻¹Jᵀ𝔉 (T, 6+n)."""
+    model = ContactModel.load(record.scenario.model, check_surface(record.scenario.surface))
+    kinematics = model.kinematics(record.config)
+    torque = kinematics.J_chi.swapaxes(-1, -2) @ force[..., None]
+    return np.linalg.solve(model.mass_matrix(kinematics), torque)[..., 0]
+
+
+def test_a_perfect_sensor_of_a_known_wall_changes_nothing():
+    """𝔉_s = 𝔉 is what the law of the surface says too, but for rounding."""
+    plain, felt = (simulate(scenario_of(1.5, sensing=parts)) for parts in ([], [TrueForce()]))
+    assert np.max(plain.force[:, 0]) > 15.0
+    np.testing.assert_allclose(felt.state, plain.state, atol=1e-6)
+    np.testing.assert_array_equal(felt.signals["felt_force"], felt.force)
+
+
+def on_another_wall(duration: float, **changes):
+    """5 mm nearer, a quarter as stiff as is believed; the tube has room for a sensor."""
+    return scenario_of(
+        duration, "surface_error.shift=[-0.005, 0, 0]", "surface_error.stiffness=0.25",
+        "log_period=0.01", "tube.e=0.012", "tube.position=0.008", "tube.orientation=0.008",
+        "tube.joints=0.004", "tube.z=0.06", **changes)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(on_another_wall(3.0))
+
+
+def exits(record) -> float:
+    return dict(zip(TUBE_REPORT, record.tube_report, strict=True))["set_exits"]
+
+
+def test_a_wall_that_is_felt_keeps_the_tube_and_a_wall_that_is_believed_in_does_not(run):
+    """The plan presses to the depth that it believes in: the force is as wrong as the wall."""
+    known = simulate(on_another_wall(2.0, sensing=[]))
+    assert exits(known) > 0.0
+    assert exits(run) == 0.0
+    for part in ("position", "orientation", "joints"):
+        radius = getattr(run.scenario.tube, part)
+        assert np.max(run.deviation_of(part)) < 0.7 * radius
+        assert np.max(known.deviation_of(part)) > 1.5 * radius
+    assert run.force[-1, 0] < run.desired_force[-1, 0] - 5.0
+
+
+def test_the_error_of_the_sensor_is_all_that_the_wall_adds_to_the_disturbance(run):
+    felt = run.signals["felt_force"]
+    np.testing.assert_array_equal(felt, run.signals["measured_force"])
+    assert np.max(np.abs(felt - run.force)[:, :3]) < 3.0 < np.max(run.force[:, 0])
+    np.testing.assert_allclose(
+        run.effective_disturbance,
+        run.disturbance + force_on_the_robot(run, felt - run.force), atol=1e-8)
+
+
+def test_the_deviation_stays_within_what_that_disturbance_makes_of_the_bound_along_the_run(run):
+    """The cascade is linear: D = max ‖d + M⁻¹Jᵀ(𝔉_s − 𝔉)‖ takes its bound to D/d̃ times itself."""
+    largest = np.max(np.linalg.norm(run.effective_disturbance, axis=1))
+    bound = largest / run.scenario.disturbance.bound * run.tube_bound
+    late = run.time > 0.05
+    assert np.all(run.tube_deviation[late, :4] <= 1.01 * bound[late, :4] + 1e-5)
+    assert np.max(run.tube_deviation[late, :4] / bound[late, :4]) > 0.1
+
+
+def test_the_reading_is_the_felt_force_in_the_tips_axes(run):
+    """As of this sensor, which is mounted there; after the tare, which reads zero."""
+    model = ContactModel.load(run.scenario.model, check_surface(run.scenario.surface))
+    A_E = model.kinematics(run.config).A_E
+    in_tip = (run.signals["measured_force"][:, None] @ A_E)[:, 0]
+    np.testing.assert_allclose(run.signals["force_reading"], in_tip, atol=1e-9)
+    tared = run.time < 0.195
+    assert not np.any(in_tip[tared])
+    assert np.all(np.any(in_tip[run.time > 0.21], axis=1))
+
+
+def test_a_scenarios_seed_is_that_of_the_sensor():
+    readings = [simulate(replace(scenario_of(0.4), seed=seed)).signals["force_reading"]
+                for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(*readings[:2])
+    assert np.max(np.abs(readings[0] - readings[2])) > 0.1
+
+
+def test_the_attitude_is_that_which_is_measured_before_it():
+    """Behind a navigation; the state passes through unchanged."""
+    record = simulate(scenario_of(0.4, sensing=[Navigation(), SENSOR]))
+    assert set(record.signals) == {
+        "measured_state", "measured_force", "force_reading", "felt_force"}
+
+
+def test_a_sensor_comes_from_a_file_and_voids_the_certificate(tmp_path):
+    scenario = load_scenario("girona500_ideal", [
+        "sensing=[!ForceSensor {lag: 0.03, tool: {mass: 2.0, centre: [0, 0, 0.1]}}]"])
+    sensor, = scenario.sensing
+    assert (sensor.lag, sensor.tool.mass) == (0.03, 2.0)
+    assert given_up(scenario) == [
+        "sensing[0], ForceSensor: the proofs know the contact force by the surface's law"]
+    path = tmp_path / "mine.yaml"
+    path.write_text(dump_scenario(scenario))
+    assert dump_scenario(load_scenario(str(path))) == dump_scenario(scenario)
+    with pytest.raises(ScenarioError, match=r"sensing\[0\]\.tool\.mass = -2\.0: must be zero"):
+        load_scenario("girona500_ideal", ["sensing=[!ForceSensor {tool: {mass: -2}}]"])
+
+
+# Faults ------------------------------------------------------------------------------------------
+
+
+START, END = 1.5, 2.0
+
+
+@pytest.mark.parametrize(("fault", "expected"), [
+    (LostForce(START), "held"), (FrozenForce(START), "held"),
+    (SaturatedForce(START, largest=4.0), "cut"), (JumpedForce(START), "jumped")])
+def test_a_fault_of_the_sensor_changes_what_is_felt_while_it_lasts(fault, expected):
+    record = simulate(scenario_of(2.5, "log_period=0.01", faults=[fault]))
+    felt, measured = (record.signals[name] for name in ("felt_force", "measured_force"))
+    faulty = (record.time > START + 1e-6) & (record.time < END - 1e-6)
+    right = (record.time < START - 1e-6) | (record.time > END + 1e-6)
+    np.testing.assert_array_equal(felt[right], measured[right])
+    if expected == "held":
+        assert np.all(felt[faulty] == felt[faulty][0])
+        before = measured[(record.time > START - 0.025) & (record.time < START + 1e-6)]
+        assert np.min(np.max(np.abs(felt[faulty][0] - before), axis=1)) < 1e-9
+    else:
+        made = np.clip(measured, -4.0, 4.0) if expected == "cut" else measured + fault.jump
+        np.testing.assert_allclose(felt[faulty], made[faulty], atol=1e-12)
+    for name in ("state", "u", "tau", "force"):
+        assert np.all(np.isfinite(getattr(record, name)))
+    assert np.all(np.abs(record.u) <= record.scenario.limits.u)
+    error = np.linalg.norm(record.force[-1] - record.desired_force[-1])
+    assert error < record.scenario.task.force_tolerance
+    assert "faults, which the proofs do not cover" in given_up(record.scenario)
+
+
+def test_a_sensor_that_never_knows_is_one_that_feels_nothing():
+    """Without any finite value there is none to go on with but zero."""
+    lost, nothing = (simulate(scenario_of(0.6, sensing=[part]))
+                     for part in (NoForce(np.nan), NoForce(0.0)))
+    np.testing.assert_array_equal(lost.state, nothing.state)
+
+
+def test_a_lost_state_does_not_take_the_force_along():
+    record = simulate(load_scenario("girona500_ideal", [
+        "duration=2", CLOSE, "sensing=[!ForceSensor {tare: 0.2}]",
+        "faults=[!LostState {start: 1.2, duration: 0.3}]"]))
+    lost = record.state_lost > 0.0
+    felt = record.signals["felt_force"]
+    assert np.all(np.isfinite(felt))
+    assert np.all(felt[lost] == felt[lost][0])
+    assert felt[lost][0, 0] > 5.0
+
+
+# What is refused ---------------------------------------------------------------------------------
+
+
+def test_a_fault_of_a_force_that_nobody_measures_is_refused():
+    with pytest.raises(InvalidParameter, match=(
+            r"^faults\[0\] = 'LostForce': must be left out: nothing measures the force$")):
+        make_station(scenario_of(1.0, sensing=[], faults=[LostForce()]))
+    assert set(faults_at("force", [LostForce()])) == {"faults[0]"}
+
+
+def test_a_law_that_does_not_take_the_force_is_refused():
+    with pytest.raises(InvalidParameter, match=(
+            r"^ancillary = 'transpose': must be a law that takes the measured force")):
+        make_station(scenario_of(1.0, "ancillary=!Transpose {}"))
+
+
+@pytest.mark.parametrize("override", ["sensing=[!ForceSensor {}]", "faults=[!JumpedForce {}]"])
+def test_kinematic_motion_has_no_force_to_measure(override):
+    with pytest.raises(ScenarioError, match="must be left out, if the motion is kinematic"):
+        load_scenario("paper_kinematic", [override])

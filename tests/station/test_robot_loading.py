@@ -1,0 +1,213 @@
+"""`station.robot_loading`."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.robots import TEMPLATE, altered, without_an_arm
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model import uvms_model
+from uvms_drake.model.links import read_links
+from uvms_drake.model.trim import middle_posture, trim_of
+from uvms_drake.model.uvms import models_dir
+from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.plant.model_check import model_complaints
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.robot_loading import complaints_about, sound_robot
+from uvms_drake.station.scenario.scenario import load_scenario
+
+TIP = '<frame name="tip" attached_to="forearm">'
+END = "</model>"
+BODY = ("<inertial><mass>0.2</mass><inertia><ixx>1e-4</ixx><iyy>1e-4</iyy><izz>1e-4</izz></inertia>"
+        "</inertial>")
+SHOULDER, ELBOW = (f'<joint name="{name}" type="revolute">' for name in ("shoulder", "elbow"))
+
+
+def link(name: str, joint: str = "") -> tuple[str, str, str]:
+    """Returns the change that adds a link, and something after it."""
+    return ".sdf", END, f'<link name="{name}">{BODY}</link>{joint}{END}'
+
+
+def gripper(kind: str) -> tuple[str, str, str]:
+    return link("jaw", f'<joint name="jaws" type="{kind}"><parent>forearm</parent>'
+                       "<child>jaw</child><axis><xyz>0 0 1</xyz></axis></joint>")
+
+
+BROKEN = {
+    "tip on the vehicle": ([(".sdf", TIP, TIP.replace("forearm", "vehicle"))],
+                           "sdf: frame tip = 'vehicle': must be attached to 'forearm', which the "
+                           "last joint, 'elbow', moves"),
+    "tip on a middle link": ([(".sdf", TIP, TIP.replace("forearm", "upper_arm"))],
+                             "sdf: frame tip = 'upper_arm': must be attached to 'forearm'"),
+    "a gripper that opens": ([gripper("revolute")],
+                             "frame tip = 'forearm': must be attached to 'jaw', which the last "
+                             "joint, 'jaws', moves: joints beyond the tip, as of a gripper, are"),
+    "a link by itself": ([link("payload")],
+                         "sdf: link = 'payload': must be joined to the vehicle by joints"),
+    "limits in degrees": ([(".sdf", "<upper>0.5</upper>", "<upper>90</upper>")],
+                          "sdf: joint shoulder: limits = [-1.5, 90.0]: must be in radians, up to"),
+    "a spring": ([(".sdf", "<damping>1.0</damping>",
+                   "<damping>1.0</damping><spring_stiffness>5</spring_stiffness>")],
+                 "sdf: joint shoulder: spring_stiffness = 5.0: must be 0"),
+    "a bushing": ([(".sdf", END, """<frame name="a" attached_to="vehicle"/><frame name="b"
+        attached_to="forearm"/><drake:linear_bushing_rpy><drake:bushing_frameA>a</drake:bushing_frameA>
+        <drake:bushing_frameC>b</drake:bushing_frameC>
+        <drake:bushing_torque_stiffness>1 1 1</drake:bushing_torque_stiffness>
+        <drake:bushing_torque_damping>0 0 0</drake:bushing_torque_damping>
+        <drake:bushing_force_stiffness>1 1 1</drake:bushing_force_stiffness>
+        <drake:bushing_force_damping>0 0 0</drake:bushing_force_damping>
+        </drake:linear_bushing_rpy></model>""")],
+                  "sdf: force element = 'LinearBushingRollPitchYaw': must be left out"),
+    "moments of no body": ([(".sdf", "<ixx>2.05</ixx>", "<ixx>20.5</ixx>")],
+                           "sdf = 'an inertia that Drake replaces': must be one that a body can"),
+    "a negative moment": ([(".sdf", "<ixx>2.05</ixx>", "<ixx>-2.05</ixx>")],
+                          "sdf = 'an inertia that Drake replaces': must be one that a body can"),
+    "no mass": ([(".sdf", "<mass>1.5</mass>", "<mass>0</mass>")],
+                "sdf = 'an inertia that Drake replaces': must be one that a body can"),
+    "no inertial": ([(".sdf", END, '<link name="hook"/><joint name="fix" type="fixed"><parent>'
+                      f"forearm</parent><child>hook</child></joint>{END}")],
+                    "sdf: link hook: inertial = '1 kg, 1 kg m²': must be given"),
+    "a joint that moves nothing": (
+        [(".sdf", "<mass>1.5</mass>", "<mass>1e-9</mass>"), (".sdf", "0.000675", "1e-11"),
+         (".sdf", "0.01159", "1e-11"), (".sdf", ">5e-5<", ">0<")],
+        "sdf: joint shoulder: inertia about its axis = "),
+    "volumes in litres": ([(".yaml", "61.6e-3", "61.6")],
+                          "yaml: displaced_volume of all bodies, as mass of water over that of the "
+                          "robot = 977.8: must be between 0.8 and 1.25 (volumes are in m³"),
+    "a density in g/cm³": ([(".yaml", "fluid_density: 1000.0", "fluid_density: 1.0")],
+                           "of the robot = 0.001005: must be between 0.8 and 1.25"),
+    "numbers with z up": ([(".yaml", "[0.014, 0.0, -0.03]", "[0.014, 0.0, 0.03]"),
+                           (".sdf", "<pose>0 0 0.02 0 0 0</pose>", "<pose>0 0 -0.02 0 0 0</pose>")],
+                          "yaml: center_of_buoyancy of all bodies, above the centre of mass by = "
+                          "'-0.0445 m': must be zero or positive, or the vehicle turns over: axes "
+                          "are FRD, z down (numbers with z up are turned by diag(1, -1, -1))"),
+    "added mass that gives energy": ([(".yaml", "[30.0, 60.0", "[-30.0, 60.0")],
+                                     "bodies.vehicle.added_mass[0].matrix = "),
+    "negative drag": ([(".yaml", "linear: [20.0", "linear: [-20.0")],
+                      "bodies.vehicle.drag[0].linear = "),
+    "a body that is not there": ([(".yaml", "  forearm:", "  fore_arm:")],
+                                 "yaml: bodies = 'fore_arm': must be a body of box_uvms.sdf"),
+    "no tip": ([(".sdf", 'name="tip"', 'name="tool"')], "must be a robot with a frame 'tip'"),
+    "no vehicle": ([(".sdf", '"vehicle"', '"hull"'), (".sdf", ">vehicle<", ">hull<")],
+                   "must be a robot with a frame 'vehicle'"),
+    "a vehicle that is held": ([(".sdf", END, '<joint name="held" type="fixed"><parent>world'
+                                 f"</parent><child>vehicle</child></joint>{END}")],
+                               "vehicle = 'welded': must be a floating body"),
+    "two arms": ([link("left", '<joint name="second" type="revolute"><parent>vehicle</parent>'
+                               "<child>left</child><axis><xyz>0 0 1</xyz></axis></joint>")],
+                 "joint = 'second': must be carried by 'forearm': the arm must be a serial chain"),
+    "a ball joint": ([(".sdf", ELBOW, ELBOW.replace("revolute", "ball"))],
+                     "joint elbow = 'ball_rpy': must be revolute, prismatic or a weld"),
+    "a joint without a motor": ([(".sdf", "<effort>30", "<effort>0")],
+                                "sdf: joint shoulder: actuator = None: must be there"),
+    "a loop": ([(".sdf", END, """<drake:ball_constraint name="loop">
+        <drake:ball_constraint_body_A>vehicle</drake:ball_constraint_body_A>
+        <drake:ball_constraint_body_B>forearm</drake:ball_constraint_body_B>
+        <drake:ball_constraint_p_AP>0 0 0</drake:ball_constraint_p_AP>
+        <drake:ball_constraint_p_BQ>0 0 0</drake:ball_constraint_p_BQ>
+        </drake:ball_constraint></model>""")],
+               "sdf: constraints = 1: must be 0: the arm is a chain, without loops"),
+}
+
+
+@pytest.mark.parametrize("mistake", BROKEN)
+def test_a_broken_robot_is_refused_by_the_name_of_its_mistake(mistake, tmp_path):
+    changes, expected = BROKEN[mistake]
+    robot = altered(tmp_path, *changes)
+    with pytest.raises(InvalidParameter, match=re.escape(expected)) as caught:
+        sound_robot(str(robot))
+    assert "\n" not in str(caught.value)
+
+
+def test_every_shipped_robot_is_sound():
+    folders = [path.parent.name for path in models_dir().glob("*/package.xml")]
+    assert TEMPLATE in folders
+    for name in folders:
+        assert complaints_about(read_uvms(name), name) == []
+
+
+LEGAL = {
+    "axes that are skew": [(".sdf", "<xyz>0 1 0</xyz>", "<xyz>0.6 0.48 0.64</xyz>")],
+    "a tool that is turned": [(".sdf", "<pose>0.3 0 0 0 0 0</pose>",
+                               "<pose>0.2 -0.1 0.05 0.3 -0.4 1.1</pose>")],
+    "a gripper that is fixed": [gripper("fixed")],
+    "no limits": [(".sdf", "<lower>-1.5</lower> <upper>0.5</upper> <!-- [rad] -->", ""),
+                  (".sdf", "<lower>0.1</lower> <upper>2.2</upper>", "")],
+    "an arm that slides": [(".sdf", ELBOW, ELBOW.replace("revolute", "prismatic"))],
+    "a vehicle's slide": [(".sdf", SHOULDER, SHOULDER.replace("revolute", "prismatic"))],
+    "no gears": [(".sdf", "<drake:gear_ratio>100", "<drake:gear_ratio>1")],
+}
+
+
+@pytest.mark.parametrize("robot", LEGAL)
+def test_what_a_robot_may_be(robot, tmp_path):
+    assert sound_robot(str(altered(tmp_path, *LEGAL[robot]))).tip.name() == "tip"
+
+
+def test_a_robot_may_be_without_an_arm(tmp_path):
+    assert sound_robot(str(without_an_arm(tmp_path))).joints == ()
+
+
+def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):
+    """`load_model` is what `run`, `certify`, `simulate` and `make_station` share."""
+    robot = altered(tmp_path, *BROKEN["tip on a middle link"][0])
+    with pytest.raises(InvalidParameter, match="frame tip = 'upper_arm'"):
+        load_model(load_scenario("paper_dynamic", [f"model={robot}"]))
+
+
+@pytest.mark.parametrize(("change", "seen"), [
+    ((".sdf", "<damping>1.0</damping>",
+      "<damping>1.0</damping><spring_stiffness>5</spring_stiffness>"),
+     {"force in shoulder", "force in elbow", "balance of power"}),
+    ((".sdf", TIP, TIP.replace("forearm", "upper_arm")),
+     {"pose of the tip", "velocity of the tip"}),
+    (gripper("revolute"), {"pose of the tip", "velocity of the tip"})])
+def test_model_and_plant_alone_would_show_it(change, seen, tmp_path):
+    """The net below the other checks: two descriptions of one robot, in random states."""
+    complaints = model_complaints(read_uvms(str(altered(tmp_path, change))))
+    assert seen <= {complaint.key.removeprefix("model of the controller, ")
+                    for complaint in complaints}
+
+
+@pytest.mark.parametrize("joints", [(SHOULDER,), (ELBOW,), (SHOULDER, ELBOW)])
+def test_joints_that_slide_are_those_of_the_plant_to_rounding(joints, tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_drake.plant.model_check.AGREEMENT", 1e-12)
+    monkeypatch.setattr("uvms_drake.plant.model_check.STATES", 5)
+    robot = read_uvms(str(altered(tmp_path, *(
+        (".sdf", joint, joint.replace("revolute", "prismatic")) for joint in joints))))
+    assert [joint.type_name() for joint in robot.joints].count("prismatic") == len(joints)
+    assert model_complaints(robot) == []
+
+
+@pytest.mark.parametrize(("part", "factor"), [
+    ("inertia", 1.001), ("weight", 1.001), ("drag_quadratic", 1.01), ("joint_damping", 1.01)])
+def test_a_wrong_model_is_seen_in_its_forces_and_in_its_power(part, factor, uvms, monkeypatch):
+    """The power needs no equation of motion, only that energy is kept but for what drag takes."""
+    def scaled(robot):
+        links = read_links(robot)
+        return replace(links, **{part: factor * getattr(links, part)})
+
+    monkeypatch.setattr(uvms_model, "read_links", scaled)
+    keys = " ".join(complaint.key for complaint in model_complaints(uvms))
+    assert "force in" in keys
+    assert "balance of power" in keys
+
+
+def test_the_trim_is_that_of_the_parts_one_by_one():
+    """Shoulder and elbow at (-0.5, 1.15) rad: the upper arm points down, the forearm up again."""
+    uvms = read_uvms(TEMPLATE)
+    posture = middle_posture(uvms)
+    np.testing.assert_allclose(posture, [-0.5, 1.15])
+    trim = trim_of(uvms, posture)
+    down = 0.15 * np.sin(0.5)
+    upper = np.array([0.42 + 0.15 * np.cos(0.5), 0.0, 0.12 + down])
+    fore = np.array([0.42 + 0.3 * np.cos(0.5) + 0.15 * np.cos(0.65), 0.0,
+                     0.12 + 2.0 * down - 0.15 * np.sin(0.65)])
+    com = (60.0 * np.array([0.0, 0.0, 0.02]) + 1.5 * (upper + fore)) / 63.0
+    cob = (61.6 * np.array([0.014, 0.0, -0.03]) + 0.85 * (upper + fore)) / 63.3
+    assert (trim.mass, trim.displaced_mass) == pytest.approx((63.0, 63.3))
+    np.testing.assert_allclose(trim.center_of_mass, com, atol=1e-12)
+    np.testing.assert_allclose(trim.center_of_buoyancy, cob, atol=1e-12)
+    assert trim.righting_lever == pytest.approx(com[2] - cob[2])

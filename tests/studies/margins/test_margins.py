@@ -1,0 +1,202 @@
+"""Tests of `uvms_drake.studies.margins.margins`."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.quick import FEW, search_less
+
+from uvms_drake.certificate.certificate import Certificate, fingerprint
+from uvms_drake.certificate.certify import basis_of
+from uvms_drake.command.main import main
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.sensing import ForceSensor
+from uvms_drake.station.contact_bounds import largest_reading_error
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import load_scenario
+from uvms_drake.studies.margins import margins as study
+from uvms_drake.studies.margins.margin import FARTHEST, FINE, Margin, tube_conditions
+from uvms_drake.studies.margins.margins import format_margins, margins
+from uvms_drake.studies.margins.unknown_margins import Setting, Unknown
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.search.search_memo import Held
+from uvms_drake.tube.unmodelled_dynamics import by_water
+
+
+@pytest.fixture(scope="module")
+def felt():
+    return load_scenario("girona500_contact", FEW)
+
+
+def value_of(today: float, start: float = 0.0):
+    return study._Value("lag", "s", today, lambda value: value, start)
+
+
+def ends_at(limit: float):
+    """Returns what fails of a value beyond a limit."""
+    def failed(make, searches):
+        value = make()
+        return Condition("room", value, "<=", limit) if value > limit else None
+
+    return failed
+
+
+@pytest.mark.parametrize(("today", "limit"), [(0.02, 0.0201), (0.02, 0.11), (3.0, 100.0)])
+def test_the_largest_value_is_bracketed(today, limit, monkeypatch):
+    monkeypatch.setattr(study, "_worst_failed", ends_at(limit))
+    found = study._margin(value_of(today), Held())
+    assert limit / FINE <= found.largest <= limit
+    assert (found.today, found.ends) == (today, "room")
+
+
+def test_nobody_looks_beyond_what_is_far_enough(monkeypatch):
+    monkeypatch.setattr(study, "_worst_failed", ends_at(1e9))
+    found = study._margin(value_of(2.0), Held())
+    assert (found.largest, found.ends) == (2.0 * FARTHEST, "")
+
+
+def test_what_is_void_at_any_value_says_so_and_what_is_too_large_at_the_least_is_zero(monkeypatch):
+    void = Condition("actuation[0], the proofs take the feedback for continuous", 1.0, "<=", 0.0)
+    monkeypatch.setattr(study, "_worst_failed", lambda make, searches: void)
+    found = study._margin(value_of(0.0, 1e-3), Held())
+    assert math.isnan(found.largest)
+    assert found.ends == void.name
+    monkeypatch.setattr(study, "_worst_failed", ends_at(1e-4))
+    assert study._margin(value_of(0.0, 1e-3), Held()).largest == 0.0
+
+
+def test_a_value_without_a_meaning_ends_it():
+    def at(value):
+        raise InvalidParameter("contact.angle", value, "from 0 to 0.5 rad")
+
+    assert "contact.angle" in study._worst_failed(lambda: at(0.6), Held()).name
+
+
+def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
+    """And none is certified: the conditions are those of the parts themselves."""
+    for value, kinds in zip(study._late(felt), (
+            ["SampledCommand"], ["SampledCommand"], ["Thrusters"], []), strict=True):
+        changed = value.at(value.start)
+        assert [type(part).__name__ for part in changed.actuation] == kinds
+        failed = study._worst_failed(partial_at(value), Held())
+        assert failed is not None
+        assert failed.is_count
+    both = load_scenario("girona500_real_loop")
+    period, delay, lag, noise = study._late(both)
+    assert period.today == 0.02
+    assert [type(part).__name__ for part in lag.at(0.3).actuation] == [
+        "SampledCommand", "Thrusters"]
+    assert lag.at(0.3).actuation[1].lag == 0.3
+    assert delay.at(0.004).actuation[0].delay == 0.004
+    assert period.at(0.03).actuation[0].period == pytest.approx(0.2 / 7), "a knot is a tick"
+    assert period.tried(0.03) == pytest.approx(0.2 / 7), "and that is what is told"
+    with pytest.raises(InvalidParameter, match=r"at most mpc\.time_step"):
+        period.at(0.3)
+    assert np.all(noise.at(0.01).sensing[0].dvl.noise == 0.01)
+
+
+def partial_at(value):
+    return lambda: value.at(value.start)
+
+
+def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
+    noise = next(value for value in study._values(felt) if "noise" in value.name)
+    assert noise.today == 0.25
+    changed = noise.at(1.0)
+    assert np.all(changed.sensing[0].noise == 4.0 * ForceSensor().noise)
+    need = largest_reading_error(changed, motion_of(changed).contact_force(changed))
+    assert changed.contact.force_error == need > felt.contact.force_error
+    assert noise.at(noise.today).contact.force_error == felt.contact.force_error
+    exact = replace(felt, sensing=[replace(felt.sensing[0], noise=np.zeros(6))])
+    none = next(value for value in study._values(exact) if "noise" in value.name)
+    assert (none.today, none.start) == (0.0, 1e-3)
+    np.testing.assert_allclose(none.at(0.25).sensing[0].noise, ForceSensor().noise)
+    slow = next(value for value in study._values(felt) if "lag" in value.name).at(0.05)
+    assert slow.contact.delay == pytest.approx(5.0 * 0.05 + 0.01)
+
+
+class Room:
+    """A setting where d = size (1 + size) in two components, and a room for it."""
+
+    def __init__(self, room: float):
+        self._room = room
+
+    def largest(self, size):
+        return np.full(2, size * (1.0 + size)), np.full(2, 1.5 * size * (1.0 + size))
+
+    def failed(self, axes):
+        return None if axes[0] <= self._room else Condition("room", axes[0], "<=", self._room)
+
+
+def unknown(most: float = math.inf):
+    return Unknown("current", "m/s", 0.25, lambda setting, size: size, most)
+
+
+@pytest.mark.parametrize("room", [0.02, 0.09, 3.0])
+def test_the_size_of_an_error_is_that_of_which_all_d_has_room(room):
+    found = unknown().margin(Room(room), Held())
+    exact = (math.sqrt(1.0 + 4.0 * room / 1.5) - 1.0) / 2.0
+    assert exact / FINE <= found.largest <= exact
+    assert found.ends == "room"
+    assert found.axes[0] == pytest.approx(1.5 * found.largest * (1.0 + found.largest))
+    assert found.d == pytest.approx((0.3125, 0.3125))
+
+
+def test_an_error_ends_where_it_has_no_meaning_or_has_no_room_at_all():
+    bounded = unknown(most=0.8).margin(Room(1e3), Held())
+    assert 0.8 / FINE <= bounded.largest <= 0.8
+    none = unknown().margin(Room(1e-9), Held())
+    assert (none.largest, none.ends, none.axes) == (0.0, "room", ())
+
+
+def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatch, capsys):
+    """Of a certificate that holds; of one that is void there are none."""
+    certificate = Certificate(
+        scenario="girona500_contact", motion="dynamic", law="resolved", k=50.0, sigma=50.0,
+        d_bound=0.1, conditions=(Condition("room", 1.0, "<", 2.0),), **fingerprint(felt))
+    found = [Margin("force sensor, lag", "s", 0.02, 0.033, "room"),
+             Margin("feedback, period", "s", 0.0, math.nan, "the proofs take it for continuous"),
+             Margin("current", "m/s", 0.0, 0.1, "room", (0.2,) * 7, 0.25, (0.1,) * 7)]
+    monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: certificate)
+    monkeypatch.setattr("uvms_drake.studies.margins.margins.margins", lambda *_, **__: found)
+    command = ["certify", "girona500_contact", "--margins", f"--output={tmp_path / 'out'}"]
+    assert main(command) == 0
+    assert "force sensor, lag" in capsys.readouterr().out
+    lag, period, current = json.loads((tmp_path / "out" / "margins.json").read_text())
+    assert (lag["today"], lag["largest"], lag["ends"]) == (0.02, 0.033, "room")
+    assert period["largest"] is None
+    assert current["axes"] == [0.1] * 7
+    void = replace(certificate, conditions=(Condition("room", 3.0, "<", 2.0),))
+    monkeypatch.setattr("uvms_drake.certificate.certify.certified_once", lambda *_: void)
+    assert main(command) == 1
+    assert "no margins: the certificate is void" in capsys.readouterr().out
+    assert not (tmp_path / "out" / "margins.json").exists(), "those of another certificate"
+
+
+@pytest.mark.long
+def test_what_is_found_is_certified_and_what_is_beyond_is_not(felt, monkeypatch):
+    """The bound of d, by searches made anew; and each of the tables has its rows."""
+    search_less(monkeypatch)
+    found = margins(felt, load_model(felt))
+    bound = found[0].largest
+    for factor, holds in ((0.97, True), (1.05, False)):
+        at = replace(felt, disturbance=replace(felt.disturbance, bound=factor * bound))
+        model = load_model(at)
+        conditions = tube_conditions(at, model, basis_of(at, model))
+        assert all(condition.holds for condition in conditions) == holds
+    text = format_margins(found)
+    for name in ("force sensor, lag", "thrusters, lag", "mass of all bodies", "current"):
+        assert name in text
+    by_name = {each.name: each for each in found}
+    assert by_name["wall and tool, stiffness"].largest > 1000.0
+    still = by_name["current"]
+    assert 0.0 < still.largest < 1.0
+    # All of its d is in the ellipsoid that certifies.
+    setting = Setting(felt, load_model(felt), bound)
+    each, axes = setting.largest([by_water(setting.model, (still.largest, 0.0))])
+    np.testing.assert_allclose(axes, still.axes, rtol=0.05)
+    assert np.all(each <= axes * (1.0 + 1e-9))
+    assert setting.failed(axes * 0.95) is None

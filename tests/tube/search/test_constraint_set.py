@@ -1,0 +1,110 @@
+"""Tests of `uvms_drake.tube.search.constraint_set`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import dh
+from support.tiny_robots import drill, tiny_robot
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.model.surface.spring import BilateralSpring
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+
+BOUNDS = ConstraintSet(
+    q_lower=np.array([-0.4, 0.2, -0.5, -1.0]), q_upper=np.array([0.5, 1.2, 0.6, 0.8]), roll=0.3,
+    pitch=0.2, tip_pitch=0.5, nu1=0.25, nu2=0.2, qdot=0.3, force_max=40.0, yaw=1.0)
+DEEPEST = 0.041  # m, where the wall of 1000 N/m with its transition of 2 mm carries 40 N
+
+
+@pytest.fixture(scope="module")
+def drawn(model) -> tuple[np.ndarray, np.ndarray]:
+    return BOUNDS.sample(model, 4000, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def in_spring(uvms) -> ContactModel:
+    stiffness = np.diag([500.0, 300.0, 400.0, 5.0, 4.0, 3.0])
+    stiffness[0, 4] = stiffness[4, 0] = 20.0
+    return ContactModel(uvms, check_surface(BilateralSpring(stiffness, np.full(6, 0.3))))
+
+
+def test_samples_keep_every_bound_by_an_independent_kinematics(drawn):
+    config, zeta = drawn
+    chi = np.array([dh.chi(row) for row in config])
+    assert np.all(np.abs(config[:, 3:6]) <= [0.3, 0.2, 1.0])
+    assert np.all((config[:, 6:] >= BOUNDS.q_lower) & (config[:, 6:] <= BOUNDS.q_upper))
+    assert np.max(np.abs(chi[:, 4])) <= 0.5 + 1e-9
+    assert np.min(chi[:, 0]) >= -0.01 - 1e-9  # The wall is at x = 0.
+    assert np.max(chi[:, 0]) <= DEEPEST + 1e-9
+    for block, bound in ((slice(0, 3), 0.25), (slice(3, 6), 0.2), (slice(6, 10), 0.3)):
+        assert np.max(np.linalg.norm(zeta[:, block], axis=1)) <= bound + 1e-12
+
+
+def test_samples_reach_faces_and_corners(model, drawn):
+    config, zeta = drawn
+    chi = model.kinematics(config).chi
+    lower, upper = BOUNDS.box
+    at_bound = (config[:, 3:] == lower) | (config[:, 3:] == upper)
+    assert np.all(np.mean(at_bound, axis=0) > 0.1)
+    assert np.max(np.sum(at_bound, axis=1)) >= 5
+    assert np.mean(np.abs(chi[:, 4]) > 0.5 - 1e-3) > 0.2
+    assert np.mean(np.abs(np.linalg.norm(zeta[:, :3], axis=1) - 0.25) < 1e-12) > 0.4
+    for depth in (-0.01, DEEPEST):
+        assert np.mean(np.abs(chi[:, 0] - depth) < 1e-12) > 0.05
+    inside = ~np.any(at_bound, axis=1) & (np.abs(chi[:, 4]) < 0.45)
+    assert np.mean(inside) > 0.02
+
+
+def test_the_force_of_a_spring_is_bounded_and_the_bound_is_reached(in_spring):
+    config, zeta = BOUNDS.sample(in_spring, 1000, np.random.default_rng(1))
+    chi = in_spring.kinematics(config).chi
+    force = np.linalg.norm(in_spring.surface.force(chi, np.zeros_like(chi))[:, :3], axis=1)
+    assert np.max(force) == pytest.approx(40.0)
+    assert np.min(force) < 10.0
+    assert np.all(BOUNDS.contains(in_spring, config, zeta))
+
+
+def test_the_same_seed_gives_the_same_samples(model, drawn):
+    again = BOUNDS.sample(model, 4000, np.random.default_rng(0))
+    assert np.array_equal(again[0], drawn[0]) and np.array_equal(again[1], drawn[1])
+
+
+@pytest.mark.parametrize("shift", range(3, 20))
+def test_a_state_outside_one_bound_is_not_contained(model, drawn, shift):
+    state = np.concatenate([drawn[0][0], drawn[1][0]])
+    assert BOUNDS.contains(model, state[None, :10], state[None, 10:])[0]
+    state[shift] += 5.0
+    assert not BOUNDS.contains(model, state[None, :10], state[None, 10:])[0]
+
+
+def test_depth_and_tip_pitch_count(model):
+    y = np.zeros((3, 10))
+    y[:, 6:] = [0.0, 0.9, 0.2, 0.0]
+    y[1, 0], y[2, 4] = DEEPEST + 0.001, 0.51
+    loose = replace(BOUNDS, roll=1.5, pitch=1.5, yaw=np.pi)
+    inside = loose.contains(model, model.configuration(y), np.zeros((3, 10)))
+    assert list(inside) == [True, False, False]
+
+
+def test_a_tip_pitch_that_nothing_can_keep_is_reported():
+    tilted = tiny_robot([[1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    bounds = ConstraintSet(np.zeros(1), np.zeros(1), 0.0, 0.3, 0.6, 0.1, 0.1, 0.1)
+    with pytest.raises(InvalidParameter, match="tip_pitch"):
+        bounds.sample(tilted, 10, np.random.default_rng(0))
+    assert len(bounds.sample(drill(), 10, np.random.default_rng(0))[0]) == 10
+
+
+@pytest.mark.parametrize("change", [
+    {"roll": -0.1}, {"pitch": 1.6}, {"tip_pitch": 0.0}, {"nu1": 0.0}, {"qdot": np.inf},
+    {"yaw": 4.0}, {"q_upper": np.full(4, -1.0)}, {"force_max": -1.0}])
+def test_a_bound_without_meaning_is_reported_by_its_name(change):
+    with pytest.raises(InvalidParameter, match=next(iter(change))):
+        replace(BOUNDS, **change)
+
+
+def test_the_number_of_joints_must_be_the_robots():
+    with pytest.raises(InvalidParameter, match="one for each joint"):
+        BOUNDS.sample(drill(), 10, np.random.default_rng(0))

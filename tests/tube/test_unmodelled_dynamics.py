@@ -1,0 +1,158 @@
+"""Tests of `tube.unmodelled_dynamics`: against Drake's plant, with the error and without."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from support.true_model import model_with_error
+
+from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.plant.joint_friction import JointFriction
+from uvms_drake.plant.model_error import ModelError
+from uvms_drake.plant.payload import Payload
+from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
+from uvms_drake.plant.waves import Wave, water_motion
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.unmodelled_dynamics import (
+    Load,
+    box,
+    by_forces,
+    by_robot,
+    by_water,
+    by_wrench,
+    largest,
+    motions,
+    sizes,
+)
+
+GIRONA = "girona500_arm5e"
+FACTOR = 1.1
+"""Declared safety factor of what is searched for."""
+RATE = np.repeat([0.7, 3.0], [6, 4])
+WEIGHTS = np.repeat([0.1, 0.2, 1.0], [3, 3, 4])
+DECLARED = ConstraintSet(
+    q_lower=np.array([-0.25, 0.7, 0.2, -0.4]), q_upper=np.array([0.25, 1.25, 0.72, 0.4]),
+    roll=0.15, pitch=0.15, tip_pitch=0.4, nu1=0.15, nu2=0.1, qdot=0.3)
+WAVE = Wave(amplitude=0.4, period=6.0, depth=2.5)
+
+
+def robot(error: ModelError):
+    def load(known) -> Load:
+        return by_robot(known, model_with_error(GIRONA, UnilateralPlane(), error), RATE)
+
+    return load
+
+
+class Case(NamedTuple):
+    """An error, as the plant has it and as a load."""
+
+    load: object
+    error: ModelError | None = None
+    water: object = None
+    """Of heading and phase: v_c and v̇_c."""
+
+
+def current(heading, phase):
+    return 0.25 * np.array([np.cos(heading), np.sin(heading), 0.0]), np.zeros(3)
+
+
+def wave(heading, phase):
+    return water_motion(np.zeros(3), [Wave(**vars(WAVE) | {
+        "direction": heading, "phase": phase})], 0.0)
+
+
+CASES = {
+    "mass": Case(robot(ModelError(mass=1.2)), ModelError(mass=1.2)),
+    "added mass": Case(robot(ModelError(added_mass=0.8)), ModelError(added_mass=0.8)),
+    "trim": Case(robot(ModelError(buoyancy=0.98)), ModelError(buoyancy=0.98)),
+    "payload": Case(robot(ModelError(payload=Payload(mass=0.5))),
+                    ModelError(payload=Payload(mass=0.5))),
+    "friction": Case(lambda known: by_forces(known, np.repeat([0.0, 0.5], [6, 4])), ModelError(
+        joint_friction=JointFriction(coulomb=np.array([0.5]), creep=1e-6))),
+    "current": Case(lambda known: by_water(known, (0.25, 0.0)), water=current),
+    "wave": Case(lambda known: by_water(known, WAVE.speeds, WAVE.frequency), water=wave)}
+
+
+def plant_acceleration(case: Case, known, at, i: int, rate: np.ndarray) -> np.ndarray:
+    """Returns ζ̇ (6+n,) of the plant where the law asks for `rate` (6+n,), at motion i."""
+    plant = make_uvms_plant(model=GIRONA, surface=None, error=case.error,
+                            disturbance=ConstantDisturbance(bound=0.0))
+    context = plant.CreateDefaultContext()
+    set_state(plant, context, np.concatenate([at.config[i], at.zeta[i]]))
+    tau = known.inverse_dynamics(at.kinematics.at(i), at.zeta[i], rate, np.zeros(6))
+    plant.GetInputPort("tau").FixValue(context, tau)
+    if case.water is not None:
+        for name, value in zip(("current", "current_acceleration"),
+                               case.water(at.heading[i], at.phase[i]), strict=True):
+            plant.GetInputPort(name).FixValue(context, value)
+    return plant.GetOutputPort("acceleration").Eval(context)
+
+
+def some(count: int, model, seed: int, near: np.ndarray | None = None):
+    """Returns random motions, many of them on faces and edges of the set, and their points.
+
+    Some of their coordinates are those of a point, if it is given.
+    """
+    lower, upper = box(model, DECLARED)
+    rng = np.random.default_rng(seed)
+    unit = np.clip(rng.uniform(-0.3, 1.3, (count, len(lower))), 0.0, 1.0)
+    points = lower + unit * (upper - lower)
+    if near is not None:
+        points = np.where(rng.uniform(size=points.shape) < 0.7, near, points)
+    return motions(points, model, DECLARED), points
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_plant_does_what_is_said(name, model):
+    """Its d is c + As to rounding, whatever s is: ζ̇_c over its bound, or the sign of friction."""
+    case, (at, _) = CASES[name], some(2, model, 1)
+    c, A = case.load(model)(at)
+    for i, share in enumerate(np.random.default_rng(2).uniform(-1.0, 1.0, (2, 10))):
+        s = -np.sign(at.zeta[i]) if name == "friction" else share[: A.shape[-1]]
+        rate = RATE * share
+        d = plant_acceleration(case, model, at, i, rate) - rate
+        np.testing.assert_allclose(d, c[i] + A[i] @ s, atol=1e-7)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
+def test_no_motion_is_beyond_the_claim_and_some_come_close(name, model):
+    load = CASES[name].load(model)
+    claim, near = FACTOR * largest([load], model, DECLARED, WEIGHTS), None
+    for seed in range(3, 6):  # Each about the worst of the last one.
+        at, points = some(4000, model, seed, near)
+        found = sizes(load(at), WEIGHTS)
+        assert np.all(found <= claim)
+        near = points[np.argmax(found[:, -1])]
+    assert np.max(found[:, -1]) > 0.9 * claim[-1] / FACTOR
+
+
+def test_a_wrench_that_is_off_is_in_no_axis_more_than_its_share(model):
+    """By the plant's mass matrix of its own: what Mζ̇_c + b + Jᵀ𝔉 is at random, times the share."""
+    at, _ = some(50, model, 2)
+    share, force, rng = 0.1, 30.0, np.random.default_rng(3)
+    c, A = by_wrench(model, share, RATE, force)(at)
+    assert not np.any(c)
+    forces = rng.normal(size=(50, 3))
+    forces *= force / np.linalg.norm(forces, axis=1, keepdims=True)
+    J = at.kinematics.J_links[:, -1, :3, :6]
+    asked = model.inverse_dynamics(at.kinematics, at.zeta, RATE * rng.uniform(-1, 1, (50, 10)),
+                                   np.zeros((50, 6)))[:, :6]
+    asked += np.einsum("mij,mi->mj", J, forces)
+    M = model.mass_matrix(at.kinematics)
+    allowed = np.linalg.norm((M @ A)[:, :6], axis=1)
+    assert np.all(share * np.abs(asked) <= allowed + 1e-9)
+
+
+def test_the_largest_norm_is_climbed_for_as_well_as_all_corners_say():
+    rng = np.random.default_rng(4)
+    c, A = rng.normal(size=(200, 5)), rng.normal(size=(200, 5, 6))
+    corners = np.array(np.meshgrid(*[[-1.0, 1.0]] * 6)).reshape(6, -1)
+    every = c[..., None] + A @ corners
+    found = sizes((c, A), 1.0)
+    np.testing.assert_allclose(found[:, :-1], np.max(np.abs(every), axis=2))
+    best = np.max(np.linalg.norm(every, axis=1), axis=1)
+    assert np.all(found[:, -1] <= best + 1e-12)
+    assert np.min(found[:, -1] / best) > 0.85
+    assert np.mean(found[:, -1] > 0.999 * best) > 0.8

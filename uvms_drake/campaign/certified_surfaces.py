@@ -1,0 +1,150 @@
+"""Surfaces that a campaign draws and the controller knows: stiffer, softer, tilted, anywhere.
+
+A surface of another stiffness or tilt has a certificate of its own. Where it stands and where it
+faces makes no difference: a translation and a turn about the vertical of everything leave gravity,
+dynamics, limits and tube as they are.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data
+from pydrake.math import RotationMatrix
+
+from uvms_drake.campaign.contact_kinds import contact_of
+from uvms_drake.certificate.certificate import Certificate
+from uvms_drake.certificate.certify import certified_once
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.progress import Progress, part_of
+from uvms_drake.common.schema import load_typed
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.frames.euler import wrap_angle
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.scenario.scenario import Scenario
+
+OTHER_WALLS = ((0.8, 0.0), (1.25, 0.0), (1.0, -0.1), (1.0, 0.1))
+"""Stiffness over the scenario's and tilt [rad] of each other surface."""
+
+
+@dataclass(frozen=True)
+class CertifiedWall:
+    """A surface with a certificate, as its differences from the scenario's."""
+
+    stiffness: float
+    """Stiffness over the scenario's."""
+    tilt: float
+    """Turn about the horizontal line in the surface [rad]."""
+    tube: str
+    """YAML of the certificate's radii."""
+    radius: float
+    """Radius ε of the terminal set at the scenario's desired force."""
+
+
+def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
+             ) -> tuple[CertifiedWall, ...]:
+    """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
+
+    Only a flat surface is tilted. There is the scenario's own alone where no forces act, or the
+    controller knows none: then the certificate is that of all the walls of a class.
+
+    Args:
+        scenario: As it is loaded.
+        certificate: One that holds for it.
+        progress: As of `certified_once`.
+    """
+    walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
+    others = OTHER_WALLS if motion_of(scenario).knows_force else ()
+    for i, (stiffness, tilt) in enumerate(others):
+        if tilt and scenario.surface.normal is None:
+            continue
+        other = _with_surface(scenario, stiffness, tilt)
+        try:
+            found = certified_once(other, part_of(progress, i / len(others), (i + 1) / len(others)))
+        except InvalidParameter:  # The task cannot be held there, or the start presses too hard.
+            continue
+        if found.certified:
+            walls.append(_wall(stiffness, tilt, found.applied_to(other)))
+    return tuple(walls)
+
+
+def _wall(stiffness: float, tilt: float, scenario: Scenario) -> CertifiedWall:
+    return CertifiedWall(
+        stiffness, tilt, yaml_dump_typed(scenario.tube), scenario.mpc.terminal_radius)
+
+
+def with_wall(scenario: Scenario, wall: CertifiedWall) -> Scenario:
+    """Returns the scenario with another surface, and with the tube and terminal set of that."""
+    other = _with_surface(scenario, wall.stiffness, wall.tilt)
+    return replace(other, tube=load_typed(TubeRadii, yaml_load_data(wall.tube)),
+                   mpc=replace(other.mpc, terminal_radius=wall.radius))
+
+
+def _with_surface(scenario: Scenario, stiffness: float, tilt: float) -> Scenario:
+    """Returns the scenario with a surface that is stiffer, and turned with 𝔉_des."""
+    surface, task = scenario.surface, scenario.task
+    surface = surface.stiffened(stiffness)
+    if tilt and surface.normal is not None:
+        normal, anchor = (np.asarray(each, dtype=float)
+                          for each in (surface.normal, surface.anchor))
+        R = RotationMatrix(AngleAxis(tilt, _horizontal_in(normal))).matrix()
+        force = np.asarray(task.force, dtype=float).copy()
+        force[:3] = R @ force[:3]
+        surface, task = surface.moved(R, anchor - R @ anchor), replace(task, force=force)
+    return replace(scenario, surface=surface, task=task)
+
+
+def _horizontal_in(normal: np.ndarray) -> np.ndarray:
+    """Returns a unit vector (3,) in a plane that is horizontal; along x in a horizontal plane."""
+    line = np.cross([0.0, 0.0, 1.0], normal)
+    length = float(np.linalg.norm(line))
+    return line / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+
+
+def turns_freely(scenario: Scenario) -> bool:
+    """Returns whether a turn about the vertical makes no difference to the nominal MPC either.
+
+    Further limits may be along axes of Σ_I.
+    """
+    mpc = scenario.mpc
+    weights = [mpc.weight_y] if mpc.terminal_weight is None else [mpc.weight_y, mpc.terminal_weight]
+    even = all(bool(x == y) for x, y in (np.asarray(weight, dtype=float)[:2] for weight in weights))
+    return even and not scenario.limits.more
+
+
+def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
+    """Returns the scenario with all that is in Σ_I turned about the vertical, then shifted.
+
+    A disturbance is in the robot's coordinates and stays; w of kinematic motion is one in Σ_I.
+
+    Args:
+        scenario: Any.
+        yaw: Angle about the z-axis of Σ_I [rad].
+        shift: In Σ_I (3,) [m].
+    """
+    R = RotationMatrix.MakeZRotation(yaw).matrix()
+
+    def placed(pose: np.ndarray) -> np.ndarray:
+        return np.concatenate([R @ pose[:3] + shift, pose[3:]])
+
+    def turned(angles: np.ndarray) -> np.ndarray:
+        return np.append(angles[:2], wrap_angle(angles[2] + yaw))
+
+    task, error = scenario.task, scenario.surface_error
+    eta, frame = (np.asarray(each, dtype=float) for each in (scenario.start.eta, task.frame))
+    pose = None if task.pose is None else placed(np.asarray(task.pose, dtype=float))
+    if np.any(frame):  # The pose's angles are about its axes.
+        frame = turned(frame)
+    elif pose is not None:
+        pose[3:] = turned(pose[3:])
+    force = np.asarray(task.force, dtype=float).copy()
+    force[:3] = R @ force[:3]
+    error = replace(error, shift=R @ np.asarray(error.shift, dtype=float),
+                    turn=R @ np.asarray(error.turn, dtype=float))
+    return replace(
+        contact_of(scenario).turned(scenario, R), surface=scenario.surface.moved(R, shift),
+        surface_error=error,
+        current=R @ np.asarray(scenario.current, dtype=float),
+        waves=[replace(wave, direction=wave.direction + yaw) for wave in scenario.waves],
+        start=replace(scenario.start, eta=np.append(placed(eta)[:3], turned(eta[3:]))),
+        task=replace(task, force=force, pose=pose, frame=frame))

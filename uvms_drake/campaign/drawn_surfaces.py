@@ -1,0 +1,180 @@
+"""Walls that a campaign draws and the controller feels: any of the class that it is told of.
+
+A wall is drawn with an angle, a stiffness, damping and friction of its own, up to those of the
+class and in a quarter of the draws at them. What is drawn is shown to be in the class by
+`ShapedSurface.membership`, in a ball with every place where the tip may touch it.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.frames.spatial import cross
+from uvms_drake.model.surface import SensedContact, ShapedSurface
+from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
+from uvms_drake.model.surface.normal_law import AnyNormalLaw, Bilinear, Hardening, Linear
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+SOFTEST = 0.1
+"""Smallest slope of a wall's static force over the largest of the class."""
+AT_THE_BOUND, BELOW = 0.25, 1.0 - 1e-9
+"""Probability that a wall has a bound of the class, but for rounding."""
+FLAT = 0.5
+"""Largest part of the angle that is left to curvature or bumps, which take the rest of it."""
+TRANSITIONS, KNEES, DEEP = (0.001, 0.005), (0.005, 0.03), (0.01, 0.05)
+"""Ranges of the depths at which a law changes [m]."""
+WAVELENGTHS = (0.1, 0.6)
+"""Range of the shortest wavelength of bumps [m]."""
+SLACK = 0.03
+"""What the ball has on all sides more than it needs: for the tube, and for bumps [m]."""
+
+
+class Ball(NamedTuple):
+    """All places where a tip can touch a wall without pressing harder than it may."""
+
+    center: np.ndarray
+    """(3,) [m]."""
+    reach: float
+    """[m]."""
+
+
+def share(rng: np.random.Generator, least: float = 0.0) -> float:
+    """Returns a part of a bound, uniform from `least` to 1, or 1 but for rounding."""
+    part = rng.uniform(least, 1.0)
+    return BELOW if rng.uniform() < AT_THE_BOUND else float(part)
+
+
+def draw_wall(contact: SensedContact, start: np.ndarray, goal: np.ndarray,
+              rng: np.random.Generator) -> ShapedSurface | None:
+    """Returns a wall beside the start, its friction with a creep of 1 m/s; None: not in the class.
+
+    It stays in the class where it is moved along n.
+
+    Args:
+        contact: What the controller is told.
+        start: Where the tip starts (3,) [m].
+        goal: A point (3,) of the line along n at which it is to press [m].
+        rng: Source of the draws.
+    """
+    n = np.asarray(contact.direction, dtype=float)
+    law = draw_law(SOFTEST * contact.stiffness, contact.stiffness, rng)
+    angle, flat = contact.angle * share(rng), float(rng.uniform(FLAT, 1.0))
+    dissipation, friction = contact.dissipation * share(rng), contact.friction * share(rng)
+    point = start + 0.5 * across(n, goal - start)
+    reach = ball_about(point, contact, law, start, goal).reach
+    shape = (_plane, _cylinder, _pipe, _bumpy)[rng.integers(4)]
+    surface = ShapedSurface(
+        shape(point, n, angle, flat, reach, rng), law, dissipation, friction,
+        creep=1.0)
+    return within_class(surface, contact, start, goal)
+
+
+def draw_law(least: float, most: float, rng: np.random.Generator) -> AnyNormalLaw:
+    """Returns a static force with slopes from `least` to `most` [N/m] past its transition."""
+    high = most * share(rng, least / most)
+    low, transition = float(rng.uniform(least, high)), float(rng.uniform(*TRANSITIONS))
+    kind = rng.integers(4)
+    if kind == 0:
+        return Linear(high, transition)
+    if kind == 1:
+        return Hardening(low, transition, high / low, float(rng.uniform(*DEEP)))
+    first, second = (low, high) if kind == 2 else (high, low)
+    return Bilinear(first, transition, second / first, float(rng.uniform(*KNEES)))
+
+
+def within_class(surface: ShapedSurface, contact: SensedContact, start: np.ndarray,
+                 goal: np.ndarray) -> ShapedSurface | None:
+    """Returns the surface, softer and less damped if the class asks for it; None: not in it."""
+    found = membership(surface, contact, start, goal)
+    if found is None:
+        return None
+    too_stiff, too_damped = (max(1.0, getattr(found, name) / (BELOW * getattr(contact, name)))
+                             if getattr(found, name) else 1.0
+                             for name in ("stiffness", "dissipation"))
+    surface = replace(surface, law=surface.law.stiffened(1.0 / too_stiff),
+                      dissipation=surface.dissipation / too_damped)
+    return surface if is_member(surface, contact, start, goal) else None
+
+
+def is_member(surface: ShapedSurface, contact: SensedContact, start: np.ndarray, goal: np.ndarray
+              ) -> bool:
+    """Returns whether a surface is in the class wherever a tip can touch it."""
+    found = membership(surface, contact, start, goal)
+    return found is not None and all(
+        getattr(found, name) <= getattr(contact, name)
+        for name in ("stiffness", "angle", "dissipation", "friction"))
+
+
+def membership(surface: ShapedSurface, contact: SensedContact, start: np.ndarray,
+               goal: np.ndarray) -> SurfaceClass | None:
+    """Returns the class of a surface in the ball of `ball_about`; None if it turns away there."""
+    ball = ball_about(surface.anchor, contact, surface.law, start, goal)
+    try:
+        return surface.membership(contact.direction, *ball)
+    except InvalidParameter:
+        return None
+
+
+def ball_about(point: np.ndarray, contact: SensedContact, law: AnyNormalLaw, start: np.ndarray,
+               goal: np.ndarray) -> Ball:
+    """Returns where a tip can touch a wall with no more than the largest static force.
+
+    Across n it is between start and goal, and the wall's depth changes by at most tan α of that;
+    along n it is no deeper than where the law gives the force of the class.
+
+    Args:
+        point: Point of the wall, half way across from start to goal (3,) [m].
+        contact: What the controller is told.
+        law: Static force by the depth.
+        start: Where the tip starts (3,) [m].
+        goal: A point (3,) of the line along n at which it is to press [m].
+    """
+    n = np.asarray(contact.direction, dtype=float)
+    aside = 0.5 * float(np.linalg.norm(across(n, goal - start))) + SLACK
+    half = 0.5 * law.depth_for(contact.force) / float(np.cos(contact.angle))
+    along = half + aside * float(np.tan(contact.angle)) + SLACK
+    return Ball(point + half * n, float(np.hypot(aside, along)))
+
+
+def across(n: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Returns the part across n (..., 3) of a vector (..., 3)."""
+    return vector - (vector @ n)[..., None] * n
+
+
+def _plane(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
+           rng: np.random.Generator) -> Plane:
+    return Plane(point, -tilted(n, angle, rng)[0])
+
+
+def _cylinder(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
+              rng: np.random.Generator, *, inside: bool = False) -> Cylinder:
+    into, axis = tilted(n, flat * angle, rng)
+    turn = np.sin((1.0 - flat) * angle)
+    radius = reach * (1.0 + turn) / max(turn, 1e-6)  # The ball's middle is nearer to the axis.
+    return Cylinder(point, -into, axis, float(radius), inside)
+
+
+def _pipe(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
+          rng: np.random.Generator) -> Cylinder:
+    return _cylinder(point, n, angle, flat, reach, rng, inside=True)
+
+
+def _bumpy(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: float,
+           rng: np.random.Generator) -> Bumpy:
+    into, axis = tilted(n, flat * angle, rng)
+    shortest = float(np.exp(rng.uniform(*np.log(WAVELENGTHS))))
+    bumps = Bumpy(point, -into, axis, 1.0, shortest, int(rng.integers(2**31)))
+    steepest = float(np.tan((1.0 - flat) * angle))
+    return Bumpy(point, -into, axis, max(steepest, 1e-6) / bumps.slope, shortest, bumps.seed)
+
+
+def tilted(n: np.ndarray, angle: float, rng: np.random.Generator
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns a unit vector (3,) at an angle from n (3,), any way, and any one square to it."""
+    aside = across(n, rng.normal(size=3))
+    into = np.cos(angle) * n + np.sin(angle) * aside / np.linalg.norm(aside)
+    into /= np.linalg.norm(into)
+    along = cross(into, rng.normal(size=3))
+    return into, along / np.linalg.norm(along)

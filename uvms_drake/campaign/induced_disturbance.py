@@ -1,0 +1,74 @@
+"""Estimates, before a run, the disturbance that model errors and the water's motion amount to."""
+
+import numpy as np
+
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.plant.uvms_plant import set_state
+from uvms_drake.plant.waves import water_motion
+from uvms_drake.station.motions.dynamic import make_simulated_uvms
+from uvms_drake.station.scenario.scenario import Scenario
+
+IN_A_WAVE = 8
+"""Number of instants of a wave's period that are looked at."""
+WITHIN = 3
+"""Number of points of a plan on each of its intervals, the last of them the knot."""
+
+
+def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[DynamicPlan]) -> float:
+    """Returns the largest size of ζ̇ − f(𝔮̄, ζ̄) − ū [m/s², rad/s²] at points of a plan, without d.
+
+    The size is `Disturbance.norm`, which is to be at most d̃. ζ̇ is that of the simulated robot, with
+    the errors of model and surface, the current and the waves of the scenario, in the plan's state
+    under its command τ = M(𝔮̄)ū. The last point is the task at rest, where the robot stays. Waves
+    are looked at a few times in their longest period, since later plans meet other ones.
+
+    Args:
+        scenario: Of dynamic motion.
+        plan: Nominal trajectory.
+        ocp: Its problem, with the controller's model.
+    """
+    model = ocp.model
+    config, zeta, zeta_dot = _points(plan, model.configuration(ocp.y_des))
+    u = zeta_dot - model.drift(config, zeta)
+    tau = times(model.mass_matrix(model.kinematics(config)), u)
+    state = np.hstack([config, zeta])
+    return max(float(np.max(scenario.disturbance.norm(
+        _accelerations(scenario, state, tau, time) - zeta_dot))) for time in _times(scenario))
+
+
+def _times(scenario: Scenario) -> np.ndarray:
+    """Returns the instants at which the water is looked at [s]."""
+    if not scenario.waves:
+        return np.zeros(1)
+    return np.arange(IN_A_WAVE) / IN_A_WAVE * max(wave.period for wave in scenario.waves)
+
+
+def _points(plan: DynamicPlan, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns 𝔮̄, ζ̄ and ζ̄̇ (K, 6+n) of a plan, and at last those of the `goal` 𝔮 at rest."""
+    steps = np.linspace(0.0, len(plan.zeta_dot), WITHIN * len(plan.zeta_dot) + 1)
+    points = [plan.at(plan.start_time + plan.time_step * step) for step in steps]
+    rest = np.zeros_like(plan.zeta[-1])
+    config, zeta, zeta_dot = zip(*points, (goal, rest, rest), strict=True)
+    return np.array(config), np.array(zeta), np.array(zeta_dot)
+
+
+def _accelerations(scenario: Scenario, state: np.ndarray, tau: np.ndarray, time: float
+                   ) -> np.ndarray:
+    """Returns ζ̇ (K, 6+n) of the simulated robot in the states (K, 2(6+n)) under τ (K, 6+n).
+
+    The water is that of `time` [s].
+    """
+    uvms = make_simulated_uvms(scenario, ConstantDisturbance())
+    context = uvms.CreateDefaultContext()
+    velocity, acceleration = water_motion(scenario.current, scenario.waves, time)
+    uvms.GetInputPort("current").FixValue(context, velocity)
+    uvms.GetInputPort("current_acceleration").FixValue(context, acceleration)
+    out = np.empty_like(tau)
+    for i, (x, force) in enumerate(zip(state, tau, strict=True)):
+        set_state(uvms, context, x)
+        uvms.GetInputPort("tau").FixValue(context, force)
+        out[i] = uvms.GetOutputPort("acceleration").Eval(context)
+    return out

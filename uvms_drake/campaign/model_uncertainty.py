@@ -1,0 +1,137 @@
+"""Errors of the model and a current, unknown to the controller and about as large as d̃ covers.
+
+They act as a disturbance, and the tube holds wherever d comes from. So they are scaled down until
+the disturbance that they induce takes no more than a share of d̃; the drawn disturbance gets the
+rest. The scale is an estimate along the first plan. The run measures what is really induced, and
+does not count as one inside of the bounds if it was too much. Where d̃ is zero nothing is covered:
+then the scenario's own errors are the largest that are drawn, and every run counts.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.campaign.induced_disturbance import predicted_disturbance
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.station.scenario.scenario import Scenario
+
+SHARE = 0.5
+"""Part of d̃ that is set aside for everything unknown."""
+PREDICTED = 0.9
+"""Part of that share which the prediction along the first plan may use; later plans differ."""
+LIKELY = 0.4
+"""Probability that a quantity is unknown in a run."""
+LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT = 0.01, 0.05, 0.1
+"""Largest displacement [m] and turn [rad] of the surface, and largest current [m/s]."""
+TRIM = 0.1
+"""Largest error of the buoyancy over that of other quantities: robots are trimmed."""
+LARGEST_PAYLOAD = 0.5
+"""Largest mass of what the hand holds [kg]."""
+AT_FULL_SPEED = 0.25
+"""Probability of a current of the speed that a scenario declares, where no d̃ is to cover it."""
+SMALLER = 0.8
+ATTEMPTS = 10
+
+
+class Unknowns(NamedTuple):
+    """Relative errors, the surface's displacement, the current, the payload; zero where known."""
+
+    mass: float = 0.0
+    added_mass: float = 0.0
+    drag: float = 0.0
+    buoyancy_lever: float = 0.0
+    stiffness: float = 0.0
+    shift: np.ndarray | float = 0.0
+    """Displacement of the surface (3,) [m]."""
+    turn: np.ndarray | float = 0.0
+    """Turn of the surface (3,) [rad]."""
+    current: np.ndarray | float = 0.0
+    """Velocity of the water (3,) [m/s]."""
+    buoyancy: float = 0.0
+    payload: float = 0.0
+    """Mass of what the hand holds [kg]."""
+
+    def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
+        """Returns the scenario with `scale` times of it all, on top of what is in it already."""
+        known, surface = scenario.model_error, scenario.surface_error
+        relative = {name: getattr(known, name) * (1.0 + scale * getattr(self, name))
+                    for name in FACTORS}
+        held = replace(known.payload, mass=known.payload.mass + scale * self.payload)
+        return replace(
+            scenario, model_error=replace(known, **relative, payload=held),
+            surface_error=replace(
+                surface, stiffness=surface.stiffness * (1.0 + scale * self.stiffness),
+                shift=surface.shift + scale * self.shift, turn=surface.turn + scale * self.turn),
+            current=np.asarray(scenario.current, dtype=float) + scale * self.current)
+
+
+def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:
+    """Returns errors of any size up to the largest, of some quantities and at least one.
+
+    Args:
+        largest: Largest relative error.
+        rng: Source of the draws.
+    """
+    unknown = rng.uniform(size=len(Unknowns._fields)) < LIKELY
+    unknown[rng.integers(len(unknown))] = True
+    relative = (largest * rng.uniform(-1.0, 1.0, 5)).tolist()
+    vectors = [size * rng.uniform() * direction / np.linalg.norm(direction)
+               for size, direction in zip((LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT),
+                                          rng.normal(size=(3, 3)), strict=True)]
+    trim, payload = TRIM * largest * rng.uniform(-1.0, 1.0), LARGEST_PAYLOAD * rng.uniform()
+    values = [*relative, *vectors, trim, payload]
+    return Unknowns(*(value if drawn else 0.0
+                      for value, drawn in zip(values, unknown, strict=True)))
+
+
+def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, largest: float,
+                  rng: np.random.Generator) -> Scenario:
+    """Returns the scenario with unknown errors and current, about as large as d̃ covers.
+
+    If the draw cannot be made small enough, the scenario is returned unchanged.
+
+    Args:
+        scenario: Scenario of which the controller knows everything.
+        ocp: Problem of the scenario.
+        plan: First plan of the scenario.
+        largest: Largest relative error.
+        rng: Source of the draws.
+    """
+    room = PREDICTED * SHARE * scenario.disturbance.d_bound
+    unknowns, scale = draw_unknowns(largest, rng), 1.0
+    shared = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
+    for _ in range(ATTEMPTS):
+        candidate = unknowns.put_into(shared, scale)
+        induced = predicted_disturbance(candidate, plan, ocp)
+        if induced <= room:
+            return candidate
+        scale *= SMALLER * room / induced
+    return scenario
+
+
+def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """Returns the scenario with what it declares unknown drawn, up to the size that it declares.
+
+    That is for a scenario whose d̃ is zero: nothing is to cover what it names, and it is run to see
+    what comes of it. An error of either sign is drawn, and a current from any direction, in one
+    draw of four with all of its speed. What is known in the scenario stays known.
+
+    Args:
+        scenario: Its `model_error` and `current` are the largest.
+        rng: Source of the draws.
+    """
+    known, current = scenario.model_error, np.asarray(scenario.current, dtype=float)
+    relative = {name: 1.0 + (getattr(known, name) - 1.0) * rng.uniform(-1.0, 1.0)
+                for name in FACTORS}
+    shift = np.asarray(known.buoyancy_shift, dtype=float) * rng.uniform(-1.0, 1.0, 3)
+    held = rng.uniform()
+    payload = replace(known.payload, mass=held * known.payload.mass,
+                      displaced=held * known.payload.displaced)
+    direction, part = rng.normal(size=3), rng.uniform()
+    speed = np.linalg.norm(current) * (1.0 if rng.uniform() < AT_FULL_SPEED else part)
+    return replace(
+        scenario, current=speed * direction / np.linalg.norm(direction),
+        model_error=replace(known, **relative, buoyancy_shift=shift, payload=payload))

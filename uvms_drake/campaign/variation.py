@@ -1,0 +1,158 @@
+"""The scenario of each run, drawn from (seed, index).
+
+Inside of the bounds all that the certificate covers is drawn: starts from which the nominal MPC has
+a plan into its terminal set, surfaces with a certificate and desired forces with a terminal set of
+their own, anywhere and facing anywhere, disturbances and adversaries of the full size d̃, solves
+that fail, come late or do not take place at all. In half of the runs, if errors of the model are
+asked for, d̃ is shared with `unknowns`.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.campaign.campaign import Campaign, with_target
+from uvms_drake.campaign.certified_surfaces import moved, turns_freely
+from uvms_drake.campaign.contact_kinds import contact_of
+from uvms_drake.campaign.model_uncertainty import as_declared, with_unknowns
+from uvms_drake.campaign.outside_assumptions import kinds_outside, step_outside
+from uvms_drake.certificate.certify import first_plan
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.plant.adversary import ROWS, AdversarialDisturbance
+from uvms_drake.plant.disturbance import (
+    ConstantDisturbance,
+    RandomDisturbance,
+    SinusoidalDisturbance,
+)
+from uvms_drake.station.motions.motions import make_ocp, motion_of
+from uvms_drake.station.problem import load_model, start_state
+from uvms_drake.station.scenario.scenario import Scenario, Start
+
+POSE_REACH = np.array([0.1, 0.1, 0.1, 0.03, 0.03, 0.1])
+"""Largest distance of the vehicle from the scenario's start [m, rad]."""
+SHIFT_REACH = 10.0
+"""Largest shift of everything along each axis [m]."""
+PERIODS = (0.5, 10.0)
+"""Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
+UNKNOWNS_LIKELY = 0.5
+"""Probability that there is something unknown, if errors of the model are asked for."""
+FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
+"""Probability that a run has faults of the solver, and range of the probability per sample."""
+ATTEMPTS = 100
+
+Disturbance = (
+    SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
+
+
+class Variation(NamedTuple):
+    """The scenario of a run."""
+
+    scenario: Scenario
+    outside: str | None
+    """Kind of the event outside of the bounds, if there is one."""
+
+
+def vary(campaign: Campaign, index: int) -> Variation:
+    """Returns the scenario of a run: a pure function of its arguments.
+
+    A draw without a feasible first plan is repeated, with the number of the attempt in the seed.
+
+    Raises:
+        RunFailed: No draw is feasible.
+    """
+    base = campaign.base
+    kinds = kinds_outside(base)
+    outside = kinds[index % len(kinds)] if campaign.outside else None
+    for attempt in range(ATTEMPTS):
+        rng = np.random.Generator(np.random.Philox(
+            np.random.SeedSequence([campaign.seed, index, attempt])))
+        # Surface, desired force and place.
+        target = campaign.targets[rng.integers(len(campaign.targets))]
+        yaw = float(rng.uniform(-np.pi, np.pi)) if turns_freely(base) else 0.0
+        shift = rng.uniform(-1.0, 1.0, 3) * SHIFT_REACH
+        aimed = with_target(moved(campaign.declared(target), yaw, shift), target)
+        # A start with a feasible first plan.
+        try:
+            model = load_model(aimed)
+            ocp = make_ocp(aimed, model)
+            scenario = replace(aimed, name=f"{base.name}-{index}", seed=int(rng.integers(2**31)),
+                               start=_start(aimed, ocp, rng))
+            start = start_state(scenario, ocp)
+        except InvalidParameter:
+            if attempt == 0:
+                make_ocp(base)  # A scenario that cannot be used at all says so.
+            continue
+        first = motion_of(base).first_problem(aimed, model, ocp, start)
+        plan, conditions = first_plan(first, start)
+        if plan is None or not all(condition.holds for condition in conditions):
+            continue
+        # A wall that is felt, and everything that disturbs.
+        scenario = contact_of(base).drawn(scenario, first, rng)
+        scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
+        if outside is not None:
+            scenario = step_outside(outside, scenario, campaign.model_error, rng)
+        else:
+            scenario = _shared(_with_fault(scenario, rng), ocp, plan, campaign.model_error, rng)
+        return Variation(scenario, outside)
+    raise RunFailed(f"run {index}: none of {ATTEMPTS} draws has a feasible first plan")
+
+
+def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
+    """Returns a start: the vehicle near the scenario's, the arm anywhere within its limits.
+
+    The arm goes a uniform part of the way to a uniform posture.
+    """
+    eta = np.asarray(scenario.start.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
+    q = np.asarray(scenario.start.q, dtype=float)
+    posture = rng.uniform(ocp.limits["q"].lower, ocp.limits["q"].upper)
+    return Start(eta=eta, q=q + rng.uniform() * (posture - q))
+
+
+def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Disturbance:
+    """Returns a disturbance of the full bound: an adversary of any kind, or a random one.
+
+    Where no forces act the only adversary is `along_task_error`.
+    """
+    bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
+    period = float(np.exp(rng.uniform(*np.log(PERIODS))))
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
+    motion = motion_of(scenario)
+    kind = str(rng.choice([*motion.adversaries, "random"]))
+    direction = rng.normal(size=motion.disturbance_size(size))
+    if kind == "random":
+        return RandomDisturbance(bound, bandwidth=1.0 / period, weights=weights)
+    if kind == "constant":
+        return ConstantDisturbance(bound, direction, weights=weights)
+    if kind == "sinusoid":
+        return SinusoidalDisturbance(
+            bound, direction, 2.0 * np.pi / period, phase, weights=weights)
+    return AdversarialDisturbance(
+        bound, kind, str(rng.choice(list(ROWS))), direction, int(rng.integers(size)), period, phase,
+        weights=weights)
+
+
+def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """Returns the scenario, or with faults at random samples that the theory covers."""
+    fault = (SolverFailure, SolverTimeout, DroppedPeriod)[rng.integers(3)]
+    probability = float(rng.uniform(*FAULT_RATES))
+    if rng.uniform() > FAULT_LIKELY:
+        return scenario
+    return replace(scenario, faults=[*scenario.faults, fault(probability)])
+
+
+def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
+            rng: np.random.Generator) -> Scenario:
+    """Returns the scenario, or with something unknown for which d̃ has to be enough too.
+
+    Where there is no d̃, it is what the scenario itself declares.
+    """
+    if scenario.disturbance.d_bound == 0.0:
+        return as_declared(scenario, rng)
+    wanted = largest > 0.0 and rng.uniform() < UNKNOWNS_LIKELY
+    if not (wanted and motion_of(scenario).knows_force):
+        return scenario
+    return with_unknowns(scenario, ocp, plan, largest, rng)

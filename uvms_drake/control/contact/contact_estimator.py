@@ -1,0 +1,148 @@
+"""Keeps what the tip has felt of a wall, sample by sample, and puts out how far it may go."""
+
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
+from uvms_drake.control.contact.contact_state import Felt, ForceSensing, felt, nothing, unseen
+from uvms_drake.control.contact.safe_region import bounds, safe_depth
+from uvms_drake.control.contact.stiffness_estimate import Belief, slope, surface_depth, tilt
+from uvms_drake.model.surface.surface_class import SurfaceClass
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+class ExploredFront(LeafSystem):
+    """Keeps the front and the slope of the wall at every reading of a force sensor.
+
+    .. pydrake_system::
+
+        name: ExploredFront
+        input_ports:
+        - state
+        - measured_force
+        - reach (optional)
+        output_ports:
+        - safe_depth
+        - front
+        - apex
+        - touched
+        - reading
+        - slope
+        - tilt
+        - contact_depth
+        - force_lost
+
+    - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
+    - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
+    - `reach` (4): least, then largest place across n of the rest of the plan that is followed, see
+      `replaces` [m]; where it is not connected, plans stay where the tip is.
+    - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
+    - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
+    - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
+    - `touched` (1): 1 if the last reading was a touch, else 0.
+    - `reading` (4): where the tip was at the last reading (3) [m], and its force n·𝐅 [N].
+    - `slope` (1): κ̂ [N/m], see `slope`.
+    - `tilt` (3): 𝔱, how the wall is inclined across n, see `slope`; zero if nothing was felt yet.
+    - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
+    - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, were none.
+
+    The discrete state is `Felt`. Until the first update, outputs are those of the inputs as they
+    are, so that a plan can be made at initialization. A reading that is not finite teaches
+    nothing, but the tip is seen to move on; a state that is not finite leaves a gap, and there is
+    no new front until the time W is without one.
+
+    Args:
+        model: The controller's model, for the tip's motion.
+        surface: The class of walls.
+        sensing: The sensor.
+        margin: E, of the planned tip [m]; see `safe_depth`.
+    """
+
+    def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensing, *,
+                 margin: float):
+        super().__init__()
+        require(0.0 <= margin < np.inf, "margin", margin, "zero or positive")
+        self._model, self._surface, self._sensing = model, surface, sensing
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self._force_port = self.DeclareVectorInputPort("measured_force", 6)
+        self._reach_port = self.DeclareVectorInputPort("reach", 4)
+        for part in nothing(sensing):
+            self.DeclareDiscreteState(part)
+        self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
+        # The inputs count until there is a reading.
+        known = {self.xd_ticket(), self.all_input_ports_ticket()}
+        for name, size, calc in (
+            ("safe_depth", 1, lambda now: safe_depth(surface, now.apex, now.past[-6:-3], margin)),
+            ("front", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
+            ("apex", 3, lambda now: now.apex),
+            ("touched", 1, lambda now: now.reading[4:]),
+            ("reading", 4, lambda now: now.reading[:4]),
+            ("slope", 1, lambda now: slope(Belief.of(now.belief), surface)),
+            ("tilt", 3, lambda now: tilt(Belief.of(now.belief), surface)),
+            ("contact_depth", 1, lambda now: surface_depth(
+                Belief.of(now.belief), surface, now.past[-6:-3])),
+            ("force_lost", 1, lambda now: now.missing >= sensing.patience),
+        ):
+            self.DeclareVectorOutputPort(name, size, self._calc(calc), known)
+
+    def _calc(self, of: Callable[[Felt], np.ndarray]) -> Callable[[Context, BasicVector], None]:
+        return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))
+
+    @staticmethod
+    def _remembered(context: Context) -> Felt:
+        return Felt(*(context.get_discrete_state(i).value() for i in range(len(Felt._fields))))
+
+    def _now(self, context: Context) -> Felt:
+        remembered = self._remembered(context)
+        return self._after(context) if np.isnan(remembered.reading[0]) else remembered
+
+    def _after(self, context: Context) -> Felt:
+        """Returns what is known after a reading of the input ports."""
+        before, state = self._remembered(context), self._state_port.Eval(context)
+        if np.all(np.isfinite(state)):
+            config, zeta = state[: self._model.size], state[self._model.size:]
+            kinematics = self._model.kinematics(config)
+            tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
+        else:
+            tip = unseen(before)
+        force = self._force_port.Eval(context)[:3]
+        reach = np.tile(self._surface.across(tip[:3]), (2, 1))
+        if np.isfinite(before.apex[0]) and self._reach_port.HasValue(context):
+            reach = self._reach_port.Eval(context).reshape(2, 2)
+        return felt(self._surface, self._sensing, reach, before, tip, force)
+
+    def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
+        for i, part in enumerate(self._after(context)):
+            state.set_value(i, part)
+        return EventStatus.Succeeded()
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
+                     sensing: ForceSensing, *, margin: float,
+                     state: OutputPort, measured_force: OutputPort | None = None,
+                     name: str = "explored_front") -> "ExploredFront":
+        """Adds the front and connects it.
+
+        Args:
+            builder: Where to add it.
+            model: The controller's model.
+            surface: The class of walls.
+            sensing: The sensor.
+            margin: E [m].
+            state: Gives (𝔮, ζ) measured.
+            measured_force: Gives 𝔉 as the sensor does; left to the caller if None.
+            name: Name of the system.
+        """
+        front = ExploredFront(model, surface, sensing, margin=margin)
+        return added(builder, name, front, state=state, measured_force=measured_force)

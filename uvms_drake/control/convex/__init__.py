@@ -1,0 +1,1 @@
+"""The solver cascade of the convex program of one SQP iteration."""

@@ -1,0 +1,110 @@
+"""The shortest r that keeps limits of a staged program, by rows: without cones, in a few steps.
+
+What is linear in the program is held by a dual active set. A norm limit ‖value + C z‖ ≤ bound is
+held by tangents: the row of the direction that it has in the plan, and where r breaks it, that of
+the direction it has there, and another one where it has turned. In three dimensions a few of them
+are enough.
+
+The terminal set has a kink where there is room for nothing, and in front of a wall that nobody has
+felt a plan ends there nearly always, for its reference is as near to the front as it may be:
+value + T x_N = 0, which is as many equalities. With their multipliers μ, and ν_i of the rows
+0 ≤ room_i + row_iᵀx_N, this is the solution with the cone if
+
+    ‖μ‖ ≤ Σ ν_i ≤ ρ_s,
+
+and for independent rows only if (the front's rows at knot N are a combination of those): the first
+since (Σ ν_i, μ) has to be in the cone, which is its own dual, at the tip of ‖·‖ ≤ t; the
+second since a slack would else be cheaper. Where it is not, or the terminal set matters in any
+other way, the conic solver is asked (`shortest`). So it is where there is no solution without an
+excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is the best.
+"""
+
+import numpy as np
+
+from uvms_drake.control.convex.dual_active_set import DualActiveSet
+from uvms_drake.control.convex.least_norm_conic import Form, Shortest, linear_rows
+from uvms_drake.control.convex.regulator import Regulator, motion, responses
+from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.control.convex.working_set import KEPT, WorkingSet
+
+ROUNDS = 12
+"""Largest number of times that rows are added."""
+DUAL = 1e-6
+"""Part by which ‖μ‖ may be larger, of what is rounded."""
+AT_THE_END = 1e-3
+"""‖value‖ of a plan, where 1 is the edge of an ordinary terminal set, up to which the next one is
+taken to end at the tip too; where not, the search for r would mostly be in vain."""
+SMALLEST = 1e-12
+"""Norm below which a vector has no direction."""
+
+
+def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet
+                     ) -> tuple[Shortest, WorkingSet] | None:
+    """Returns the r of least cost that keeps all limits, and the linear ones that were looked at.
+
+    Args:
+        program: The program.
+        regulator: Its regulator.
+        z: The motion for r = 0 (N+1, nx+nw).
+        kept: The limits to begin with.
+
+    Returns:
+        None if this is no way to it.
+    """
+    response = responses(program, regulator)
+    size, nx, terminal = response.shape[-1], program.A.shape[-1], program.terminal
+    form = Form(np.zeros((0, size)), [slice(size)] * len(z), list(response), np.arange(size),
+                np.eye(size))
+    ends, rooms, polyhedron = 0, 0, DualActiveSet(np.zeros((0, size)), np.zeros(0))
+    if kept.terminal:
+        if terminal.room is None or np.linalg.norm(terminal.value) > AT_THE_END:
+            return None
+        end, end_r = z[-1, :nx], response[-1, :nx]
+        ends, rooms = len(terminal.T), len(terminal.room.size)
+        polyhedron = DualActiveSet(terminal.T @ end_r, -terminal.value - terminal.T @ end)
+        polyhedron.add(-terminal.room.rows @ end_r, terminal.room.size + terminal.room.rows @ end)
+    soft = np.zeros(ends + rooms, dtype=bool)
+    new = kept
+    tangents, levels = _tangents(program, response, z, kept, 0.0 * z)
+    for _ in range(ROUNDS):
+        rows = linear_rows(form, program, z, new, size)
+        A, b = np.concatenate([rows.A, *tangents]), np.concatenate([rows.b, *levels])
+        is_soft = np.append(rows.soft, np.zeros(len(b) - len(rows.b), dtype=bool))
+        moves = np.any(A != 0.0, axis=1)
+        if np.any(b[~moves] < -KEPT):
+            return None
+        polyhedron.add(A[moves], b[moves])
+        soft = np.append(soft, is_soft[moves])
+        found = polyhedron.shortest()
+        if found is None:
+            return None
+        r, prices = found[0].reshape(regulator.k.shape), found[1]
+        best = motion(program, regulator, r)
+        broken = WorkingSet.broken(program, best, 0.0)
+        new = broken.without(kept)
+        if new.terminal:
+            return None
+        kept = kept | new
+        tangents, levels = _tangents(program, response, z, broken, best)
+        if not (tangents or new.any()):
+            break
+    else:
+        return None
+    price, slack_price = float(np.sum(prices[soft])), float(np.sum(prices[ends: ends + rooms]))
+    holds = not (broken.any() or price > program.excess_penalty
+                 or slack_price > program.slack_penalty
+                 or np.linalg.norm(prices[:ends]) > (1.0 + DUAL) * slack_price + DUAL)
+    return (Shortest(r, 0.0, 0.0, price), kept) if holds else None
+
+
+def _tangents(program: StagedProgram, response: np.ndarray, z: np.ndarray, which: WorkingSet,
+              at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Returns rows of norms and their bounds, in the directions that they have after a motion."""
+    rows, bounds = [], []
+    for limit, stages in zip(program.norms, which.norms, strict=True):
+        value = limit.value + at @ limit.C.T
+        for k in np.flatnonzero(stages):
+            direction = value[k] / max(np.linalg.norm(value[k]), SMALLEST)
+            rows.append((direction @ limit.C @ response[k])[None])
+            bounds.append(limit.bound[k: k + 1] - direction @ (limit.value[k] + limit.C @ z[k]))
+    return rows, bounds

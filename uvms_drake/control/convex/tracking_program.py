@@ -1,0 +1,69 @@
+"""The convex program of a plan whose reference is decided, too."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_drake.control.convex.staged_program import (
+    LinearLimits,
+    NormLimit,
+    Room,
+    StagedProgram,
+)
+
+
+def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.ndarray,
+               room: Room | None) -> StagedProgram:
+    """Returns a program in which a, what the reference is moved by, changes as well, by b ∈ R^m.
+
+    The state of the program given is ξ = (y − y_des − E a, ζ), which moves back when the reference
+    moves on; that of the program returned is (ξ, a), and a stage before the first decides b:
+
+        ξ_0 = −(E b, 0),  a_0 = b;   ξ_{k+1} = A_k (ξ_k + E a) + B_k w_k − E a,  a_{k+1} = a_k.
+
+    What it costs depends on ξ alone: the input, without contact, is the same everywhere. Motion and
+    what is limited change with y, hence with a as with the same components of ξ; the motion does
+    with a turn, not with a translation, for which A_k E = E.
+
+    Args:
+        program: The program about a fixed reference.
+        moved: Which components of ξ the reference moves (m,): E selects them.
+        H: Hessian of the cost of b (m, m).
+        g: Gradient of the cost of b (m,).
+        room: For the end, a function of (ξ, a).
+    """
+    N, nx, nw = program.B.shape
+    m = len(moved)
+    size = nx + m
+
+    def spread(rows: np.ndarray) -> np.ndarray:
+        """Rows of (ξ, w) as rows of (ξ, a, w)."""
+        return np.concatenate([rows[..., :nx], rows[..., moved], rows[..., nx:]], axis=-1)
+
+    def after(first: float, values: np.ndarray) -> np.ndarray:
+        """Values of every stage, and `first` for the one before."""
+        return np.concatenate([np.full_like(values[:1], first), values])
+
+    A, B = np.tile(np.eye(size), (N + 1, 1, 1)), np.zeros((N + 1, size, nw))
+    A[1:, :nx, :nx], B[1:, :nx] = program.A, program.B
+    A[1:, :nx, nx:] = program.A[..., moved] - np.eye(nx)[:, moved]
+    B[0, moved, range(m)], B[0, range(nx, size), range(m)] = -1.0, 1.0
+
+    costs, gradients = np.zeros((N + 1, size + nw, size + nw)), np.zeros((N + 1, size + nw))
+    known = np.r_[:nx, size: size + nw]
+    costs[np.ix_(range(1, N + 1), known, known)] = program.H
+    gradients[1:, known] = program.g
+    decided = costs[0, size:, size:]
+    decided[...] = np.eye(nw)  # Of what this stage does not decide.
+    decided[:m, :m], gradients[0, size: size + m] = H, g
+
+    linear, end = program.linear, program.terminal
+    return replace(
+        program, A=A, B=B, H=costs, g=gradients,
+        H_end=np.pad(program.H_end, (0, m)), g_end=np.pad(program.g_end, (0, m)),
+        linear=LinearLimits(
+            after(0.0, spread(linear.C)), after(0.0, linear.value), after(-np.inf, linear.lower),
+            after(np.inf, linear.upper), linear.soft),
+        norms=tuple(NormLimit(spread(limit.C), after(0.0, limit.value), after(np.inf, limit.bound))
+                    for limit in program.norms),
+        terminal=end._replace(T=np.pad(end.T, ((0, 0), (0, m))), room=room))

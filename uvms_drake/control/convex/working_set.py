@@ -1,0 +1,84 @@
+"""Some of the limits of a staged program: those that a conic program holds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.model.frames.spatial import times
+
+KEPT = 1e-7
+"""Excess of a limit, in its own unit, that does not count: ten times the solver's tolerance."""
+
+
+@dataclass
+class WorkingSet:
+    """Some of the limits of a program."""
+
+    upper: np.ndarray
+    """Linear limits whose upper bound is among them (N+1, m)."""
+    lower: np.ndarray
+    """Linear limits whose lower bound is among them (N+1, m)."""
+    norms: np.ndarray
+    """Norm limits that are among them (number of norm limits, N+1)."""
+    terminal: bool
+    """Whether the terminal set is among them."""
+
+    def any(self) -> bool:
+        """Returns whether there are any."""
+        return bool(self.terminal or self.upper.any() or self.lower.any() or self.norms.any())
+
+    def soft(self, program: StagedProgram) -> bool:
+        """Returns whether one of them is soft."""
+        return bool(np.any((self.upper | self.lower) & program.linear.soft))
+
+    def __or__(self, other: "WorkingSet") -> "WorkingSet":
+        return WorkingSet(self.upper | other.upper, self.lower | other.lower,
+                          self.norms | other.norms, self.terminal or other.terminal)
+
+    def without(self, other: "WorkingSet") -> "WorkingSet":
+        """Returns those that are not among others."""
+        return WorkingSet(self.upper & ~other.upper, self.lower & ~other.lower,
+                          self.norms & ~other.norms, self.terminal and not other.terminal)
+
+    def rows(self, program: StagedProgram) -> int:
+        """Returns the number of their rows."""
+        return int(np.count_nonzero(self.upper) + np.count_nonzero(self.lower)
+                   + self.terminal * len(program.terminal.T)
+                   + sum(len(limit.C) * np.count_nonzero(stages) for limit, stages in zip(
+                       program.norms, self.norms, strict=True)))
+
+    def at_all_stages(self, program: StagedProgram) -> "WorkingSet":
+        """Returns these, each at all stages where it has a bound."""
+        linear = program.linear
+        return WorkingSet(
+            np.any(self.upper, axis=0) & np.isfinite(linear.upper),
+            np.any(self.lower, axis=0) & np.isfinite(linear.lower),
+            np.array([np.any(stages) & np.isfinite(limit.bound) for limit, stages in zip(
+                program.norms, self.norms, strict=True)], dtype=bool), self.terminal)
+
+    @staticmethod
+    def broken(program: StagedProgram, z: np.ndarray, excess: float) -> "WorkingSet":
+        """Returns the limits that z (N+1, nx+nw) breaks, soft ones by more than `excess`."""
+        linear, terminal = program.linear, program.terminal
+        value = linear.value + times(linear.C, z)
+        room = KEPT + excess * linear.soft
+        return WorkingSet(
+            upper=value > linear.upper + room,
+            lower=value < linear.lower - room,
+            norms=np.array([np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
+                            > limit.bound + KEPT for limit in program.norms], dtype=bool),
+            terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)
+
+    @staticmethod
+    def near(program: StagedProgram, part: float) -> "WorkingSet":
+        """Returns the limits of which the plan itself leaves less than a part of the range."""
+        linear, terminal = program.linear, program.terminal
+        width = linear.upper - linear.lower
+        margin = part * np.where(np.isfinite(width), width, 0.0)
+        return WorkingSet(
+            upper=linear.upper - linear.value < margin,
+            lower=linear.value - linear.lower < margin,
+            norms=np.array([np.linalg.norm(limit.value, axis=1) > (1.0 - part) * limit.bound
+                            for limit in program.norms], dtype=bool),
+            terminal=terminal.nearly_left(part))

@@ -1,0 +1,1 @@
+"""The ancillary feedback as systems: law, observer, feedforward preview, tube monitor."""

@@ -1,0 +1,227 @@
+"""The ancillary feedback: keeps the real state in a tube about the nominal one.
+
+u of (eq:dynamics) is a generalised acceleration: f carries M⁻¹ inside, u stands beside it. What
+goes to thrusters and joints is τ = M(𝔮) u, with the full inertia including added mass. The laws are
+in `control.laws`.
+
+An actuator saturates, and so does the command, where it is told the robot's input limits. Inside
+of what the certificate covers, and as far as the estimated radii of the input hold, the command is
+within them; so there nothing is cut and the law's own is sent. Where the law is told what the
+thrusters give, they are the ones to cut the vehicle's command, which would cost the tip its hold
+here: only what the joints get is cut.
+"""
+
+import math
+from functools import partial
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
+
+from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
+from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
+from uvms_drake.control.limits import Limits, check_limits
+from uvms_drake.model.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.ndarray,
+                  tau_limit: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Returns u and τ cut to their limits, and whether they are cut.
+
+    First u ← clip(u, ±u_limit) and τ = M u, one component at a time, then likewise
+    τ ← clip(τ, ±τ_limit) and u = M⁻¹τ. What exceeds no limit is returned as it is. τ is what is
+    sent: where its own limits cut it, u follows from it and may be beyond those of u.
+
+    Args:
+        u: (6+n,) [m/s² (3), rad/s² (3+n)].
+        tau: M u (6+n,) [N (3), N m (3+n)].
+        M: (6+n, 6+n).
+        u_limit: Of |uᵢ| (6+n,).
+        tau_limit: Of |τᵢ| (6+n,); None if τ is not limited.
+    """
+    limited = False
+    if (np.abs(u) > u_limit).any():
+        u, limited = np.clip(u, -u_limit, u_limit), True
+        tau = M @ u
+    if tau_limit is not None and (np.abs(tau) > tau_limit).any():
+        tau, limited = np.clip(tau, -tau_limit, tau_limit), True
+        u = np.linalg.solve(M, tau)
+    return u, tau, limited
+
+
+def _cut(command: Command, u_limit: np.ndarray, tau_limit: np.ndarray | None) -> Command:
+    """Returns what `limited_input` leaves of a command."""
+    u, tau, limited = limited_input(command.u(), command.tau(), command.M(), u_limit, tau_limit)
+    return Command(lambda: u, lambda: tau, command.M, limited)
+
+
+def _input_limits(limits: Limits, num_joints: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Returns the limits of |uᵢ| and |τᵢ| (6+n,), or raises."""
+    check_limits(limits, num_joints)
+    tau = None if limits.tau is None else np.asarray(limits.tau, dtype=float)
+    return np.asarray(limits.u, dtype=float), tau
+
+
+def _of_joints(u_limit: np.ndarray, tau_limit: np.ndarray | None
+               ) -> tuple[np.ndarray, np.ndarray | None]:
+    """Returns the limits of |uᵢ| and |τᵢ| (6+n,) without those of the vehicle."""
+    none = np.full(6, np.inf)
+    return (np.append(none, u_limit[6:]),
+            None if tau_limit is None else np.append(none, tau_limit[6:]))
+
+
+def is_lost(measured: np.ndarray) -> bool:
+    """Returns whether a measurement is none, because it is not finite."""
+    return not math.isfinite(measured.sum())
+
+
+class AncillaryFeedback(LeafSystem):
+    """Turns nominal trajectory and measured state into a command, as acceleration and as force.
+
+    .. pydrake_system::
+
+        name: AncillaryFeedback
+        input_ports:
+        - state
+        - nominal_state
+        - nominal_acceleration
+        - nominal_input
+        - measured_force (optional)
+        - vehicle_wrench (optional)
+        - estimate (optional)
+        - ahead (optional)
+        output_ports:
+        - u
+        - tau
+        - lost
+        - limited
+        - pair
+
+    - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
+    - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
+    - `nominal_acceleration`: ζ̄̇ (6+n); read where the law asks for it.
+    - `nominal_input`: ū (6+n); likewise.
+    - `measured_force`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, to a law
+      that takes it in place of the force by the model's surface. It is to be the last finite one,
+      as a `LastFinite` gives it; while it is not finite, because there was none yet, the law takes
+      the surface's.
+    - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, to a law that takes what the thrusters give
+      now; see `VEHICLE_WRENCH`.
+    - `estimate`: δ̂ (6+n), from a `RowObserver`, to a law that asks for one.
+    - `ahead`: what the plan's forces change until they act (6+n), from a `ForcesAhead`.
+    - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
+    - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
+      (3+n)].
+    - `lost` (1): 1 while the measured state is not finite, else 0.
+    - `limited` (1): 1 while a limit cuts the command, else 0.
+    - `pair`: the `Pair` of measured and nominal motion, which a `TubeMonitor` reads too.
+
+    It has no state. In place of a measured state that is not finite the law takes the nominal one,
+    so that the command is the plan's own, without feedback. `u` and `tau` are what the limits leave
+    of the law's command, see `limited_input`.
+
+    Args:
+        model: The controller's model of the robot and of the surface.
+        law: The law and its gains.
+        limits: Those of the real robot, of which the ones of u and τ are read; None: the law's
+            command is passed on as it is.
+    """
+
+    def __init__(self, model: UvmsModel, law: AncillaryLaw, limits: Limits | None = None):
+        super().__init__()
+        law.check()
+        self._model, self._law = model, law
+        self._limits = None if limits is None else _input_limits(limits, model.num_joints)
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self._nominal_state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
+        self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
+        self._input_port = self.DeclareVectorInputPort("nominal_input", model.size)
+        self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
+        self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
+        self._estimate_port = self.DeclareVectorInputPort("estimate", model.size)
+        self._ahead_port = self.DeclareVectorInputPort("ahead", model.size)
+        # One cache entry each for the two motions and for the command: all outputs read them.
+        state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
+            "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
+            VEHICLE_WRENCH, "estimate", "ahead"))
+        self._command = self.DeclareCacheEntry(
+            description="the command",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(()), calc=self._calc_command),
+            prerequisites_of_calc={state, *others})
+        given = {self._command.ticket()}
+        self.DeclareVectorOutputPort("u", model.size, self._calc_u, given)
+        self.DeclareVectorOutputPort("tau", model.size, self._calc_tau, given)
+        self.DeclareVectorOutputPort("lost", 1, self._calc_lost, {state})
+        self.DeclareVectorOutputPort("limited", 1, self._calc_limited, given)
+        self._pair_port = self.DeclareAbstractOutputPort(
+            "pair", lambda: Value(object()), self._calc_pair, {state, others[0]})
+
+    def _calc_pair(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(pair_of(self._model, self._state_port.Eval(context),
+                                 self._nominal_state_port.Eval(context)))
+
+    def _calc_command(self, context: Context, command: AbstractValue) -> None:
+        if is_lost(self._state_port.Eval(context)):
+            nominal = self._nominal_state_port.Eval(context)
+            now = pair_of(self._model, nominal, nominal)
+        else:
+            now = self._pair_port.Eval(context)
+        if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
+            now = now._replace(contact=self._force_port.Eval(context))
+        if self._wrench_port.HasValue(context):
+            now = now._replace(wrench=self._wrench_port.Eval(context))
+        if self._estimate_port.HasValue(context):
+            now = now._replace(estimate=self._estimate_port.Eval(context))
+        if self._ahead_port.HasValue(context):
+            now = now._replace(ahead=self._ahead_port.Eval(context))
+        wanted = self._law.command(
+            self._model, now, partial(self._acceleration_port.Eval, context),
+            partial(self._input_port.Eval, context))
+        require(isinstance(wanted, Command) and callable(wanted.u) and callable(wanted.tau),
+                "command", type(wanted).__name__,
+                f"a `Command` of functions that give u, τ and M, of {self._law.name}")
+        if self._limits is not None:
+            wanted = _cut(wanted, *(
+                self._limits if now.wrench is None else _of_joints(*self._limits)))
+        command.set_value(wanted)
+
+    def _calc_u(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._command.Eval(context).u())
+
+    def _calc_tau(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._command.Eval(context).tau())
+
+    def _calc_lost(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(is_lost(self._state_port.Eval(context)))])
+
+    def _calc_limited(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._command.Eval(context).limited)])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, *,
+                     nominal: LeafSystem, state: OutputPort | None = None,
+                     limits: Limits | None = None, name: str = "ancillary") -> "AncillaryFeedback":
+        """Adds the feedback and connects it to a system with a `NominalMpc`'s output ports.
+
+        Args:
+            builder: Where to add it.
+            model: The controller's model.
+            law: The law and its gains.
+            nominal: Gives nominal_state, nominal_acceleration and nominal_input.
+            state: Gives (𝔮, ζ); left to the caller if None.
+            limits: Those of the real robot; None: the command is not limited.
+            name: Name of the system.
+        """
+        return added(builder, name, AncillaryFeedback(model, law, limits), state=state, **{
+            port: nominal.GetOutputPort(port)
+            for port in ("nominal_state", "nominal_acceleration", "nominal_input")})

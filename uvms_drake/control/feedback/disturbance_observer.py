@@ -1,0 +1,179 @@
+"""The observer: estimates the disturbance of each output of a law from what the output did.
+
+An output of a law obeys ÿ = ÿ_pred + δ, where ÿ_pred = J_y ζ̇_pred + J̇_y ζ is what the model says of
+the forces that act, M ζ̇_pred + b + Jᵀ𝔉_s = τ_applied: ÿ_pred = Gτ + c, where G = J_y M⁻¹ and c
+change with the motion. At the ticks of a period h,
+
+    δ̂ₖ = δ̂ₖ₋₁ + (1 − e^{−λh}) (mₖ − δ̂ₖ₋₁),   mₖ = [Δẏ − Ḡ Δ∫τ]/h − c̄,                            (O)
+
+Δ over the period, a bar the mean of both ends: mₖ is the mean of δ over the period, but for what G
+and c are bent in it. For a short h, δ − δ̂ = s/(s + λ) δ: a constant disturbance leaves nothing,
+and |δ̂| ≤ sup|δ| always, but for the same.
+
+*Nothing winds up.* The error of the output is not integrated: (O) does not contain it. ÿ_pred takes
+the forces as they are applied, after every limit, lag and hold that is known, so what they do not
+give is no disturbance. Where the state is not measured δ̂ is kept, and the ticks on both sides of
+the gap are not compared. A state that is the last one to the bit is no news: a law that goes on
+with it would be seen to push in vain, the longer the more. The tick is left out, and the mean that
+comes next is one of all the time since.
+
+*In a sampled loop too.* τ is integrated over time, so a held or late command needs no thought: mₖ
+is a mean whatever the command did within the period. All else is sampled, by a computer's clock.
+"""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    ContinuousState,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.control.feedback.ancillary import AncillaryFeedback, is_lost
+from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
+from uvms_drake.model.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+def estimate(before: np.ndarray, mean: np.ndarray, rates: np.ndarray, period: float) -> np.ndarray:
+    """Returns δ̂ₖ (...) of (O) from δ̂ₖ₋₁ and mₖ (...), with λ (...) [1/s] and h [s]."""
+    out: np.ndarray = before - np.expm1(-rates * period) * (mean - before)
+    return out
+
+
+class RowObserver(LeafSystem):
+    """Estimates the disturbance of a law's outputs.
+
+    .. pydrake_system::
+
+        name: RowObserver
+        input_ports:
+        - state
+        - pair
+        - tau
+        - applied (optional)
+        - vehicle_wrench (optional)
+        - measured_force (optional)
+        output_ports:
+        - estimate
+
+    - `state`: (𝔮, ζ) measured (2(6+n)).
+    - `pair`: the `Pair` of it and the nominal motion.
+    - `tau`: the command τ (6+n) [N, N m], as it is sent.
+    - `applied`: what known actuators make of it (6+n), if they do anything to it.
+    - `vehicle_wrench`: its first six as the thrusters give them, see `VEHICLE_WRENCH`.
+    - `measured_force`: 𝔉_s (6), in place of the force by the model's surface.
+    - `estimate`: δ̂ (6+n) [m/s², rad/s²]; it follows from the state alone.
+
+    The continuous state is ∫τ (6+n). The discrete state is δ̂ (6+n), from zero; of the last tick
+    with news ẏ, ∫τ, c (6+n each) and the rows of G, NaN if nothing was measured since, and the
+    measured state (2(6+n)); and the number of ticks until the next one (1).
+
+    Args:
+        model: The controller's model.
+        observed: The outputs, and how fast they are observed.
+    """
+
+    def __init__(self, model: UvmsModel, observed: Observed):
+        super().__init__()
+        self._model, self._observed = model, observed
+        size = model.size
+        self._state_port = self.DeclareVectorInputPort("state", 2 * size)
+        self._pair_port = self.DeclareAbstractInputPort("pair", Value(object()))
+        self._tau_port = self.DeclareVectorInputPort("tau", size)
+        self._applied_port = self.DeclareVectorInputPort("applied", size)
+        self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
+        self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
+        self.DeclareContinuousState(size)
+        self.DeclareDiscreteState(np.zeros(size))
+        self.DeclareDiscreteState(np.full((3 + size) * size, np.nan))
+        self.DeclareDiscreteState(np.full(2 * size, np.nan))
+        self.DeclareDiscreteState(np.ones(1))
+        self.DeclarePeriodicDiscreteUpdateEvent(observed.period, 0.0, self._update)
+        self.DeclareVectorOutputPort("estimate", size, self._calc, {self.xd_ticket()})
+
+    def _motion(self, context: Context) -> np.ndarray:
+        """Returns ẏ, ∫τ, c and the rows of G now."""
+        now: Pair = self._pair_port.Eval(context)
+        out, measured, zeta = self._observed.outputs(now), now.kinematics.at(0), now.zeta[0]
+        contact = None
+        if self._force_port.HasValue(context) and not is_lost(self._force_port.Eval(context)):
+            contact = self._force_port.Eval(context)
+        b = self._model.inverse_dynamics(measured, zeta, np.zeros_like(zeta), contact)
+        G = np.linalg.solve(self._model.mass_matrix(measured), out.J[0].T).T
+        return np.concatenate([
+            out.rate[0], context.get_continuous_state_vector().CopyToVector(),
+            out.bias[0] - G @ b, G.ravel()])
+
+    def _applied(self, context: Context) -> np.ndarray:
+        known = self._applied_port if self._applied_port.HasValue(context) else self._tau_port
+        tau = known.Eval(context).copy()
+        if self._wrench_port.HasValue(context):
+            tau[:6] = self._wrench_port.Eval(context)
+        return tau
+
+    def DoCalcTimeDerivatives(  # noqa: D102  Drake's name and meaning
+            self, context: Context, derivatives: ContinuousState) -> None:
+        derivatives.SetFromVector(self._applied(context))
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        measured = self._state_port.Eval(context)
+        known, before, last, ticks = (context.get_discrete_state(i).value() for i in range(4))
+        if is_lost(measured):
+            state.set_value(1, np.full_like(before, np.nan))
+            return
+        if np.array_equal(measured, last):
+            state.set_value(3, ticks + 1.0)
+            return
+        motion = self._motion(context)
+        if np.isfinite(before).all():
+            since, size = float(ticks[0]) * self._observed.period, self._model.size
+            gone, given = (motion - before)[: 2 * size].reshape(2, size)
+            c, *G = (0.5 * (motion + before))[2 * size:].reshape(-1, size)
+            state.set_value(0, estimate(
+                known, (gone - np.array(G) @ given) / since - c, self._observed.rates, since))
+        state.set_value(1, motion)
+        state.set_value(2, measured)
+        state.set_value(3, np.ones(1))
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(context.get_discrete_state(0).value())
+
+
+def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
+                 feedback: AncillaryFeedback, *, state: OutputPort, name: str = "observer"
+                 ) -> RowObserver | None:
+    """Adds the observer that a law asks for and connects it with the feedback, or returns None.
+
+    Args:
+        builder: Where to add it.
+        model: The controller's model.
+        law: The law.
+        feedback: The law as a system; what it takes from outside is left to the caller.
+        state: Gives (𝔮, ζ) as it is measured.
+        name: Name of the system.
+    """
+    observed = law.observed(model)
+    if observed is None:
+        return None
+    observer = builder.AddNamedSystem(name, RowObserver(model, observed))
+    builder.Connect(state, observer.GetInputPort("state"))
+    for port in ("pair", "tau"):
+        builder.Connect(feedback.GetOutputPort(port), observer.GetInputPort(port))
+    builder.Connect(observer.get_output_port(), feedback.GetInputPort("estimate"))
+    return observer
+
+
+def export_inputs(builder: DiagramBuilder, feedback: AncillaryFeedback,
+                  observer: RowObserver | None) -> None:
+    """Exports the ports of feedback and observer for what a controller is told of the robot."""
+    for name in (MEASURED_FORCE, VEHICLE_WRENCH):
+        port = builder.ExportInput(feedback.GetInputPort(name), name)
+        if observer is not None:
+            builder.ConnectInput(port, observer.GetInputPort(name))
+    if observer is not None:
+        builder.ExportInput(observer.GetInputPort("applied"), "applied")

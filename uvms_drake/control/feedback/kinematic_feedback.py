@@ -1,0 +1,78 @@
+"""The ancillary feedback of the kinematic model χ̇ = J(𝔮)ζ + w, as in the paper's simulation."""
+
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.wiring import added
+from uvms_drake.control.feedback.ancillary import is_lost
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.model.uvms_model import UvmsModel
+
+
+class KinematicFeedback(LeafSystem):
+    """Turns the nominal trajectory and the measured configuration into the velocity command ζ.
+
+    .. pydrake_system::
+
+        name: KinematicFeedback
+        input_ports:
+        - configuration
+        - nominal_state
+        output_ports:
+        - zeta
+        - lost
+
+    - `configuration`: 𝔮 measured (6+n), in the paper's order.
+    - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
+    - `zeta`: ζ (6+n) [m/s (3), rad/s (3+n)].
+    - `lost` (1): 1 while the measured configuration is not finite, else 0.
+
+    It has no state. In place of a measured configuration that is not finite the law takes the
+    nominal one, so that the command is the plan's own, without feedback.
+
+    Args:
+        model: The controller's model of the robot.
+        law: The law and its σ; k has no meaning here.
+    """
+
+    def __init__(self, model: UvmsModel, law: AncillaryLaw):
+        super().__init__()
+        law.check(kinematic=True)
+        self._model, self._law = model, law
+        self._configuration_port = self.DeclareVectorInputPort("configuration", model.size)
+        self._nominal_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
+        self.DeclareVectorOutputPort(
+            "zeta", model.size, self._calc_zeta, {self.all_input_ports_ticket()})
+        self.DeclareVectorOutputPort("lost", 1, self._calc_lost, {
+            self.input_port_ticket(self._configuration_port.get_index())})
+
+    def _calc_zeta(self, context: Context, output: BasicVector) -> None:
+        measured, nominal = self._configuration_port.Eval(context), self._nominal_port.Eval(context)
+        if is_lost(measured):
+            measured = nominal[: self._model.size]
+        output.SetFromVector(self._law.velocity(self._model, measured, nominal))
+
+    def _calc_lost(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(is_lost(self._configuration_port.Eval(context)))])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw, *,
+                     nominal: LeafSystem, configuration: OutputPort | None = None,
+                     name: str = "ancillary") -> "KinematicFeedback":
+        """Adds the feedback and connects it to a system with a `NominalMpc`'s output ports.
+
+        Args:
+            builder: Where to add it.
+            model: The controller's model.
+            law: The law and its σ.
+            nominal: Gives nominal_state.
+            configuration: Gives 𝔮; left to the caller if None.
+            name: Name of the system.
+        """
+        return added(builder, name, KinematicFeedback(model, law), configuration=configuration,
+                     nominal_state=nominal.GetOutputPort("nominal_state"))

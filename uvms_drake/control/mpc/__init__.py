@@ -1,0 +1,1 @@
+"""The nominal MPC as a system: planning at sampling instants, solver faults, infeasibility."""

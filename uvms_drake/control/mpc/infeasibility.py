@@ -1,0 +1,63 @@
+"""Says why there is no first plan: which limit, from which instant on, and what is to blame."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import Plan
+
+
+class Excess(NamedTuple):
+    """A limit that a plan exceeds."""
+
+    limit: Limit
+    part: int
+    """Index of the value that exceeds it most."""
+    time: float
+    """First instant at which it does [s]."""
+    amount: float
+    """Largest excess, in the limit's own unit."""
+
+    @property
+    def text(self) -> str:
+        """What is exceeded, by how much and from when on; and whether without the tube too."""
+        margin = float(np.broadcast_to(self.limit.margin, self.limit.lower.shape)[self.part])
+        tube = (f" (the tube takes {margin:.3g} of it)" if margin > 0.0 else "")
+        return (f"limits.{self.limit.labels[self.part]}{tube} is exceeded by {self.amount:.3g} "
+                f"from t = {self.time:.2f} s on")
+
+
+def first_excess(ocp: Ocp, plan: Plan, allowed: float) -> Excess | None:
+    """Returns the limit that a plan exceeds first by more than `allowed`, or None."""
+    found = []
+    for limit, times, excess in ocp.excesses(plan):
+        beyond = np.argwhere(np.any(excess > allowed, axis=1))
+        if len(beyond):
+            index = int(np.argmax(np.max(excess, axis=0)))
+            found.append(Excess(limit, index, float(times[beyond[0, 0]]),
+                                float(np.max(excess[:, index]))))
+    return min(found, key=lambda excess: excess.time, default=None)
+
+
+def why_no_plan(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: float) -> str:
+    """Returns why a first plan cannot be followed, for one line.
+
+    Args:
+        ocp: The problem.
+        guess: The plan that comes to rest from the start.
+        plan: What the solver has found from there, if anything.
+        allowed: Largest violation of a limit that a plan may have.
+    """
+    at_rest = first_excess(ocp, guess, allowed)
+    if at_rest is not None:
+        return f"where nothing moves, {at_rest.text}"
+    if plan is None:
+        return ("the solver finds none at all; weights, stiffness and time step may be too far "
+                "apart for it")
+    away = first_excess(ocp, plan, allowed)
+    what = "the plan that was found ends outside of its set" if away is None else away.text
+    reach, slack = ocp.horizon * ocp.time_step, ocp.evaluate(guess).terminal_slack
+    return (f"{what}; to stay is within the limits, but the task, ‖ξ‖_P = {slack:.3g} away, "
+            f"is out of the reach of a plan of {reach:.3g} s")

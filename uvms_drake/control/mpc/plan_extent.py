@@ -1,0 +1,70 @@
+"""Where across the direction of a contact the rest of a plan goes."""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.wiring import added
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp
+from uvms_drake.control.plan.between_knots import between_knots
+from uvms_drake.control.plan.tracking_plan import TrackingPlan
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+
+def plan_places(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
+    """Returns points (m, 3) in whose hull across n the tip of a plan stays, and its reference [m].
+
+    The knots, the points half an interval ahead of each, see `approach.between_knots`, and
+    E ᵀ(y_des + E a): a plan that is continued by the terminal controller has no more limits of the
+    front than the room at that place.
+    """
+    kinematics = ocp.model.kinematics(plan.config)
+    knots, velocities = kinematics.chi[:, :3], times(kinematics.J_chi[:, :3], plan.zeta)
+    ahead = between_knots(knots, velocities, plan.time_step)
+    return np.concatenate([knots, ahead, ocp.reference(plan)[None, :3]])
+
+
+class PlanReach(LeafSystem):
+    """Puts out between which places the plan that is followed goes, see `front.replaces`.
+
+    .. pydrake_system::
+
+        name: PlanReach
+        input_ports:
+        - plan
+        output_ports:
+        - reach
+
+    - `plan`: the current `TrackingPlan` (abstract); knots that are over count, too.
+    - `reach` (4): least, then largest `SurfaceClass.across` of `plan_places` [m].
+
+    It has no state.
+
+    Args:
+        ocp: Its problem.
+        surface: The class of walls.
+    """
+
+    def __init__(self, ocp: TrackingOcp, surface: SurfaceClass):
+        super().__init__()
+        self._ocp, self._surface = ocp, surface
+        self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
+        # A plan is followed for many readings of a sensor: its places are cached by the port.
+        self.DeclareVectorOutputPort("reach", 4, self._calc, {self._plan_port.ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        places = self._surface.across(plan_places(self._ocp, self._plan_port.Eval(context)))
+        output.SetFromVector(np.append(places.min(axis=0), places.max(axis=0)))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,
+                     plan: OutputPort, name: str = "plan_reach") -> "PlanReach":
+        """Adds the system and connects it; the arguments are its constructor's and its input."""
+        return added(builder, name, PlanReach(ocp, surface), plan=plan)

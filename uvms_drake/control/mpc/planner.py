@@ -1,0 +1,284 @@
+"""What the nominal MPC does at a sampling instant: from what it remembers to what it then knows.
+
+A plan is made for the N intervals after the first n of the last one, which are committed, see
+`commitment`; without late actuators n = 0.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.alarm import warn
+from uvms_drake.common.errors import InvalidParameter, RunFailed
+from uvms_drake.control.mpc.infeasibility import why_no_plan
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
+from uvms_drake.control.plan.plan import Plan
+
+FIRST_SOLVE_ITERATIONS = 50
+"""Largest number of iterations of the first solve, which starts from a plan that goes nowhere."""
+REACHED = 1e-6
+"""Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
+
+SOLVED, FAILED, LATE, DROPPED, KEPT, HOVERED = range(6)
+"""Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
+away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
+terminal set where the new one is not; the robot keeps its place, for it is too early to plan."""
+
+MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused",
+              "rows")
+"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
+3, `KEPT` 4, `HOVERED` 5), the plan's objective, s of the terminal set, largest violation of a limit
+(in its own unit), convex programs solved, 1 if a new desired force was asked for and is refused,
+rows of limits in the last of the programs. A sample that is dropped changes the first two only; of
+one that hovers all but these are zero."""
+
+TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
+           DROPPED: "the sample was dropped"}
+"""Alarm about an outcome, given at the first of the samples in a row that have it."""
+
+NOTHING: Solution = Solution(None, None, 0, converged=False)
+"""Solution of a solver that did not even start."""
+
+SOLVERS_KEPT = 16
+"""Number of problems of other desired forces that are remembered, the latest ones."""
+
+
+class Targets(NamedTuple):
+    """How the nominal MPC comes by the problem of another desired force."""
+
+    force: np.ndarray
+    """𝔉_des at the start (6,) [N, N m]."""
+    ocp: Callable[[np.ndarray], Ocp]
+    """Function from another 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
+
+
+@dataclass(frozen=True)
+class MpcMemory:
+    """The memory of the nominal MPC: everything that changes in time."""
+
+    plan: Plan | None = None
+    """The current plan, of n + N intervals; none before the first sample."""
+    force: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """𝔉_des that the plan was made for (6,) [N, N m]; zero if it cannot be changed."""
+    asked: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Last 𝔉_des that was asked for (6,) [N, N m]; it is refused if it is not `force`."""
+    solves: int = 0
+    """Number of plans made so far."""
+    report: np.ndarray = field(default_factory=lambda: np.full(len(MPC_REPORT), np.nan))
+    """The last values of `MPC_REPORT`."""
+    solve_seconds: float = 0.0
+    """Wall time of the last step [s]; the only thing here that is not reproducible."""
+
+
+class Sample(NamedTuple):
+    """What there is at a sampling instant."""
+
+    time: float
+    """t_k [s]."""
+    started: float
+    """`time.perf_counter()` when the step began [s]."""
+    given: dict[str, np.ndarray]
+    """Values of what the problem has of `inputs_given`; some may be missing."""
+    measured: np.ndarray | None = None
+    """(𝔮, ζ) or 𝔮; None if no plan starts there."""
+    asked: np.ndarray | None = None
+    """𝔉_des (6,) [N, N m]; None: the same as before."""
+    fault: int = SOLVED
+    """Outcome of the sample, unless nothing fails."""
+
+
+class Planner:
+    """Makes plans; a pure function of memory and sample, but for wall time and the logger.
+
+    Beside that it remembers the problems of the latest desired forces, each a function of its force
+    alone.
+
+    Args:
+        solver: Solves the problem; its `ocp` is the problem.
+        targets: Makes the problem of another desired force; None if it stays as it is.
+        committed: n, number of intervals at the beginning of a plan that are not decided.
+    """
+
+    def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None,
+                 committed: int = 0):
+        self._solver, self._targets, self._committed = solver, targets, committed
+        self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
+        force = np.zeros(6) if targets is None else np.asarray(targets.force, dtype=float)
+        self.initial = MpcMemory(force=force, asked=force)
+
+    def first(self, sample: Sample) -> MpcMemory:
+        """Returns the memory with a first plan: until what it decides the robot coasts.
+
+        If the robot is to hover first, the plan is to stay where it is.
+
+        Raises:
+            RunFailed: There is none.
+        """
+        now, measured, h = sample.time, sample.measured, self._solver.ocp.time_step
+        if abs(now / h - round(now / h)) > 1e-6:
+            raise RunFailed(f"the nominal MPC starts at t = {now:g} s: must be a multiple of its "
+                            f"sampling period, {h:g} s")
+        if measured is None or not np.all(np.isfinite(measured)):
+            raise RunFailed(f"the measured state is not finite at t = {now:.3f} s")
+        return self._from_rest(sample, self.initial, measured)
+
+    def _from_rest(self, sample: Sample, memory: MpcMemory, state: np.ndarray) -> MpcMemory:
+        """Returns the memory with a plan from a state at rest, or one to stay there if it hovers.
+
+        Raises:
+            RunFailed: There is none.
+        """
+        solver = self._current(sample, memory)
+        hovers = sample.time < solver.ocp.hover - 1e-6 * solver.ocp.time_step
+        if hovers:  # A measured velocity, if only noise, would be what it coasts at.
+            state = np.where(np.arange(len(state)) < solver.ocp.model.size, state, 0.0)
+        guess = solver.ocp.resting_plan(sample.time, state, self._committed)
+        if hovers:
+            report = np.zeros(len(MPC_REPORT))
+            report[:2] = sample.time, HOVERED
+            return replace(memory, plan=guess, solves=memory.solves + 1, report=report)
+        free = guess.after(self._committed)
+        solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
+        slack = REACHED if solver.ocp.strict else np.inf
+        if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
+            why = why_no_plan(solver.ocp, free, solution.plan, solver.ocp.tolerance)
+            raise RunFailed(f"the nominal MPC has no solution at the start, t = {sample.time:g} s: "
+                            f"{why}")
+        return self._remember(sample, memory, guess, solution, SOLVED)
+
+    def again(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
+        """Returns the memory after a later sample.
+
+        Raises:
+            RunFailed: The robot has hovered until now, and there is no first plan.
+        """
+        if memory.plan is not None and memory.report[1] == HOVERED:
+            hovering = np.concatenate(memory.plan.at(sample.time)[:2])
+            start = self._measured_start(sample)
+            return self._from_rest(
+                sample, memory,
+                hovering[: self._solver.ocp.state_size] if start is None else start)
+        if sample.fault == DROPPED:
+            return self._pass_over(sample, memory)
+        old, memory = memory, memory if sample.asked is None else replace(
+            memory, asked=sample.asked)
+        guess = self._guess(sample, memory)
+        force, solution, status = memory.force, NOTHING, sample.fault
+        if status == SOLVED:
+            force, solution, status = self._solve(sample, memory, old.asked, guess)
+        deadline = self._solver.ocp.deadline
+        if (status == SOLVED and deadline is not None
+                and time.perf_counter() - sample.started > deadline):
+            status = LATE
+        if status != SOLVED:
+            force, solution = memory.force, replace(solution, plan=None, evaluation=None)
+        return self._remember(sample, replace(memory, force=force), guess, solution, status)
+
+    def _pass_over(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
+        """Leaves the plan as it is, but for an end that is needed before the next sample."""
+        plan, now = memory.plan, sample.time
+        assert plan is not None
+        ocp, h = self._current(sample, memory).ocp, plan.time_step
+        while plan.start_time + ocp.horizon * h < now + 0.5 * h:
+            plan = ocp.continued(plan)
+        report = memory.report.copy()
+        report[:2] = now, DROPPED
+        _say(now, DROPPED, memory)
+        return replace(memory, plan=plan, report=report)
+
+    def _guess(self, sample: Sample, memory: MpcMemory) -> Plan:
+        """Returns the last plan continued to now, from where a new one is to start."""
+        plan, ocp = memory.plan, self._current(sample, memory).ocp
+        assert plan is not None
+        guess = ocp.continued(plan)
+        while guess.start_time < sample.time - 0.5 * plan.time_step:
+            guess = ocp.continued(guess)  # Sampling instants were missed.
+        start = self._measured_start(sample)
+        return guess if start is None else guess.redone(start, guess.decision)
+
+    def _measured_start(self, sample: Sample) -> np.ndarray | None:
+        """Returns the measured state if a later plan is to start there and it is finite."""
+        state = sample.measured if self._solver.ocp.starts_at_measured else None
+        return state if state is not None and np.all(np.isfinite(state)) else None
+
+    def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, guess: Plan
+               ) -> tuple[np.ndarray, Solution, int]:
+        """Returns 𝔉_des (6,) of a new plan, the solution for it, and the outcome of the sample."""
+        free = guess.after(self._committed)
+        solution = self._retargeted(sample, memory, asked_before, free)
+        if solution is not None:
+            return memory.asked, solution, SOLVED
+        solver = self._current(sample, memory)
+        ocp = solver.ocp
+        solution = solver.solve(free, ocp.iterations)
+        if solution.plan is None:
+            return memory.force, solution, FAILED
+        slack = ocp.tolerance if ocp.ends_at_task else np.inf
+        better = ocp.is_sound(solution.evaluation, slack) or not ocp.is_sound(
+            ocp.evaluate(free), slack)
+        return memory.force, solution, SOLVED if better else KEPT
+
+    def _retargeted(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, free: Plan
+                    ) -> Solution | None:
+        """Returns the plan to a new desired force, or None if there is none or it is refused.
+
+        The logger is told why it is refused, at the first sample at which it is asked for.
+        """
+        asked = memory.asked
+        if self._targets is None or np.array_equal(asked, memory.force):
+            return None
+        solver = self._solver_of(asked)
+        if solver is None:
+            _, why = self._problem(asked.tobytes())
+        else:
+            solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
+            if solver.ocp.is_sound(solution.evaluation, REACHED):
+                return solution
+            why = "no plan to it keeps the limits and ends in its terminal set"
+        if not np.array_equal(asked, asked_before, equal_nan=True):
+            warn(sample.time, f"the desired force is refused: {why}")
+        return None
+
+    def _current(self, sample: Sample, memory: MpcMemory) -> SequentialConvexSolver:
+        """Returns the solver of the problem whose plan it is, for what is given now."""
+        solver = self._solver_of(memory.force)
+        assert solver is not None  # It made the plan.
+        return SequentialConvexSolver(solver.ocp.given(sample.given)) if sample.given \
+            else solver
+
+    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver | None:
+        """Returns the solver of the problem of a desired force (6,), or None if there is none."""
+        if np.array_equal(force, self.initial.force):
+            return self._solver
+        return self._problem(force.tobytes())[0]
+
+    def _make_solver(self, force: bytes) -> tuple[SequentialConvexSolver | None, str]:
+        assert self._targets is not None
+        try:
+            return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force))), ""
+        except (InvalidParameter, np.linalg.LinAlgError) as error:
+            return None, str(error)
+
+    def _remember(self, sample: Sample, memory: MpcMemory, guess: Plan, solution: Solution,
+               status: int) -> MpcMemory:
+        """Returns the memory with what a solution decides of a guess; with that, if it is none."""
+        value = solution.evaluation or self._current(sample, memory).ocp.evaluate(
+            guess.after(self._committed))
+        _say(sample.time, status, memory)
+        return replace(
+            memory, solves=memory.solves + 1,
+            plan=guess if solution.plan is None else solution.plan.preceded(guess, self._committed),
+            report=np.array([sample.time, float(status), value.cost, value.terminal_slack,
+                             value.violation, solution.iterations,
+                             float(not np.array_equal(memory.asked, memory.force)), solution.rows]))
+
+
+def _say(now: float, status: int, old: MpcMemory) -> None:
+    """Says on the logger that a sample came to nothing, unless the one before it did so too."""
+    if status in TROUBLE and status != old.report[1]:
+        warn(now, TROUBLE[status])

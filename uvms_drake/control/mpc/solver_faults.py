@@ -1,0 +1,123 @@
+"""Faults of the MPC's solver: the last plan goes on, which the proofs allow."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+
+from uvms_drake.common.errors import require
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.model.sensor_actuator import Fault, check_times, is_active
+
+PRECEDENCE = (DROPPED, FAILED, LATE)
+"""Statuses by rank: of two faults at the same instant the one that comes first here counts."""
+SAMPLE_TOLERANCE = 1e-6
+"""Fraction of a period by which rounding may move a sampling instant."""
+
+
+@dataclass
+class SolverFault(Fault):
+    """A fault at random sampling instants of the MPC."""
+
+    place = "solver"
+    status: ClassVar[int]
+    """Status that it gives a sample."""
+
+    probability: float = 1.0
+    """Probability that the fault is there at a sampling instant in its time."""
+    start: float = 0.0
+    """First instant [s]; the first plan of a run is exempt, for without it nothing moves."""
+    duration: float | None = None
+    """Length of its time [s]; for ever if it is left out."""
+
+    def check(self) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning."""
+        require(0.0 <= self.probability <= 1.0, "probability", self.probability, "between 0 and 1")
+        check_times(self.start, self.duration)
+
+    def assumption(self) -> None:
+        """Returns None: the last plan goes on, which the proofs allow."""
+
+
+@dataclass
+class SolverFailure(SolverFault):
+    """The solver of the MPC finds no plan."""
+
+    status = FAILED
+
+
+@dataclass
+class SolverTimeout(SolverFault):
+    """The plan of the MPC comes too late and is thrown away."""
+
+    status = LATE
+
+
+@dataclass
+class DroppedPeriod(SolverFault):
+    """The MPC does not run at a sampling instant."""
+
+    status = DROPPED
+
+
+def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: float) -> int:
+    """Returns the outcome of a sample of the MPC: `SOLVED`, `FAILED`, `LATE` or `DROPPED`.
+
+    It is a pure function of its arguments: one uniform number for each kind of fault, from a
+    generator seeded with (seed, index, kind).
+
+    Args:
+        faults: At most one of a kind.
+        seed: Zero or positive.
+        index: Of the sampling instant, t = index · period.
+        period: Between two samples [s].
+    """
+    time = (index + SAMPLE_TOLERANCE) * period
+    for fault in sorted(faults, key=lambda fault: PRECEDENCE.index(fault.status)):
+        if is_active(fault.start, fault.duration, time):
+            sequence = np.random.SeedSequence([seed, index, fault.status])
+            if np.random.Generator(np.random.Philox(sequence)).random() < fault.probability:
+                return fault.status
+    return SOLVED
+
+
+class SolverFaults(LeafSystem):
+    """Says at which samples the solver of a `NominalMpc` fails, is late or does not run.
+
+    .. pydrake_system::
+
+        name: SolverFaults
+        output_ports:
+        - fault
+
+    - `fault` (1): `solver_fault` of the last sampling instant.
+
+    It has no state: the output is a function of time.
+
+    Args:
+        faults: At most one of a kind.
+        seed: Zero or positive.
+        period: Of the samples [s].
+    """
+
+    def __init__(self, faults: Sequence[SolverFault], seed: int, period: float):
+        super().__init__()
+        require(seed >= 0, "seed", seed, "zero or positive")
+        require(0.0 < period < np.inf, "period", period, "positive")
+        self._faults, self._seed, self._period = tuple(faults), seed, period
+        self.DeclareVectorOutputPort("fault", BasicVector(1), self._calc, {self.time_ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        index = math.floor(context.get_time() / self._period + SAMPLE_TOLERANCE)
+        output.SetFromVector([solver_fault(self._faults, self._seed, index, self._period)])
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, faults: Sequence[SolverFault], seed: int,
+                     period: float, *, name: str = "solver_faults") -> "SolverFaults":
+        """Adds the system; see the constructor."""
+        system = SolverFaults(faults, seed, period)
+        builder.AddNamedSystem(name, system)
+        return system

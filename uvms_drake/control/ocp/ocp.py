@@ -1,0 +1,565 @@
+"""The nominal finite-horizon optimal control problem (FHOCP): the base of its two forms.
+
+With y = (χ, q) the extended task, ξ the error state and u the input of the model,
+
+    min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_ref‖²_R + ...) + ‖ξ_N‖²_P + ρ s       (eq:mpc_cost_function)
+    s.t. the model, from the state at the first knot                        (eq:diff_mpc)
+         speeds, joints, roll and pitch of the vehicle, pitch of the end-effector, the static
+         force on the surface and ū in limits                               (eq:mpc_constrained_set)
+         ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                            (eq:mpc_terminal_set)
+
+Limits and terms of the cost are objects, and a user's own stand beside them (`limits`, `costs`).
+`DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides
+ζ̄. y instead of 𝔮 as the state makes the cost, the joint limits and the terminal set exactly
+quadratic, linear and conic. The terminal constraint is softened by an exact penalty: s is zero
+whenever that is possible, and it is reported, never dropped.
+
+A problem values a plan (`evaluate`) and makes the convex program about a plan (`staged_program`);
+`scp` solves it fast, `nlp` is the reference.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Generic, NamedTuple, Self
+
+import numpy as np
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.control.convex.staged_program import (
+    LinearLimits,
+    NormLimit,
+    StagedProgram,
+    TerminalLimit,
+    stacked,
+)
+from uvms_drake.control.costs import AnyTerm
+from uvms_drake.control.costs.task_cost import TaskCost
+from uvms_drake.control.costs.term import CostTerm
+from uvms_drake.control.limits import Limit
+from uvms_drake.control.plan.plan import P, advance_derivatives
+from uvms_drake.control.plan.points import Points, Slopes, check_slopes
+from uvms_drake.control.plan.terminal import Terminal
+from uvms_drake.model.frames.euler import wrap_angle
+from uvms_drake.model.uvms_model import UvmsModel, configuration_rate_matrix
+
+INITIAL_STATES = ("nominal", "measured")
+INPUT_REFERENCES = ("equilibrium", "zero")
+
+
+@dataclass
+class MpcConfig:
+    """Horizon, weights and solver settings of the nominal MPC."""
+
+    horizon: int = 20
+    """N, number of intervals."""
+    time_step: float = 0.2
+    """h [s], length of an interval and the sampling period; T = N h."""
+    iterations: int = 1
+    """Sequential convex iterations per sample; the first solve iterates to convergence."""
+    weight_y: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Diagonal of Q for y − y_des, y = (𝔭, 𝔬, q)."""
+    weight_zeta: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Diagonal of Q for ζ; of R, where ζ is the input."""
+    weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Diagonal of R for ū − ū_eq; of no meaning where ζ is the input."""
+    terminal_set: bool = True
+    """Whether plans must end in a terminal set; without it nothing is certified."""
+    terminal_radius: float = 0.1
+    """ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
+    initial_state: str = "nominal"
+    """Start of a plan: `nominal`, the state that the last plan predicted, as the tube needs it; or
+    `measured`, as (eq:diff_mpc) has it."""
+    input_reference: str = "equilibrium"
+    """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
+    hover: float = 0.0
+    """Time until which the robot keeps its place before it plans, so that its observers settle [s]:
+    of the Context, that is from t = 0, and until the first sample not before it. A mission's clocks
+    run meanwhile. Without a certificate the tube counts from then on."""
+    deadline: float | None = None
+    """Wall time after which a plan, other than the first, is too late and thrown away [s]; none if
+    it is left out. A run that has one is not reproducible bit for bit."""
+    terminal_weight: np.ndarray | None = None
+    """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
+    terms: list[AnyTerm] = field(default_factory=list)
+    """Further terms of the cost; a script may put any `CostTerm` here. Nothing is certified with
+    one: the proofs are about the task's cost alone."""
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """First-order model of the motion of a plan; index k is the knot or interval."""
+
+    knots: Points
+    """The N+1 knots; Euler angles of y within π of the desired ones."""
+    dy_dy: np.ndarray
+    """∂ȳ_{k+1}/∂ȳ_k (N, 6+n, 6+n)."""
+    dy_dzeta: np.ndarray
+    """∂ȳ_{k+1}/∂ζ̄_k (N, 6+n, 6+n)."""
+    dy_da: np.ndarray
+    """∂ȳ_{k+1}/∂ζ̄̇_k (N, 6+n, 6+n)."""
+
+
+class Inputs(NamedTuple):
+    """One end of every interval."""
+
+    points: Points
+    """The N ends, with their inputs ū."""
+    y_z: np.ndarray
+    """∂y/∂z with the interval's z (N, 6+n, size of z), or one matrix for all intervals."""
+    zeta_z: np.ndarray
+    """∂ζ/∂z, likewise."""
+    u_z: np.ndarray
+    """∂u/∂z, likewise."""
+
+
+class PlanPoints(NamedTuple):
+    """Where a plan has limits and costs."""
+
+    knots: Points
+    """The N+1 knots."""
+    ends: list[Points]
+    """The beginnings and the ends of the intervals, with ū."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Cost and violations of a plan."""
+
+    cost: float
+    """The objective, with the terminal penalty ρ s."""
+    terminal_slack: float
+    """s = max(0, ‖ξ_N‖_P − ε)."""
+    violation: float
+    """Largest violation of a limit, in the limit's own unit, of the static force as a depth [m];
+    zero for a feasible plan."""
+    total_violation: float
+    """Sum of all violations."""
+
+    @property
+    def merit(self) -> float:
+        """Cost with an exact penalty of the violations, which a solver makes small."""
+        return self.cost + VIOLATION_PENALTY * self.total_violation
+
+
+TERMINAL_PENALTY = 100.0
+"""ρ: cost of leaving the terminal set by one unit of ‖ξ‖_P; far above the multipliers seen.
+
+This and the next two are made for weights of the order of 1 to 1000: an exact penalty has to be
+above the multipliers, which grow with the weights.
+"""
+SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-6, 1e6
+"""Range of every weight that is not zero; beyond, neither the penalties nor P mean anything."""
+VIOLATION_PENALTY = 1e3
+"""Cost of one unit of violation; above every multiplier of a limit."""
+EXCESS_PENALTY = 1e5
+"""In a convex program, cost of relaxing all softened limits by one unit; above the sum of their
+multipliers."""
+FEASIBLE = 1e-4
+"""Largest violation that a plan may have if there is another, in the unit of the limit that it
+violates; of the terminal set, in ‖ξ‖_P."""
+
+
+class Ocp(ABC, Generic[P]):
+    """The FHOCP of one task for one model.
+
+    Args:
+        model: Kinematics and dynamics.
+        mpc: Horizon and weights.
+        y_des: The extended task (χ_des, q_des) (6+n,).
+        limits: Those that are left to the nominal trajectory, by name.
+    """
+
+    given_speed: ClassVar[int]
+    """Knot at which a plan has no ζ̄ to decide."""
+    has_accelerations: ClassVar[bool]
+    """Whether a plan has ζ̄̇, too."""
+    input_ends: ClassVar[int] = 2
+    """At how many ends of an interval the input is another one."""
+    strict: ClassVar[bool] = False
+    """Whether every plan has to be sound, from the first on, so that each later problem has one."""
+    tolerance: ClassVar[float] = FEASIBLE
+    """Largest violation of a sound plan."""
+    task_cost: TaskCost
+    terminal: Terminal
+
+    def __init__(self, model: UvmsModel, mpc: MpcConfig, y_des: np.ndarray,
+                 limits: dict[str, Limit]):
+        require(mpc.horizon >= 1, "horizon", mpc.horizon, "a positive integer")
+        require(0.0 < mpc.time_step < np.inf, "time_step", mpc.time_step, "positive")
+        require(mpc.iterations >= 1, "iterations", mpc.iterations, "a positive integer")
+        require(mpc.terminal_radius > 0.0, "terminal_radius", mpc.terminal_radius, "positive")
+        require(mpc.deadline is None or 0.0 < mpc.deadline < np.inf, "deadline",
+                mpc.deadline, "positive")
+        require(0.0 <= mpc.hover < np.inf, "hover", mpc.hover, "zero or positive")
+        for key, choices in (("initial_state", INITIAL_STATES),
+                             ("input_reference", INPUT_REFERENCES)):
+            require(getattr(mpc, key) in choices, key, getattr(mpc, key),
+                    f"one of {', '.join(choices)}")
+        self.model = model
+        self.starts_at_measured = mpc.initial_state == "measured"
+        self.horizon = mpc.horizon
+        self.time_step = mpc.time_step
+        self.iterations = mpc.iterations
+        self.hover = mpc.hover
+        self.deadline = mpc.deadline
+        # A plan about another equilibrium than the task's is not held back at its terminal set.
+        self.ends_at_task = mpc.input_reference == "equilibrium"
+        self.y_des = y_des
+        self.limits = limits
+        self.own_terms: list[CostTerm] = list(mpc.terms)
+        self._check_own()
+        self._radius = mpc.terminal_radius if mpc.terminal_set else np.inf
+
+    def _check_own(self) -> None:
+        """Raises `TypeError` for a limit or a term whose derivative is not that of its values."""
+        size = self.model.size
+        zeta, u = 0.1 * np.sin(np.arange(2 * size)).reshape(2, size)
+        y = self.y_des + 0.1 * zeta
+        config = self.model.configuration(y)
+        at = Points(self.model, config, y, zeta, u, config_y=configuration_rate_matrix(
+            config) @ np.linalg.inv(self.model.task_jacobian(config)))
+        for limit in self.limits.values():
+            if type(limit).slopes is Limit.slopes and type(limit).cone is Limit.cone:
+                check_slopes(f"limits.{limit.name}", limit.values, at, limit.about)
+        for i, term in enumerate(self.own_terms):
+            with within(f"terms[{i}]"):
+                check_slopes(f"mpc.terms[{i}]", term.residual, at, term.about)
+
+    @property
+    def Q(self) -> np.ndarray:
+        """Weight of ξ."""
+        return self.task_cost.Q
+
+    @property
+    def R(self) -> np.ndarray:
+        """Weight of ū − u_ref."""
+        return self.task_cost.R
+
+    @property
+    def u_ref(self) -> np.ndarray:
+        """Input that costs nothing (6+n,)."""
+        return self.task_cost.u_ref
+
+    @property
+    @abstractmethod
+    def state_size(self) -> int:
+        """Length of the state that a plan starts at, and of ξ."""
+
+    @abstractmethod
+    def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> P:
+        """Returns a first guess: coast for some intervals from `state`, then come to rest."""
+
+    @abstractmethod
+    def errors(self, plan: P, y: np.ndarray) -> np.ndarray:
+        """Returns ξ at the knots (N+1, size of ξ); `y` is ȳ there, unwrapped."""
+
+    @abstractmethod
+    def inputs(self, plan: P) -> tuple[np.ndarray, np.ndarray]:
+        """Returns ū (N, 6+n) at the beginning and at the end of every interval."""
+
+    @abstractmethod
+    def nominal_input(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
+        """Returns ū (6+n,) where a plan is `at`, see `Plan.at`."""
+
+    @abstractmethod
+    def move(self, xi: np.ndarray, decision: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray, Points, Points]:
+        """Returns ξ⁺ after one interval, ū − ū_eq, and both ends of it; also of complex numbers.
+
+        Args:
+            xi: ξ (..., its size).
+            decision: The decision, constant on the interval (..., 6+n).
+        """
+
+    @abstractmethod
+    def state_rows(self) -> Slopes:
+        """Returns y − y_des and ζ̄ under the terminal controller as rows of ξ (6+n, its size)."""
+
+    @abstractmethod
+    def staged_program(self, plan: P) -> StagedProgram:
+        """Returns the convex program about a plan, for the change of its decision."""
+
+    @abstractmethod
+    def _velocities(self, plan: P) -> np.ndarray:
+        """Returns ζ̄ at the knots (N+1, 6+n); of no meaning at the `given_speed` of the last."""
+
+    def is_sound(self, value: Evaluation | None, slack: float | None = None) -> bool:
+        """Returns whether a plan keeps its limits and ends within `slack` of the terminal set.
+
+        Where `slack` is left out, it is the `tolerance`.
+        """
+        return (value is not None and value.violation <= self.tolerance
+                and value.terminal_slack <= (self.tolerance if slack is None else slack))
+
+    def keeps(self, value: Evaluation, other: Evaluation) -> bool:
+        """Returns whether a plan is sound, or no further from it than another one that is not."""
+        beyond, before = (max(each.violation, each.terminal_slack) for each in (value, other))
+        return self.is_sound(value) or (not self.is_sound(other) and beyond <= before)
+
+    @property
+    def inputs_given(self) -> dict[str, int]:
+        """Sizes of what changes the problem while it runs, by the names of ports."""
+        return {}
+
+    @property
+    def reach_names(self) -> tuple[str, ...]:
+        """Names of the values that `reached` returns."""
+        return ()
+
+    def given(self, values: dict[str, np.ndarray]) -> Self:
+        """Returns the problem for other values of `inputs_given`, by name; some may be missing."""
+        return self
+
+    def unwrapped(self, y: np.ndarray) -> np.ndarray:
+        """Returns y (..., 6+n) with the Euler angles within π of the desired ones."""
+        y = y.copy()
+        y[..., 3:6] = self.y_des[3:6] + wrap_angle(y[..., 3:6] - self.y_des[3:6])
+        return y
+
+    def _error(self, config: np.ndarray) -> np.ndarray:
+        """Returns y − y_des (..., 6+n) at 𝔮, angles by the shorter way round; also complex."""
+        error = self.model.task_pose(config) - self.y_des
+        error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
+        return error
+
+    @property
+    def lasting_limits(self) -> dict[str, Limit]:
+        """Limits that are never others, which a terminal set has to keep."""
+        return self.limits
+
+    def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Returns m values (..., m), and what multiples (m,) of ‖ξ‖_P they may be at most there.
+
+        They are zero at ξ = 0, and other than limits they are so for every radius of the set.
+        """
+        return np.empty((*at.config.shape[:-1], 0)), np.empty(0)
+
+    def terminal_radius(self, plan: P) -> float:
+        """Returns the radius of the terminal set that a plan has to end in."""
+        return self.terminal.radius
+
+    def terminal_axes(self, plan: P) -> np.ndarray:
+        """Returns the orthogonal T such that P, 𝔎 and F are those of T ξ."""
+        return np.eye(len(self.terminal.P))
+
+    def turned(self) -> "tuple[tuple[np.ndarray, Self], ...]":
+        """Returns other problems with their T for which F has to hold as well.
+
+        T ξ moves there as ξ does here, and costs the same; limits and what is `reached` may differ.
+        """
+        return ()
+
+    def _stage_cost(self, plan: P) -> TaskCost:
+        """Returns the task's cost of a plan."""
+        return self.task_cost
+
+    def continued(self, plan: P) -> P:
+        """Returns the plan one interval later, its end continued by the terminal controller.
+
+        Outside of the terminal set the controller is given ξ_N as far as the set's edge, because
+        nothing keeps what it makes of a ξ far away within limits.
+        """
+        xi = self.terminal_axes(plan) @ self.errors(
+            plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
+        size, radius = np.linalg.norm(self.terminal.root @ xi), self.terminal_radius(plan)
+        if size > radius + FEASIBLE:
+            xi = max(radius, 0.0) / size * xi
+        return plan.shifted(self.terminal.gain @ xi)
+
+    def evaluate(self, plan: P, points: PlanPoints | None = None) -> Evaluation:
+        """Returns the objective and the violations of a plan, nothing linearised.
+
+        Args:
+            plan: The plan.
+            points: Its points, if they are known.
+        """
+        knots, ends = points or self.points(plan)
+        xi = self.errors(plan, knots.y)
+        stages = sum(term.value(ends[0]) for term in (self._stage_cost(plan), *self.own_terms))
+        end = self.terminal_axes(plan) @ xi[-1]
+        terminal = float(end @ self.terminal.P @ end)
+        slack = max(0.0, np.sqrt(terminal) - self.terminal_radius(plan))
+        excess = np.maximum(np.concatenate([
+            each.ravel() for _, _, each in self._excesses(knots, ends)]), 0.0)
+        return Evaluation(
+            cost=float(self.time_step * stages + terminal + TERMINAL_PENALTY * slack),
+            terminal_slack=float(slack),
+            violation=float(np.max(excess, initial=0.0)),
+            total_violation=float(np.sum(excess)),
+        )
+
+    def excesses(self, plan: P) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
+        """Yields the limits, times (T,) [s], and by how much a plan exceeds them there (T, m)."""
+        times = plan.start_time + self.time_step * np.arange(self.horizon + 1)
+        for limit, which, excess in self._excesses(*self.points(plan)):
+            yield limit, times[which], excess
+
+    def points(self, plan: P) -> PlanPoints:
+        """Returns where a plan has limits and costs."""
+        y = self.unwrapped(self.model.task_pose(plan.config))
+        knots = Points(self.model, plan.config, y, self._velocities(plan))
+        begin, end = self.inputs(plan)
+        return PlanPoints(knots, [knots.subset(slice(-1), begin),
+                                  knots.subset(slice(1, None), end)])
+
+    def _excesses(self, knots: Points, ends: list[Points]
+                  ) -> Iterator[tuple[Limit, slice, np.ndarray]]:
+        """Yields the limits, at which knots, and by how much they are exceeded; negative within.
+
+        Args:
+            knots: The N+1 knots; where a value is given, its limit does not count.
+            ends: Beginning and end of the intervals.
+        """
+        first, last = slice(-1), slice(1, None)
+        decided = {"pose": [last], "speed": [last if self.given_speed == 0 else first],
+                   "input": [first, last]}
+        for limit in self.limits.values():
+            for i, which in enumerate(decided[limit.about]):
+                points = ends[i] if limit.about == "input" else knots.subset(which)
+                yield limit, which, limit.excess(points)
+
+    def _transitions(self, plan: P, zeta: np.ndarray, zeta_dot: np.ndarray) -> Transitions:
+        """Returns the first-order model of a plan with ζ̄ and ζ̄̇ (N, 6+n) of its intervals."""
+        config = plan.config
+        y, J_x, _ = self.model.task_motion(config, np.zeros_like(config))
+        Gamma = configuration_rate_matrix(config)
+        config_y = Gamma @ np.linalg.inv(J_x)
+        y_config = J_x[1:] @ np.linalg.inv(Gamma[1:])
+        by_config, by_zeta, by_zeta_dot = (y_config @ rate for rate in advance_derivatives(
+            config[:-1], zeta, zeta_dot, self.time_step))
+        knots = Points(self.model, config, self.unwrapped(y), self._velocities(plan),
+                       config_y=config_y)
+        return Transitions(knots, by_config @ config_y[:-1], by_zeta, by_zeta_dot)
+
+    def _program(self, plan: P, A: np.ndarray, B: np.ndarray, knots: Points, ends: list[Inputs]
+                 ) -> StagedProgram:
+        """Returns the program about a plan, of a model ξ⁺ = Aξ + Bw.
+
+        Args:
+            plan: The plan.
+            A: (N, nx, nx).
+            B: (N, nx, nw).
+            knots: The N+1 knots.
+            ends: Beginning of the intervals, and the end where the input is another one there.
+        """
+        points, *by_z = ends[0]
+        xi = self.errors(plan, knots.y)
+        H, g = self._stage_cost(plan).quadratic(points, Slopes(*by_z), self.time_step)
+        for term in self.own_terms:
+            more_H, more_g = term.quadratic(points, Slopes(*by_z), self.time_step)
+            H, g = H + more_H, g + more_g
+        axes, width = self.terminal_axes(plan), H.shape[-1]
+        penalty, root = axes.T @ self.terminal.P @ axes, self.terminal.root @ axes
+        return StagedProgram(
+            A=A, B=B, H=H, g=g, H_end=2.0 * penalty, g_end=2.0 * penalty @ xi[-1],
+            linear=self._linear_limits(knots, ends, width),
+            norms=self._norm_limits(knots, width),
+            terminal=TerminalLimit(root, root @ xi[-1], self.terminal_radius(plan)),
+            slack_penalty=TERMINAL_PENALTY, excess_penalty=EXCESS_PENALTY)
+
+    def _linear_limits(self, knots: Points, ends: list[Inputs], width: int) -> LinearLimits:
+        """Returns the limits that are rows of z (`width`,): of the inputs, then at the knots."""
+        stages, at_knots = self.horizon + 1, Slopes(*self._state_z(width))
+        none = np.empty((stages, 0))
+        parts = [LinearLimits(np.empty((stages, 0, width)), none, none, none, np.empty(0, bool))]
+        for limit, end in self._by_rows(knots, len(ends)):
+            if end is not None:
+                parts.append(self._linear_limit(limit, ends[end].points, Slopes(*ends[end][1:])))
+                continue
+            part, given = self._linear_limit(limit, knots, at_knots), self._given(limit)
+            part.upper[given], part.lower[given] = np.inf, -np.inf
+            parts.append(part)
+        return stacked(parts)
+
+    def _by_rows(self, knots: Points, ends: int) -> Iterator[tuple[Limit, int | None]]:
+        """Yields the limits that are rows, in their order, and at which end of the intervals.
+
+        None is at the knots.
+        """
+        for limit in self.limits.values():
+            if limit.about == "input":
+                yield from ((limit, end) for end in range(ends))
+        for limit in self.limits.values():
+            if limit.about != "input" and limit.cone(knots) is None:
+                yield limit, None
+
+    def revalued(self, program: StagedProgram, plan: P, points: PlanPoints) -> StagedProgram:
+        """Returns a program with its own slopes, and what is limited at another plan.
+
+        Args:
+            program: The program.
+            plan: The plan.
+            points: Those of the plan.
+        """
+        knots, ends = points
+        stages = len(program.linear.value)
+        ends = ends[: self.input_ends]
+
+        def late(values: np.ndarray) -> np.ndarray:
+            """Values of the knots at the last of all stages, those of intervals one before."""
+            out = np.zeros((stages, values.shape[1]))
+            out[stages - self.horizon - 1:][: len(values)] = values
+            return out
+
+        values = [late(limit.row_values(knots if end is None else ends[end]))
+                  for limit, end in self._by_rows(knots, len(ends))]
+        cones = [cone for limit in self.limits.values()
+                 if limit.about != "input" and (cone := limit.cone(knots)) is not None]
+        return replace(
+            program,
+            linear=program.linear._replace(
+                value=np.concatenate(values, axis=1) if values else program.linear.value),
+            norms=tuple(norm._replace(value=late(cone.value))
+                        for norm, cone in zip(program.norms, cones, strict=True)),
+            terminal=program.terminal._replace(
+                value=self.terminal.root @ self.terminal_axes(plan) @ self.errors(
+                    plan, knots.y)[-1]))
+
+    def _linear_limit(self, limit: Limit, points: Points, chain: Slopes) -> LinearLimits:
+        """Returns a limit as rows of every stage that is among the points; the last may not be.
+
+        Args:
+            limit: Limit on them.
+            points: N + 1 knots, or one end of the N intervals.
+            chain: How y, ζ and u change there with z.
+        """
+        rows = limit.rows(points)
+        by_z = rows.slopes.through(chain)
+        count, size = rows.value.shape
+        C = np.zeros((self.horizon + 1, size, by_z.shape[-1]))
+        value, upper = np.zeros((self.horizon + 1, size)), np.full((self.horizon + 1, size), np.inf)
+        lower = -upper
+        C[:count], value[:count], lower[:count], upper[:count] = (
+            by_z, rows.value, rows.lower, rows.upper)
+        return LinearLimits(C, value, lower, upper, np.full(size, limit.soft))
+
+    def _norm_limits(self, knots: Points, width: int) -> tuple[NormLimit, ...]:
+        """Returns the limits that are cones of z (`width`,)."""
+        out = []
+        for limit in self.limits.values():
+            cone = None if limit.about == "input" else limit.cone(knots)
+            if cone is not None:
+                bounds = np.full(len(cone.value), cone.bound)
+                bounds[self._given(limit)] = np.inf
+                by_z = cone.slopes.through(Slopes(*self._state_z(width)))
+                out.append(NormLimit(by_z, cone.value, bounds))
+        return tuple(out)
+
+    def _state_z(self, width: int) -> np.ndarray:
+        """Returns ∂y/∂z and ∂ζ/∂z (2, 6+n, `width`) at a knot: z starts with them."""
+        return np.eye(width)[: 2 * self.model.size].reshape(2, -1, width)
+
+    def _given(self, limit: Limit) -> int:
+        """Returns the knot at which no decision changes the limited values."""
+        return self.given_speed if limit.about == "speed" else 0
+
+
+def weight(mpc: MpcConfig, key: str, size: int, *, zeros: bool = False) -> np.ndarray:
+    """Returns a weight of an `MpcConfig`: `size` positive numbers, or `zeros` among them too."""
+    values = vector(key, getattr(mpc, key), size)
+    usual = (values >= SMALLEST_WEIGHT) & (values <= LARGEST_WEIGHT)
+    require(bool(np.all(usual | (values == 0.0) if zeros else usual)), key, values,
+            f"{size} positive numbers{' or zeros' if zeros else ''}, from {SMALLEST_WEIGHT:g} to "
+            f"{LARGEST_WEIGHT:g}")
+    return values

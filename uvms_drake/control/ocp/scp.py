@@ -1,0 +1,113 @@
+"""The fast solver of the FHOCP: sequential convex programming with exact cones.
+
+An iteration makes the convex program about the plan, solves it, and takes the longest of the steps
+1, ½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls; in a strict
+problem, only to a sound plan, or from one that is not to one that is no further from it. Where a
+sound plan would be cheaper after the whole step, but beyond limits by what they are curved, it is
+moved back first (`correction`). The limits on what is linearised are softened by an exact penalty,
+so that the program has a solution whenever the linear limits can be kept. One iteration a sample is
+enough for what the closed loop needs: the plan is never worse than the last one continued by the
+terminal controller (Scokaert, Mayne and Rawlings 1999).
+"""
+
+from dataclasses import dataclass
+from typing import Generic
+
+import numpy as np
+
+from uvms_drake.control.convex.correction import Correction
+from uvms_drake.control.convex.staged_program import StagedProgram
+from uvms_drake.control.convex.staged_solver import solve_staged
+from uvms_drake.control.ocp.ocp import Evaluation, Ocp, PlanPoints
+from uvms_drake.control.plan.plan import P
+
+SHORTEST_STEP = 1.0 / 64.0
+CORRECTIONS = 4
+"""Largest number of second-order corrections of a step."""
+SHRINKS = 0.3
+"""Part of a violation that a correction may leave, for another one to be worth while."""
+
+
+@dataclass(frozen=True)
+class Solution(Generic[P]):
+    """The result of a solve; `plan` is None if the solver failed."""
+
+    plan: P | None
+    evaluation: Evaluation | None
+    iterations: int
+    converged: bool
+    """Whether it ended because no step improved the merit by more than the tolerance."""
+    rows: int = 0
+    """Number of rows of limits that the last convex program held; 0 where none mattered."""
+
+
+class SequentialConvexSolver(Generic[P]):
+    """Solves an `Ocp` from a guess."""
+
+    def __init__(self, ocp: Ocp[P]):
+        self.ocp = ocp
+
+    def solve(self, guess: P, iterations: int, tolerance: float = 1e-6) -> Solution[P]:
+        """Returns the best plan found from `guess`, whose first knot is the initial state.
+
+        Args:
+            guess: Where the first convex program is made.
+            iterations: At most so many convex programs are solved.
+            tolerance: Converged when a step improves the merit by less than this fraction of it.
+        """
+        plan, evaluation, rows = guess, self.ocp.evaluate(guess), 0
+        for iteration in range(1, iterations + 1):
+            program = self.ocp.staged_program(plan)
+            change = solve_staged(program)
+            if change is None:
+                if iteration == 1:
+                    return Solution(None, None, iteration, converged=False)
+                return Solution(plan, evaluation, iteration, converged=False, rows=rows)
+            rows = change.rows
+            step = self._line_search(plan, evaluation, program, change.w)
+            if step is None:
+                return Solution(plan, evaluation, iteration, converged=True, rows=rows)
+            gain = evaluation.merit - step[1].merit
+            plan, evaluation = step
+            if gain <= tolerance * abs(evaluation.merit):
+                return Solution(plan, evaluation, iteration, converged=True, rows=rows)
+        return Solution(plan, evaluation, iterations, converged=False, rows=rows)
+
+    def _line_search(self, plan: P, evaluation: Evaluation, program: StagedProgram,
+                     change: np.ndarray) -> tuple[P, Evaluation] | None:
+        """Returns the plan after the longest step that is better, and its value."""
+        step = 1.0
+        while step >= SHORTEST_STEP:
+            candidate = plan.redone(plan.start, plan.decision + step * change)
+            points = self.ocp.points(candidate)
+            value = self.ocp.evaluate(candidate, points)
+            if self._is_better(value, evaluation):
+                return candidate, value
+            if step == 1.0 and self.ocp.is_sound(evaluation) and value.cost < evaluation.cost:
+                corrected = self._corrected(candidate, value, points, program, change)
+                if self._is_better(corrected[1], evaluation):
+                    return corrected
+            step *= 0.5
+        return None
+
+    def _corrected(self, plan: P, value: Evaluation, points: PlanPoints, program: StagedProgram,
+                   change: np.ndarray) -> tuple[P, Evaluation]:
+        """Returns the plan after a step, moved back to within the limits, and its value."""
+        correction = Correction(program, change)
+        for _ in range(CORRECTIONS):
+            before = max(value.violation, value.terminal_slack)
+            try:
+                moved = correction.of(self.ocp.revalued(program, plan, points))
+            except np.linalg.LinAlgError:
+                break  # There is none.
+            plan = plan.redone(plan.start, plan.decision + moved)
+            points = self.ocp.points(plan)
+            value = self.ocp.evaluate(plan, points)
+            after = max(value.violation, value.terminal_slack)
+            if self.ocp.is_sound(value) or after > SHRINKS * before:
+                break  # It is within limits, or will not soon be.
+        return plan, value
+
+    def _is_better(self, new: Evaluation, old: Evaluation) -> bool:
+        """Returns whether a plan may take another's place."""
+        return new.merit < old.merit and (not self.ocp.strict or self.ocp.keeps(new, old))

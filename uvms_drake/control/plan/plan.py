@@ -1,0 +1,310 @@
+"""The nominal trajectory ξ̄(t): a piecewise constant decision and what follows from it.
+
+`DynamicPlan` decides accelerations ζ̄̇, `KinematicPlan` velocities ζ̄. Between its knots a plan is
+evaluated, not held: 𝔮̄ is one step of a fourth-order Runge–Kutta method from the last knot, whose
+error is below 1e-7 rad at the speeds of an underwater vehicle and h = 0.2 s (it grows with h⁵).
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
+
+import numpy as np
+
+from uvms_drake.model.frames.euler import COMPLEX_STEP, Numbers, rotated, rotation_matrix
+from uvms_drake.model.uvms_model import configuration_rate
+
+KNOT_TOLERANCE = 1e-9
+"""Time after a knot, as a fraction of an interval, that counts as the knot: rounding of k h."""
+
+
+def advance(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray,
+            duration: float | np.ndarray) -> np.ndarray:
+    """Returns 𝔮 (..., 6+n) after `duration` [s] of constant ζ̇ from (𝔮, ζ), by one RK4 step."""
+    half = 0.5 * duration
+    middle, last = zeta + half * zeta_dot, zeta + duration * zeta_dot
+    k1 = configuration_rate(config, zeta)
+    k2 = configuration_rate(config + half * k1, middle)
+    k3 = configuration_rate(config + half * k2, middle)
+    k4 = configuration_rate(config + duration * k3, last)
+    return config + duration / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def advance_one(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, duration: float
+                ) -> np.ndarray:
+    """Returns `advance` of one configuration (6+n,), by plain numbers and so three times as fast.
+
+    The joints are linear: one step is exact.
+    """
+    start, rate = zeta[:6].tolist(), zeta_dot[:6].tolist()
+    speeds = [[v + ahead * a for v, a in zip(start, rate, strict=True)]
+              for ahead in (0.0, 0.5 * duration, 0.5 * duration, duration)]
+    rpy, stages = _turn(tuple(config[3:6].tolist()), [speed[3:] for speed in speeds], duration)
+    linear = [rotated(at, speed[:3]) for at, speed in zip(stages, speeds, strict=True)]
+    out: np.ndarray = config + duration * (zeta + 0.5 * duration * zeta_dot)
+    out[:3] = [p + duration / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+               for p, k1, k2, k3, k4 in zip(config[:3].tolist(), *linear, strict=True)]
+    out[3:6] = rpy
+    return out
+
+
+def advance_derivatives(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, duration: float
+                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the derivatives (K, 6+n, 6+n) of `advance` (K, 6+n) by 𝔮, ζ and ζ̇.
+
+    By complex steps in the variables that enter nonlinearly: the vehicle's attitude and velocity.
+    """
+    size = config.shape[-1]
+    steps = 1j * COMPLEX_STEP * np.eye(15)
+    eta, nu, nu_dot = (item[:, None, :6].astype(complex) for item in (config, zeta, zeta_dot))
+    eta = np.repeat(eta, 15, axis=1)
+    eta[..., 3:] += steps[:, :3]
+    moved = advance(eta, nu + steps[:, 3:9], nu_dot + steps[:, 9:], duration)
+    rates = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)
+    by_config = np.tile(np.eye(size), (len(config), 1, 1))
+    by_config[:, :6, 3:6] = rates[..., :3]
+    by_zeta, by_zeta_dot = duration * by_config, 0.5 * duration**2 * by_config
+    by_zeta[:, :6, :6] = rates[..., 3:9]
+    by_zeta_dot[:, :6, :6] = rates[..., 9:]
+    return by_config, by_zeta, by_zeta_dot
+
+
+def roll_out(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, time_step: float
+             ) -> np.ndarray:
+    """Returns 𝔮 (N+1, 6+n) at the knots, as `advance` interval after interval gives it.
+
+    Only the attitude has to go step by step; the position is a sum once it is known.
+
+    Args:
+        config: 𝔮 at the first knot (6+n,).
+        zeta: ζ at the beginning of every interval (N, 6+n).
+        zeta_dot: ζ̇ on every interval (N, 6+n).
+        time_step: h [s].
+    """
+    offsets = np.array([0.0, 0.5, 0.5, 1.0])[:, None] * time_step
+    speeds = zeta[:, None, :] + offsets * zeta_dot[:, None, :]  # (N, 4, 6+n) at the four stages
+    rpy = tuple(config[3:6].tolist())
+    knots, stages = [rpy], []
+    for turning in speeds[..., 3:6].tolist():
+        rpy, visited = _turn(rpy, turning, time_step)
+        knots.append(rpy)
+        stages.append(visited)
+    out = np.empty((len(zeta) + 1, len(config)))
+    out[:, 3:6] = knots
+    weights = np.array([1.0, 2.0, 2.0, 1.0]) * time_step / 6.0
+    linear = (rotation_matrix(np.array(stages)) @ speeds[..., :3, None])[..., 0]
+    out[0] = config
+    out[1:, :3] = config[:3] + np.cumsum(weights @ linear, axis=0)
+    out[1:, 6:] = config[6:] + np.cumsum(weights @ speeds[..., 6:], axis=0)
+    return out
+
+
+def _turn(rpy: Numbers, turning: list[list[float]], h: float) -> tuple[Numbers, list[Numbers]]:
+    """Returns the Euler angles after one RK4 step, and those at its four stages.
+
+    Plain numbers, because three of them are too few for NumPy. `turning` is ν₂ (4, 3) [rad/s].
+    """
+    stages, rates = [], []
+    at = rpy
+    for (p, q, r), ahead in zip(turning, (0.5 * h, 0.5 * h, h, 0.0), strict=True):
+        sin, cos = math.sin(at[0]), math.cos(at[0])
+        yaw_rate = (sin * q + cos * r) / math.cos(at[1])
+        rate = (p + yaw_rate * math.sin(at[1]), cos * q - sin * r, yaw_rate)
+        stages.append(at)
+        rates.append(rate)
+        at = (rpy[0] + ahead * rate[0], rpy[1] + ahead * rate[1], rpy[2] + ahead * rate[2])
+    after = [angle + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+             for angle, k1, k2, k3, k4 in zip(rpy, *rates, strict=True)]
+    return (after[0], after[1], after[2]), stages
+
+
+@dataclass(frozen=True)
+class Plan(ABC):
+    """A nominal trajectory over N intervals of length h."""
+
+    start_time: float
+    """Instant t_k of the first knot [s]."""
+    time_step: float
+    """Length h of an interval [s]."""
+    config: np.ndarray
+    """𝔮̄ at the knots (N+1, 6+n)."""
+
+    @property
+    @abstractmethod
+    def decision(self) -> np.ndarray:
+        """Decisions of the plan on the intervals (N, 6+n)."""
+
+    @property
+    @abstractmethod
+    def start(self) -> np.ndarray:
+        """The state at the first knot."""
+
+    @abstractmethod
+    def redone(self, start: np.ndarray, decision: np.ndarray) -> Self:
+        """Returns the plan at the same time from another state or with another decision."""
+
+    @abstractmethod
+    def at(self, time: float, since: float | None = None) -> tuple[np.ndarray, ...]:
+        """Returns the nominal trajectory at `time` [s], within the plan's horizon.
+
+        Args:
+            time: [s].
+            since: A knot [s] from which on the plan is followed now; its beginning, if left out.
+        """
+
+    @abstractmethod
+    def shifted(self, last_decision: np.ndarray) -> Self:
+        """Returns the plan one interval later, with this decision (6+n,) at its end."""
+
+    @abstractmethod
+    def after(self, knot: int) -> Self:
+        """Returns the part of the plan after one of its knots."""
+
+    @abstractmethod
+    def preceded(self, other: Self, intervals: int) -> Self:
+        """Returns the plan with the first intervals of another one, which end where it begins."""
+
+    def _interval(self, time: float, since: float | None) -> tuple[int, float]:
+        """Returns the interval that `time` falls into and how long after its beginning.
+
+        A knot belongs to the interval that ends there: an integrator's last stage falls on the
+        knot, and sees the interval that it integrates over. Only `since` belongs to the one that
+        begins there, in which an integrator's first stage is.
+        """
+        elapsed = time - self.start_time
+        intervals = len(self.config) - 1
+        last = intervals * self.time_step
+        tolerance = KNOT_TOLERANCE * self.time_step
+        if not -tolerance <= elapsed <= last + tolerance:
+            raise ValueError(f"the plan is for {self.start_time:g} s and {last:g} s from then on, "
+                             f"not for {time:g} s")
+        index = math.ceil(elapsed / self.time_step - KNOT_TOLERANCE) - 1
+        first = 0 if since is None else round((since - self.start_time) / self.time_step)
+        index = min(max(index, first), intervals - 1)
+        return index, elapsed - index * self.time_step
+
+
+P = TypeVar("P", bound=Plan)
+"""Kind of plan that a problem is about."""
+
+
+@dataclass(frozen=True)
+class DynamicPlan(Plan):
+    """A plan of accelerations: ζ̄ is continuous and linear on every interval."""
+
+    zeta: np.ndarray
+    """ζ̄ at the knots (N+1, 6+n)."""
+    zeta_dot: np.ndarray
+    """ζ̄̇ on the intervals (N, 6+n)."""
+
+    @staticmethod
+    def from_accelerations(start_time: float, time_step: float, config: np.ndarray,
+                           zeta: np.ndarray, zeta_dot: np.ndarray) -> "DynamicPlan":
+        """Returns the plan that starts at (𝔮, ζ) (6+n,) and has the accelerations (N, 6+n)."""
+        zetas = np.concatenate([zeta[None], zeta + time_step * np.cumsum(zeta_dot, axis=0)])
+        configs = roll_out(config, zetas[:-1], zeta_dot, time_step)
+        return DynamicPlan(start_time, time_step, configs, zetas, zeta_dot)
+
+    @property
+    def decision(self) -> np.ndarray:
+        """ζ̄̇."""
+        return self.zeta_dot
+
+    @property
+    def start(self) -> np.ndarray:
+        """(𝔮̄, ζ̄) (2(6+n),)."""
+        return np.concatenate([self.config[0], self.zeta[0]])
+
+    def redone(self, start: np.ndarray, decision: np.ndarray) -> "DynamicPlan":
+        """Returns the plan from another (𝔮, ζ) or with other accelerations."""
+        config, zeta = np.split(start, 2)
+        return DynamicPlan.from_accelerations(
+            self.start_time, self.time_step, config, zeta, decision)
+
+    def at(self, time: float, since: float | None = None
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns 𝔮̄, ζ̄ and ζ̄̇ (6+n,); at a knot, ζ̄̇ is that of the interval that ends there."""
+        index, duration = self._interval(time, since)
+        zeta, zeta_dot = self.zeta[index], self.zeta_dot[index]
+        return (advance_one(self.config[index], zeta, zeta_dot, duration),
+                zeta + duration * zeta_dot, zeta_dot)
+
+    def shifted(self, last_decision: np.ndarray) -> Self:
+        """Returns the plan one interval later, with this ζ̄̇ (6+n,) at its end."""
+        last = advance(self.config[-1], self.zeta[-1], last_decision, self.time_step)
+        return replace(
+            self, start_time=self.start_time + self.time_step,
+            config=np.concatenate([self.config[1:], last[None]]),
+            zeta=np.concatenate([self.zeta[1:], self.zeta[-1:] + self.time_step * last_decision]),
+            zeta_dot=np.concatenate([self.zeta_dot[1:], last_decision[None]]))
+
+    def after(self, knot: int) -> Self:
+        """Returns the part of the plan after one of its knots."""
+        return replace(
+            self, start_time=self.start_time + knot * self.time_step, config=self.config[knot:],
+            zeta=self.zeta[knot:], zeta_dot=self.zeta_dot[knot:])
+
+    def preceded(self, other: "DynamicPlan", intervals: int) -> Self:
+        """Returns the plan with the first intervals of another one, which end where it begins."""
+        first = slice(intervals)
+        return replace(
+            self, start_time=other.start_time,
+            config=np.concatenate([other.config[first], self.config]),
+            zeta=np.concatenate([other.zeta[first], self.zeta]),
+            zeta_dot=np.concatenate([other.zeta_dot[first], self.zeta_dot]))
+
+
+@dataclass(frozen=True)
+class KinematicPlan(Plan):
+    """A plan of velocities, constant on every interval."""
+
+    zeta: np.ndarray
+    """ζ̄ on the intervals (N, 6+n)."""
+
+    @staticmethod
+    def from_velocities(start_time: float, time_step: float, config: np.ndarray, zeta: np.ndarray
+                        ) -> "KinematicPlan":
+        """Returns the plan that starts at 𝔮 (6+n,) and has the velocities (N, 6+n)."""
+        configs = roll_out(config, zeta, np.zeros_like(zeta), time_step)
+        return KinematicPlan(start_time, time_step, configs, zeta)
+
+    @property
+    def decision(self) -> np.ndarray:
+        """ζ̄."""
+        return self.zeta
+
+    @property
+    def start(self) -> np.ndarray:
+        """𝔮̄ (6+n,)."""
+        return self.config[0]
+
+    def redone(self, start: np.ndarray, decision: np.ndarray) -> "KinematicPlan":
+        """Returns the plan from another 𝔮 or with other velocities."""
+        return KinematicPlan.from_velocities(self.start_time, self.time_step, start, decision)
+
+    def at(self, time: float, since: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Returns 𝔮̄ and ζ̄ (6+n,); at a knot, ζ̄ is that of the interval that ends there."""
+        index, duration = self._interval(time, since)
+        zeta = self.zeta[index]
+        return advance_one(self.config[index], zeta, np.zeros_like(zeta), duration), zeta
+
+    def shifted(self, last_decision: np.ndarray) -> "KinematicPlan":
+        """Returns the plan one interval later, with this ζ̄ (6+n,) at its end."""
+        last = advance(
+            self.config[-1], last_decision, np.zeros_like(last_decision), self.time_step)
+        return KinematicPlan(
+            self.start_time + self.time_step, self.time_step,
+            np.concatenate([self.config[1:], last[None]]),
+            np.concatenate([self.zeta[1:], last_decision[None]]))
+
+    def after(self, knot: int) -> "KinematicPlan":
+        """Returns the part of the plan after one of its knots."""
+        return replace(self, start_time=self.start_time + knot * self.time_step,
+                       config=self.config[knot:], zeta=self.zeta[knot:])
+
+    def preceded(self, other: "KinematicPlan", intervals: int) -> "KinematicPlan":
+        """Returns the plan with the first intervals of another one, which end where it begins."""
+        return replace(self, start_time=other.start_time,
+                       config=np.concatenate([other.config[:intervals], self.config]),
+                       zeta=np.concatenate([other.zeta[:intervals], self.zeta]))

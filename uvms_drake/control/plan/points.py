@@ -1,0 +1,195 @@
+"""Points of a motion: what limits and cost terms are functions of, and how those change with it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+
+from uvms_drake.model.frames.euler import COMPLEX_STEP, inverse_rate_matrix
+from uvms_drake.model.frames.spatial import cross
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
+
+About = Literal["pose", "speed", "input"]
+"""Arguments of a function of `Points`: (𝔮, y); these and ζ; or these and u and τ too."""
+
+
+UNKNOWN = np.empty(0)
+"""Value of a field of some points that is not known."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """A stack of points of a motion, of any leading shape; arrays may be complex."""
+
+    model: UvmsModel
+    config: np.ndarray
+    """Configuration 𝔮 (..., 6+n) [m, rad]."""
+    y: np.ndarray
+    """Extended task (χ, q) (..., 6+n) [m, rad]."""
+    zeta: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """Velocity ζ (..., 6+n) [m/s, rad/s]."""
+    u: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """Input (..., 6+n): 𝔲 of dynamic motion, ζ of kinematic motion."""
+    forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """Generalised force τ (..., 6+n) [N, N m], if it is known otherwise than as M(𝔮)𝔲."""
+    config_y: np.ndarray = field(default_factory=lambda: UNKNOWN)
+    """∂𝔮/∂y (..., 6+n, 6+n), where derivatives are asked for."""
+    whole: tuple["Points", slice] | None = None
+    """Points that these were taken from, see `subset`."""
+
+    def subset(self, index: slice, u: np.ndarray = UNKNOWN) -> Self:
+        """Returns some of the points, with this input there; they share one mass matrix."""
+        config, y, zeta, config_y = (
+            each if each is UNKNOWN else each[index]
+            for each in (self.config, self.y, self.zeta, self.config_y))
+        return replace(self, config=config, y=y, zeta=zeta, u=u, forces=UNKNOWN, config_y=config_y,
+                       whole=(self, index))
+
+    @cached_property
+    def mass_matrix(self) -> np.ndarray:
+        """(..., 6+n, 6+n) M(𝔮)."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.mass_matrix[index]
+        return self.model.mass_matrix(self.kinematics)
+
+    @cached_property
+    def by_tip_force(self) -> np.ndarray:
+        """(..., 6+n, 3) M⁻¹J_𝔭ᵀ: ζ̇ by a force on the end-effector."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.by_tip_force[index]
+        return np.linalg.solve(self.mass_matrix, np.swapaxes(self.tip_jacobian, -1, -2))
+
+    @cached_property
+    def by_tip_force_rates(self) -> np.ndarray:
+        """(..., 6+n, 3, 6+n) ∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ), the last axis that of 𝔮."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.by_tip_force_rates[index]
+        change = np.swapaxes(self.tip_jacobian_rates, -2, -3) - np.einsum(
+            "...rcj,...ci->...rij", self.mass_matrix_rates, self.by_tip_force)
+        shape = change.shape
+        return np.linalg.solve(
+            self.mass_matrix, change.reshape(*shape[:-2], shape[-2] * shape[-1])).reshape(shape)
+
+    @cached_property
+    def mass_matrix_rates(self) -> np.ndarray:
+        """(..., 6+n, 6+n, 6+n) ∂M/∂𝔮, the last axis that of 𝔮; by a complex step.
+
+        In axes of the vehicle, what it weighs does not depend on where it is: only the joints' are
+        not zero.
+        """
+        if self.whole is not None:
+            points, index = self.whole
+            return points.mass_matrix_rates[index]
+        M = self.model.mass_matrix(self.moved_kinematics)
+        rates = np.zeros((*self.config.shape, *M.shape[-2:]))
+        rates[..., 6:, :, :] = M.imag / COMPLEX_STEP
+        return np.moveaxis(rates, -3, -1)
+
+    @cached_property
+    def tip_jacobian(self) -> np.ndarray:
+        """(..., 3, 6+n) the rows of J(𝔮) for the velocity of the end-effector, 𝔭̇ = J_𝔭 ζ."""
+        if self.whole is not None:
+            points, index = self.whole
+            return points.tip_jacobian[index]
+        return self.kinematics.J_chi[..., :3, :]
+
+    @cached_property
+    def tip_jacobian_rates(self) -> np.ndarray:
+        """(..., 3, 6+n, 6+n) ∂J_𝔭/∂𝔮, the last axis that of 𝔮; by the joints, by a complex step.
+
+        As the vehicle turns by ω, J_𝔭 turns with it: ω × its columns.
+        """
+        if self.whole is not None:
+            points, index = self.whole
+            return points.tip_jacobian_rates[index]
+        J = self.moved_kinematics.J_chi[..., :3, :]
+        rates = np.zeros((*self.config.shape, *J.shape[-2:]))
+        turning = self.kinematics.R_WB @ inverse_rate_matrix(self.config[..., 3:6])
+        rates[..., 3:6, :, :] = np.swapaxes(cross(
+            np.swapaxes(turning, -1, -2)[..., None, :],
+            np.swapaxes(self.tip_jacobian, -1, -2)[..., None, :, :]), -1, -2)
+        rates[..., 6:, :, :] = J.imag / COMPLEX_STEP
+        return np.moveaxis(rates, -3, -1)
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Geometry at the points."""
+        return self.model.kinematics(self.config)
+
+    @cached_property
+    def moved_kinematics(self) -> Kinematics:
+        """(..., n) geometry after a complex step of each joint."""
+        return self.model.kinematics(
+            self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size)[6:])
+
+    @cached_property
+    def tau(self) -> np.ndarray:
+        """(..., 6+n) τ = M(𝔮)𝔲 [N, N m]."""
+        if self.forces is not UNKNOWN:
+            return self.forces
+        return (self.mass_matrix @ self.u[..., None])[..., 0]
+
+
+class Slopes(NamedTuple):
+    """Derivatives of m values by y, ζ and u, each (..., m, 6+n), or None where they are zero."""
+
+    y: np.ndarray | None = None
+    zeta: np.ndarray | None = None
+    u: np.ndarray | None = None
+
+    def through(self, chain: "Slopes") -> np.ndarray:
+        """Returns the derivatives (..., m, w) by what y, ζ and u change with as `chain` says."""
+        first, *others = (slope @ by for slope, by in zip(self, chain, strict=True)
+                          if slope is not None and by is not None)
+        return sum(others, first)
+
+
+def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> Slopes:
+    """Returns the derivatives of `values` (..., m) by complex steps; it has to allow for them.
+
+    Args:
+        values: A function of points.
+        at: Where; with `config_y`.
+        about: What `values` reads.
+    """
+    step = 1j * COMPLEX_STEP * np.eye(at.model.size)
+    turned = 1j * COMPLEX_STEP * np.swapaxes(at.config_y, -1, -2)
+    config, y, zeta, u = (each if each is UNKNOWN else np.repeat(each[..., None, :], len(step), -2)
+                          for each in (at.config, at.y, at.zeta, at.u))
+
+    def by(config: np.ndarray, y: np.ndarray, zeta: np.ndarray, u: np.ndarray) -> np.ndarray:
+        moved = values(Points(at.model, config, y, zeta, u))
+        return np.swapaxes(moved.imag / COMPLEX_STEP, -1, -2)
+
+    return Slopes(by(config + turned, y + step, zeta, u),
+                  by(config, y, zeta + step, u) if about != "pose" else None,
+                  by(config, y, zeta, u + step) if about == "input" else None)
+
+
+def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, about: About
+                 ) -> None:
+    """Raises unless complex steps give the derivative of `values` that a difference gives.
+
+    They do not where it takes an absolute value, a norm or a real part, or has a kink.
+
+    Args:
+        name: What is to blame.
+        values: A function of points.
+        at: One point, with `config_y`.
+        about: What `values` reads.
+    """
+    dy, dzeta, du = 1e-6 * np.cos(np.arange(3 * at.model.size)).reshape(3, -1)
+    ahead, behind = (values(Points(
+        at.model, at.config + sign * at.config_y @ dy, at.y + sign * dy, at.zeta + sign * dzeta,
+        at.u + sign * du)) for sign in (1.0, -1.0))
+    chain = Slopes(dy[:, None], dzeta[:, None], du[:, None])
+    change = slopes(values, at, about).through(chain)[..., 0]
+    scale = 1e-6 + np.max(np.abs(ahead), initial=0.0)
+    if not np.all(np.abs(0.5 * (ahead - behind) - change) <= 1e-4 * np.abs(change) + 1e-11 * scale):
+        raise TypeError(f"{name}: its derivative by complex steps is not that of differences; "
+                        "it must be smooth and allow for complex points")

@@ -1,0 +1,1 @@
+"""The files of a robot's folder: hydrodynamics, thrusters, and the checks of both."""

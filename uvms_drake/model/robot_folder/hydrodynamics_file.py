@@ -1,0 +1,106 @@
+"""The hydrodynamic parameters of a robot: one YAML file beside its SDFormat file.
+
+Fossen's order (X, Y, Z, K, M, N), linear before angular, in axes parallel to the body's frame.
+Added mass and drag coefficients are positive: M_A = −∂(X, Y, ...)/∂ν̇, f_drag = −D ν.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.common.errors import require, symmetric_matrix, vector, within
+from uvms_drake.model.frames.spatial import skew
+from uvms_drake.model.robot_folder.yaml_file import load_robot_file
+
+
+@dataclass
+class AddedMass:
+    """A weightless inertia of the water that moves with the body."""
+
+    matrix: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """M_A about `point`: symmetric positive semidefinite 6×6, or its diagonal [kg, kg m, kg m²]."""
+    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Point p_BoP_B about which `matrix` is [m]."""
+
+
+@dataclass
+class Drag:
+    """f = −(linear + quadratic ⊙ |v|) ⊙ v with v the velocity of `point` through the water."""
+
+    linear: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Coefficients of linear drag [N s/m (3), N m s/rad (3)]."""
+    quadratic: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Coefficients of quadratic drag [N s²/m² (3), N m s²/rad² (3)]."""
+    point: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Point p_BoP_B at which the drag acts [m]."""
+
+
+@dataclass
+class BodyHydrodynamics:
+    """Parameters of the water's forces on one rigid body B."""
+
+    displaced_volume: float = 0.0
+    """Displaced volume V [m³]: the buoyancy is ρ V g."""
+    center_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Centre of buoyancy p_BoBb_B [m]."""
+    added_mass: list[AddedMass] = field(default_factory=list)
+    """External added mass and entrained water; they add up."""
+    drag: list[Drag] = field(default_factory=list)
+    """Drag at stated points; a slender body wants several of them, strip by strip."""
+
+
+@dataclass
+class HydrodynamicParameters:
+    """Parameters of the water's forces on a robot."""
+
+    fluid_density: float = 1000.0
+    """Density ρ of the water [kg/m³]."""
+    bodies: dict[str, BodyHydrodynamics] = field(default_factory=dict)
+    """Bodies by name in the SDFormat file; a body that is not named feels no water."""
+
+
+def added_mass_about_origin(added_mass: list[AddedMass]) -> np.ndarray:
+    """Returns the sum of M_A (6, 6) about the body's origin Bo, in Fossen's order.
+
+    The velocity of P is V_P = H V_Bo with H = [I, −S(p_BoP); 0, I], so M_Bo = Hᵀ M_P H
+    (Fossen 2021, eq. 3.27). It is symmetric to the last digit, if M_P only nearly is.
+    """
+    total = np.zeros((6, 6))
+    for item in added_mass:
+        H = np.eye(6)
+        H[:3, 3:] = -skew(np.asarray(item.point, dtype=float))
+        M = np.asarray(item.matrix, dtype=float)
+        total += H.T @ (np.diag(M) if M.ndim == 1 else M) @ H
+    return 0.5 * (total + total.T)
+
+
+def check_hydrodynamics(parameters: HydrodynamicParameters) -> None:
+    """Raises `InvalidParameter` for the first parameter that has no physical meaning."""
+    rho = parameters.fluid_density
+    require(0.0 < rho < np.inf, "fluid_density", rho, "positive")
+    for name, body in parameters.bodies.items():
+        with within(f"bodies.{name}"):
+            _check_body(body)
+
+
+def _check_body(body: BodyHydrodynamics) -> None:
+    volume = body.displaced_volume
+    require(0.0 <= volume < np.inf, "displaced_volume", volume, "zero or positive")
+    vector("center_of_buoyancy", body.center_of_buoyancy, 3)
+    for i, item in enumerate(body.added_mass):
+        with within(f"added_mass[{i}]"):
+            M = np.asarray(item.matrix)
+            symmetric_matrix("matrix", np.diag(M) if M.shape == (6,) else M, 6, definite=False)
+            vector("point", item.point, 3)
+    for i, drag in enumerate(body.drag):
+        with within(f"drag[{i}]"):
+            for key in ("linear", "quadratic"):
+                value = vector(key, getattr(drag, key), 6)
+                require(bool(np.all(value >= 0.0)), key, value, "six numbers, none negative")
+            vector("point", drag.point, 3)
+
+
+def load_hydrodynamics(path: Path) -> HydrodynamicParameters:
+    """Reads and checks a hydrodynamics YAML file; the key of an error starts with its path."""
+    return load_robot_file(path, "hydrodynamics", HydrodynamicParameters, check_hydrodynamics)

@@ -1,0 +1,172 @@
+"""The thrusters of a robot: an optional YAML file `thrusters.yaml` beside its SDFormat file.
+
+Positions and axes are in the vehicle's frame B (FRD). What a thruster gives for a command follows
+a table, a first-order lag later and after a dead time.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.model.frames.spatial import cross
+from uvms_drake.model.robot_folder.yaml_file import load_robot_file
+
+FILE = "thrusters.yaml"
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Names of the components of a wrench on the vehicle in axes of B about its origin."""
+MOST = 16
+"""Largest number of thrusters: the signs of a bias are found by trying all of them."""
+
+
+@dataclass
+class CurveData:
+    """What a thruster gives in the long run, at rest in still water, by its command."""
+
+    voltage: float | None = None
+    """Of the supply [V], where it is known."""
+    command: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Commands in the driver's own unit, rising."""
+    force: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Forces at them along the thruster's axis [N], linear in between. They rise, except over the
+    dead band, where they are zero; at the first and the last command they are the largest."""
+
+
+@dataclass
+class ThrusterKind:
+    """What thrusters of one make have in common."""
+
+    lag: float = 0.0
+    """Time constant T of the force, Tḟ + f = the curve's [s]."""
+    smallest: float = 0.0
+    """Size of force below which the curve is not to be trusted [N]: a propeller that starts jumps
+    to it."""
+    curves: list[CurveData] = field(default_factory=list)
+    """One, or several for rising voltages, between which forces are linear in the voltage."""
+
+
+@dataclass
+class ThrusterData:
+    """Where a thruster is, and where it pushes to."""
+
+    kind: str = ""
+    """Its `ThrusterKind`."""
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """p_BoT_B [m]."""
+    axis: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Direction of a positive force, in B; of any length."""
+
+
+@dataclass
+class ThrusterParameters:
+    """All thrusters of a robot."""
+
+    dead_time: float = 0.0
+    """From a command to the first change of a force [s]."""
+    voltage: float | None = None
+    """Of the supply, as the controller counts on it [V]; needed for curves of several voltages."""
+    bias: float = 0.0
+    """Smallest size of force [N] with which thrusters work against each other while no wrench is
+    asked for, so that they stay out of their dead bands; those that can."""
+    undriven: list[str] = field(default_factory=list)
+    """Axes that are given up, of `AXES`: the others are driven exactly, whatever it does to them.
+    As many as the thrusters leave undriven."""
+    kinds: dict[str, ThrusterKind] = field(default_factory=dict)
+    """Kinds of thrusters by name."""
+    thrusters: dict[str, ThrusterData] = field(default_factory=dict)
+    """Thrusters by name, in the order of their commands."""
+
+
+def thrust_map(thrusters: list[ThrusterData]) -> np.ndarray:
+    """Returns B (6, m): the wrench of unit forces, columns (a, p × a), in axes of B about Bo."""
+    axes = np.array([np.asarray(item.axis, dtype=float) for item in thrusters])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    places = np.array([np.asarray(item.position, dtype=float) for item in thrusters])
+    return np.vstack([axes.T, cross(places, axes).T])
+
+
+def driven_rows(undriven: list[str]) -> np.ndarray:
+    """Returns the indices of the axes that are driven."""
+    return np.array([i for i, axis in enumerate(AXES) if axis not in undriven])
+
+
+def check_thrusters(parameters: ThrusterParameters) -> None:
+    """Raises `InvalidParameter` for the first parameter that has no meaning."""
+    for key in ("dead_time", "bias"):
+        value = getattr(parameters, key)
+        require(0.0 <= value < np.inf, key, value, "zero or positive")
+    voltage = parameters.voltage
+    require(voltage is None or 0.0 < voltage < np.inf, "voltage", voltage, "positive")
+    require(0 < len(parameters.thrusters) <= MOST, "thrusters", list(parameters.thrusters),
+            f"1 to {MOST} by name")
+    for name, kind in parameters.kinds.items():
+        with within(f"kinds.{name}"):
+            _check_kind(kind)
+    for name, thruster in parameters.thrusters.items():
+        with within(f"thrusters.{name}"):
+            require(thruster.kind in parameters.kinds, "kind", thruster.kind,
+                    f"one of {', '.join(parameters.kinds) or 'kinds, which has none'}")
+            vector("position", thruster.position, 3)
+            axis = vector("axis", thruster.axis, 3)
+            require(bool(np.linalg.norm(axis) > 0.0), "axis", axis, "not zero")
+    _check_axes(parameters)
+
+
+def _check_kind(kind: ThrusterKind) -> None:
+    require(0.0 < kind.lag < np.inf, "lag", kind.lag, "positive")
+    require(0.0 <= kind.smallest < np.inf, "smallest", kind.smallest, "zero or positive")
+    require(len(kind.curves) > 0, "curves", kind.curves, "one curve or more")
+    voltages = [curve.voltage for curve in kind.curves]
+    known = [voltage for voltage in voltages if voltage is not None]
+    require(known == sorted(set(known)) and all(0.0 < voltage < np.inf for voltage in known)
+            and len(voltages) in (1, len(known)), "curves.voltage", voltages,
+            "positive and rising, and given for each of several curves")
+    for i, curve in enumerate(kind.curves):
+        with within(f"curves[{i}]"):
+            _check_curve(curve)
+            force = np.asarray(curve.force)
+            require(bool(max(-force[0], force[-1]) > kind.smallest), "force", force,
+                    f"beyond the smallest, {kind.smallest:g} N")
+    ends = [tuple(np.asarray(curve.command)[[0, -1]]) for curve in kind.curves]
+    require(len(set(ends)) == 1, "curves.command", ends, "from the same to the same command")
+
+
+def _check_curve(curve: CurveData) -> None:
+    size = int(np.size(curve.command))
+    require(size >= 2, "command", curve.command, "two numbers or more")
+    command, force = vector("command", curve.command, size), vector("force", curve.force, size)
+    require(bool(np.all(np.diff(command) > 0.0)), "command", command, "rising")
+    still = (force[:-1] == 0.0) & (force[1:] == 0.0)
+    require(bool(np.all((np.diff(force) > 0.0) | still)), "force", force,
+            "rising, or zero over the dead band")
+    require(bool(force[0] <= 0.0 <= force[-1]), "force", force,
+            "zero at some command, where the thruster stands still")
+
+
+def _check_axes(parameters: ThrusterParameters) -> None:
+    """Raises unless `undriven` are axes without which the thrusters drive all others."""
+    undriven = parameters.undriven
+    known = all(axis in AXES for axis in undriven) and len(set(undriven)) == len(undriven)
+    require(known, "undriven", undriven, f"different ones of {', '.join(AXES)}")
+    B = thrust_map(list(parameters.thrusters.values()))
+    lost = 6 - _rank(B)
+    weakest = ", ".join(_weakest(B, lost)) or "none"
+    require(len(undriven) == lost and _rank(B[driven_rows(undriven)]) == 6 - lost, "undriven",
+            undriven, f"the axes that the thrusters do not drive: {lost}, such as {weakest}")
+
+
+def _rank(B: np.ndarray) -> int:
+    return int(np.linalg.matrix_rank(B, tol=1e-6 * np.linalg.norm(B))) if B.size else 0
+
+
+def _weakest(B: np.ndarray, count: int) -> list[str]:
+    """Returns so many axes that are nearest to what no force of the thrusters gives."""
+    lost = np.linalg.svd(B)[0][:, 6 - count:]
+    found = np.argsort(-np.linalg.norm(lost, axis=1), kind="stable")[:count]
+    return [AXES[i] for i in sorted(found)]
+
+
+def load_thrusters(path: Path) -> ThrusterParameters:
+    """Reads and checks a thrusters YAML file; the key of an error starts with its path."""
+    return load_robot_file(path, "thrusters", ThrusterParameters, check_thrusters)

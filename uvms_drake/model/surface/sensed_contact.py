@@ -1,0 +1,230 @@
+"""A wall that nobody has measured: what a controller with a force sensor is told about it.
+
+It is one of a `SurfaceClass`. The law adds the *measured* force to its inverse dynamics, so the
+wall drops out of the error dynamics, and the nominal model is that of free water
+(`UnmeasuredWall`).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require, require_period, vector
+from uvms_drake.model.surface.law import Surface, TipErrors
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+STEEPEST = 0.45
+"""Largest angle α that is accepted [rad]; the search of a wall needs tan α < 0.5, see
+`control.contact.press_target`, a task far less."""
+MOST_ASLANT = 0.5
+"""Largest `tool_angle` that is accepted [rad]."""
+
+
+@dataclass
+class SensedContact:
+    """The controller feels the force of a wall; place and stiffness are unknown to it."""
+
+    felt: ClassVar[bool] = True
+    """Whether the controller goes by the force that it feels."""
+
+    direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    """Direction n into the wall (3,), a unit vector in Σ_I."""
+    angle: float = 0.0873
+    """Angle α by which the wall's inward normal may differ from `direction` [rad]."""
+    stiffness: float = 1000.0
+    """Largest stiffness κ₊ of tool and wall together [N/m]."""
+    force: float = 45.0
+    """Largest static normal force F_max that the tip may exert [N]."""
+    dissipation: float = 2.5
+    """Largest dissipation c₊ of the wall (Hunt and Crossley) [s/m]."""
+    friction: float = 0.5
+    """Largest coefficient of friction μ."""
+    force_rate: float = 40.0
+    """How fast the force may change but for the size of its normal part along `direction` [N/s]:
+    friction that turns with the motion, a normal that turns along the way."""
+    force_ripple: float = 2.0
+    """What may come to that part at any rate [N]."""
+    force_error: float = 4.2
+    """Bound ν of the error of a reading of the force, in norm, but for what `delay` says [N]."""
+    delay: float = 0.11
+    """How old the force may be that a reading shows [s]: five lags and a period of the sensor."""
+    period: float = 0.01
+    """Time between two looks at the measured force [s]."""
+    aside_lag: float = 0.0
+    """Time constant with which the law follows the measured force across `direction` [s]; zero, and
+    it takes it as it is read. A law with a clock cancels friction late, which makes the tip heavier
+    by that time and the slope of friction. No proof covers one."""
+    speed: float = 0.1
+    """Largest speed of the tip along `direction`, either way [m/s]."""
+    speed_across: float = 0.15
+    """Largest speed of the tip along each of two directions across it [m/s]."""
+    clearance: float = 0.075
+    """How far ahead of the tip there is no wall at the start, while the sensor is tared [m]."""
+    tool_angle: float = 0.25
+    """Largest angle between the tool's axis and `direction` [rad]."""
+    turn: float = 0.0
+    """How far the robot may turn about the vertical, to either side, to follow with its tool the
+    normal that it learns as it slides [rad]; zero, and it keeps the heading of the task."""
+
+    def told(self, surface: Surface) -> "UnmeasuredWall":
+        """Returns the surface of the controller's model, whatever the world's is."""
+        return UnmeasuredWall(self)
+
+    @property
+    def walls(self) -> SurfaceClass:
+        """The class of walls, of which this may be any."""
+        return SurfaceClass(direction=self.direction, stiffness=self.stiffness, angle=self.angle,
+                            dissipation=self.dissipation, friction=self.friction)
+
+    @property
+    def largest_advance(self) -> float:
+        """Largest ⟨𝔭̇⟩ of the tip, how fast it goes deeper at most [m/s]."""
+        return self.speed + self.walls.tilt * float(np.sqrt(2.0)) * self.speed_across
+
+    @property
+    def slope(self) -> float:
+        """Largest change of φ with the position of the tip, κ₊ / cos α [N/m]."""
+        return self.stiffness / float(np.cos(self.angle))
+
+    def checked(self) -> "SensedContact":
+        """Returns it with arrays, or raises."""
+        direction = vector("direction", self.direction, 3)
+        require(bool(abs(np.linalg.norm(direction) - 1.0) < 1e-6), "direction", direction,
+                "a unit vector")
+        require(0.0 <= self.angle <= STEEPEST, "angle", self.angle, f"from 0 to {STEEPEST:g} rad")
+        require(0.0 < self.tool_angle <= MOST_ASLANT, "tool_angle", self.tool_angle,
+                f"positive, up to {MOST_ASLANT:g} rad")
+        require(0.0 <= self.turn < np.pi / 4.0, "turn", self.turn, "from 0 to 0.78 rad")
+        require(not self.turn or bool(np.hypot(*direction[:2]) > np.tan(self.angle)), "turn",
+                self.turn, "0 where a normal within `angle` of `direction` may be vertical")
+        require_period("period", self.period)
+        for key in ("stiffness", "force", "force_error", "speed", "speed_across"):
+            require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
+        for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
+                    "aside_lag", "clearance"):
+            require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
+        return replace(self, direction=direction)
+
+    def wrench(self, force: float) -> np.ndarray:
+        """Returns 𝔉 (6,) that presses along n with a force [N]."""
+        return np.concatenate([force * np.asarray(self.direction, dtype=float), np.zeros(3)])
+
+    def band(self, force: float, off: TipErrors, recedes: float = 0.0, short: float = 0.0
+             ) -> float:
+        """Returns the largest |n·𝐅 − F| of a tip whose plan steers for F [N]; inf if none is.
+
+        The plan steers for 𝔵 with n·𝔵 = x + (F − F̂)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭 at the
+        last reading F̂ and 𝔲 the place, see `control.contact.press_target`; the inclination 𝔱 is
+        at most α
+        long. With the tip in its tube, x = x̄ + ε, and a plan that is short of 𝔵 by a vector 𝔪 this
+        is F̂ − F = κ̂ε', |ε'| ≤ E + ℓ, E = E_n + αE_t, ℓ = |n·𝔪| + α‖P_t 𝔪‖. The reading is of up to
+        a time W ago, and off by ν. What it is of is a normal force φ(1 + cδ̇) with |cδ̇| ≤ d = c₊s,
+        at a speed s of at most the tube's and what plan and wall go apart on a slide at v, each by
+        αv at most: s = Ė_n + α(Ė_t + 2v). Since then the tip has come nearer by no more than
+        Δ = min(2E + 2αvW, sW), and damping may have another sign. Of a normal force 1 between
+        a₋ = cos θ − μ sin θ and a₊ = cos θ + μ sin θ are along n, by tilt and friction, which may
+        have turned. So with κ̂ ≤ κ₊
+
+            |n·𝐅 − F| ≤ b(ℓ) = (1 + d) a₊ ((F + ν + κ₊(E + ℓ)) / (a₋(1 − d)) + κ₊Δ) − F.
+
+        How far a plan is short is known while it is followed, not before: in a hold, at its target,
+        ℓ = 0; in a slide it follows. The force along the wall's own normal is between 1/a₊ and 1/a₋
+        of that along n.
+
+        Args:
+            force: F [N].
+            off: The tube of the tip.
+            recedes: v [m/s].
+            short: ℓ [m].
+        """
+        tilt = self.walls.tilt
+        E = off.depth + tilt * off.position
+        apart = 2.0 * tilt * recedes
+        s = off.depth_speed + tilt * off.speed + apart
+        d, aside = self.dissipation * s, self.friction * np.sin(self.angle)
+        least, most = np.cos(self.angle) - aside, np.cos(self.angle) + aside
+        if d >= 1.0 or least <= 0.0:
+            return float(np.inf)
+        before = (force + self.force_error + self.stiffness * (E + short)) / (least * (1.0 - d))
+        nearer = min(2.0 * E + apart * self.delay, s * self.delay)
+        return float((1.0 + d) * most * (before + self.stiffness * nearer) - force)
+
+    def peak(self, force: float, speed: float) -> float:
+        """Returns the largest normal force φ (1 + c₊ δ̇) at φ ≤ `force` [N], δ̇ ≤ `speed` [m/s]."""
+        return force * (1.0 + self.dissipation * speed)
+
+
+class UnmeasuredWall(Surface):
+    """The wall of a `SensedContact` in the controller's model: free water, wherever the tip is.
+
+    Args:
+        contact: What is known of the wall.
+    """
+
+    def __init__(self, contact: SensedContact):
+        self._contact = contact.checked()
+
+    def __repr__(self) -> str:
+        return f"UnmeasuredWall({self.contact!r})"
+
+    @property
+    def contact(self) -> SensedContact:
+        """What is known of the wall."""
+        return self._contact
+
+    @property
+    def anchor(self) -> np.ndarray:
+        """The origin: nobody knows where the wall is."""
+        return np.zeros(3)
+
+    @property
+    def stiffness_bound(self) -> float:
+        """Largest change of φ with the position [N/m]."""
+        return self.contact.slope
+
+    def checked(self) -> "UnmeasuredWall":
+        """Returns itself: what it is made of has been checked."""
+        return self
+
+    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
+        """Returns zeros (..., 6): the law adds the measured force itself."""
+        return np.zeros_like(chi)
+
+    def penetration(self, chi: np.ndarray) -> np.ndarray:
+        """Returns zeros (...)."""
+        return np.zeros_like(chi[..., 0])
+
+    def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
+        """Returns `pose`: where on the wall, and how the tool is held; the depth comes by feeling.
+
+        𝔉_des must press along n with no more than the largest force, without torque.
+        """
+        if pose is None:
+            raise InvalidParameter("pose", pose, "given: a wall leaves five coordinates free")
+        magnitude = float(force[:3] @ self.contact.direction)
+        require(bool(np.allclose(force, self.contact.wrench(magnitude), atol=1e-9)
+                     and 0.0 <= magnitude < self.contact.force), "force", force,
+                f"F · direction with F from 0 to {self.contact.force:g} N, and no torque")
+        return np.array(pose, dtype=float)
+
+    def force_jacobian(self) -> np.ndarray:
+        """Returns a row of zeros (1, 6): in the model, no pose exerts a force."""
+        return np.zeros((1, 6))
+
+    def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
+                       ) -> np.ndarray:
+        """Returns zeros (m, 3): free water is the same everywhere."""
+        return np.zeros((len(chi), 3))
+
+    def contact_measure(self, chi: np.ndarray, force_max: float) -> np.ndarray:
+        """Returns zeros (m,): every pose counts."""
+        return np.zeros(len(chi))
+
+    def contact_reach(self, force_max: float) -> float:
+        """Returns 1 m: any length would do."""
+        return 1.0
+
+    def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
+        """Returns `SensedContact.band` of the force along n, once the target is reached [N]."""
+        return self.contact.band(float(wrench[:3] @ self.contact.direction), off)

@@ -1,0 +1,156 @@
+"""A surface put together: a shape, a law of the depth, damping and friction."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require, within
+from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.model.surface.class_membership import class_of
+from uvms_drake.model.surface.friction import STEEPEST, coulomb
+from uvms_drake.model.surface.geometry import AnyGeometry, Plane
+from uvms_drake.model.surface.law import Surface
+from uvms_drake.model.surface.normal_law import AnyNormalLaw, Linear
+from uvms_drake.model.surface.plane import LARGEST_DISSIPATION, OUTSIDE, dissipation_factor
+from uvms_drake.model.surface.surface_class import SurfaceClass
+
+NEARBY = 0.1
+"""Distance along the surface within which contacts are sampled, and poses looked for [m]."""
+LARGEST_FRICTION = 2.0
+"""Largest coefficient of friction that is accepted; materials under water have less than 1."""
+STEPS, ACCURACY, FREE = 30, 1e-9, 1e-6
+"""Of Newton's method for a pose: most steps, largest relative error of the force, and smallest
+stiffness that counts, over the largest."""
+
+
+@dataclass
+class ShapedSurface(Surface):
+    """𝔉 = φ(δ) ψ(cδ̇) (∇δ + ‖∇δ‖ μ ρ(‖v‖/v_s) v/‖v‖) at depth δ, and no torque.
+
+    φ is the law's and ψ `dissipation_factor`; the friction is that of `coulomb`, with v the
+    velocity along the surface. φ∇δ is a gradient, ψ − 1 has the sign of δ̇, and the friction that of
+    v: no closed path yields energy. φ and ψ are not negative: the surface never pulls.
+    """
+
+    geometry: AnyGeometry = field(default_factory=Plane)
+    """Shape of the undeformed surface, with its depth δ."""
+    law: AnyNormalLaw = field(default_factory=Linear)
+    """Static force φ by the depth."""
+    dissipation: float = 2.5
+    """Dissipation c (Hunt and Crossley, 1975) [s/m]: damping of about c F [N s/m] at force F."""
+    friction: float = 0.2
+    """Coefficient of friction μ."""
+    creep: float = 0.01
+    """Speed v_s up to which a tip moves that would stick if friction had a jump [m/s]."""
+
+    @property
+    def normal(self) -> np.ndarray | None:  # type: ignore[override]  # Of its shape, no setting.
+        """Unit normal into the water (3,) of a flat shape."""
+        return self.geometry.normal if self.geometry.flat else None
+
+    @property
+    def anchor(self) -> np.ndarray:
+        """The shape's point."""
+        return self.geometry.point
+
+    def checked(self) -> "ShapedSurface":
+        """Returns the surface with arrays, or raises."""
+        with within("geometry"):
+            geometry = self.geometry.checked()
+        with within("law"):
+            law = self.law.checked()
+        for key, most in (("dissipation", LARGEST_DISSIPATION), ("friction", LARGEST_FRICTION)):
+            value = getattr(self, key)
+            require(bool(0.0 <= value <= most), key, value, f"from 0 to {most:g}")
+        require(bool(0.0 < self.creep < np.inf), "creep", self.creep, "positive")
+        return replace(self, geometry=geometry, law=law)
+
+    def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
+        """Returns 𝔉 (..., 6)."""
+        depth, gradient = self.geometry.depth_and_gradient(chi[..., :3])
+        if (depth.real <= 0.0).all():  # Nothing touches.
+            return np.zeros(np.broadcast_shapes(chi.shape, chi_dot.shape))
+        velocity = chi_dot[..., :3]
+        rate = (gradient * velocity).sum(axis=-1)
+        square = (gradient * gradient).sum(axis=-1, keepdims=True)
+        along = velocity - rate[..., None] / square * gradient
+        load = self.law.force(depth) * dissipation_factor(self.dissipation * rate)
+        push = gradient + np.sqrt(square) * coulomb(along, self.friction, self.creep)
+        return np.concatenate([load[..., None] * push, np.zeros_like(push)], axis=-1)
+
+    def penetration(self, chi: np.ndarray) -> np.ndarray:
+        """Returns max(δ, 0)."""
+        return np.maximum(self.geometry.depth(chi[..., :3]), 0.0)
+
+    def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
+        """Returns `pose`, moved to where the surface gives 𝔉_des at rest: by Newton's method.
+
+        Of the positions that do, as along a plane and along the axis of a cylinder, it is about the
+        nearest. 𝔉_des must push along a normal that the surface has within `NEARBY` of `pose`.
+        """
+        if pose is None:
+            raise InvalidParameter("pose", pose, "given: the force leaves the attitude free")
+        size, least = float(np.linalg.norm(force[:3])), self.law.smallest
+        require(bool(size >= least and np.allclose(force[3:], 0.0, atol=1e-9)), "force", force,
+                f"a push of at least {least:g} N without a torque")
+        near = self.geometry.local_lengths(self.geometry.local(pose[:3]))
+        start = self.geometry.point_at(near, self.law.depth_for(size))
+        position = start
+        for _ in range(STEPS):
+            there, stiffness = self._static(position)
+            if np.linalg.norm(position - start) > NEARBY:
+                break
+            if np.linalg.norm(force[:3] - there) <= ACCURACY * size:
+                return np.concatenate([position, pose[3:]])
+            position = position + np.linalg.pinv(stiffness, FREE) @ (force[:3] - there)
+        _, into = self.geometry.depth_and_gradient(start)
+        normal = np.round(into / np.linalg.norm(into), 4) + 0.0  # No −0.
+        raise InvalidParameter("force", force, "along a normal of the surface near the pose, which "
+                               f"is {normal.tolist()} there")
+
+    def _static(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the force at rest (3,) [N], and its derivative by the position (3, 3) [N/m]."""
+        chi = np.zeros((3, 6), dtype=complex)
+        chi[:, :3] = position + 1j * COMPLEX_STEP * np.eye(3)
+        force = self.force(chi, np.zeros_like(chi))[:, :3]
+        return force[0].real, force.imag.T / COMPLEX_STEP
+
+    def penetration_for(self, force: float) -> float | None:
+        """Returns the law's depth at a force [N] where ‖∇δ‖ = 1."""
+        return self.law.depth_for(force) if self.geometry.is_distance else None
+
+    def slip_damping(self, force: float) -> float:
+        """Returns that at half of v_s."""
+        return STEEPEST * self.friction * force / self.creep
+
+    def force_jacobian(self) -> np.ndarray:
+        """Raises: it takes a reach to say; see `membership`."""
+        raise self._lacks("force_jacobian")
+
+    def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
+                       ) -> np.ndarray:
+        """Returns positions (m, 3) below and above the surface near its point."""
+        lengths, deepest = self.geometry.lengths, self.law.depth_for(force_max)
+        half = [min(NEARBY, 0.5 * length) for length in lengths]
+        return self.geometry.point_at(rng.uniform(np.negative(half), half, (len(chi), 2)),
+                                      rng.uniform(-OUTSIDE, deepest, len(chi)))
+
+    def stiffened(self, factor: float) -> "ShapedSurface":
+        """Returns the surface with `factor` times φ."""
+        return replace(self, law=self.law.stiffened(factor))
+
+    def moved(self, R: np.ndarray, shift: np.ndarray) -> "ShapedSurface":
+        """Returns the surface with its shape moved."""
+        return replace(self, geometry=self.geometry.moved(R, shift))
+
+    def patch(self, center: np.ndarray, size: float, count: int) -> np.ndarray:
+        """Returns points of the shape."""
+        return self.geometry.patch(center, size, count)
+
+    def membership(self, direction: np.ndarray, center: np.ndarray, reach: float) -> SurfaceClass:
+        """Returns the class of the surface about a unit vector (3,) into it.
+
+        It holds within `reach` [m] of a point (3,).
+        """
+        return class_of(self.geometry, self.law, self.dissipation, self.friction,
+                        direction, center, reach)

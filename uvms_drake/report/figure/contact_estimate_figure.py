@@ -1,0 +1,145 @@
+"""The figure of a contact that is felt: what the robot knows of a wall, beside what the wall is."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uvms_drake.model.surface.law import check_surface
+from uvms_drake.report.events import events
+from uvms_drake.report.figure.force_figure import draw_certified, draw_instants, draw_tolerance
+from uvms_drake.report.figure_style import (
+    BLACK,
+    BLUE,
+    DESIRED,
+    GREEN,
+    LIMIT,
+    NOMINAL,
+    REAL,
+    VERMILION,
+    legend_over,
+    panels,
+)
+from uvms_drake.report.signals import surface_depth, surface_slope
+from uvms_drake.station.contact_bounds import front_margin, sensed_contact
+from uvms_drake.station.problem import true_surface
+from uvms_drake.station.record import Record
+
+WALL: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "label": "wall"}
+BELIEVED: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
+                            "label": "wall as believed"}
+MARKS = ("first touch", "contact lost", "retargeted", "last plan kept", "sensor lost")
+"""Names of the marks on the time axis."""
+BEFORE, AROUND = 1.5, 8.0
+"""Time before the first touch [s], and depth beside all else [mm], in the enlarged panel."""
+
+
+def draw_felt(record: Record, certified: float | None = None) -> Figure:
+    """Draws force, depths, slope and events of a contact that is felt, and the contact enlarged.
+
+    Depths are along n, from where the tip first touches the wall or else from where it starts.
+
+    Args:
+        record: Record of the run.
+        certified: Certified bound of the force error once the plan is at the task [N].
+    """
+    marks = {name: times for name, times in marks_of(record).items() if times}
+    touched, strip = "first touch" in marks, 0.25 * max(len(marks), 1)
+    figure, axes = panels(4 + touched, 4.9 + 1.6 * touched + 0.3 * strip, sharex=False,
+                          ratios=[1.6, 1.4, 0.8, strip, *[1.6] * touched])
+    _draw_force(axes[0], record, certified)
+    depths = depths_of(record)
+    _draw_depths(axes[1], record, depths)
+    legend_over(axes[1], 3)
+    _draw_slopes(axes[2], record)
+    _draw_marks(axes[3], marks)
+    for axis in axes[:3]:
+        axis.sharex(axes[3])
+        axis.tick_params(labelbottom=False)
+    axes[3].set_xlim(record.time[0], record.time[-1])
+    axes[3].set_xlabel("time [s]")
+    if touched:
+        start = marks["first touch"][0] - BEFORE
+        _draw_depths(axes[4], record, depths)
+        axes[4].set_xlim(max(start, record.time[0]), record.time[-1])
+        axes[4].set_ylim(-AROUND, np.nanmax([depths["explored"], depths["tip"]]) + AROUND)
+        axes[4].set_title("the depths, enlarged\n")
+        draw_instants(axes[4], record)
+    return figure
+
+
+def depths_of(record: Record) -> dict[str, np.ndarray]:
+    """Returns how deep what is real, planned, explored and believed is (T,) [mm].
+
+    NaN is what nobody knows: `explored` before anything is safe, `believed` before a touch, and
+    `wall` where it is not near.
+    """
+    n = sensed_contact(record.scenario).direction
+    wall = surface_depth(check_surface(true_surface(record.scenario)), record.chi, n)
+    safe, believed = (record.signals[name][:, 0] for name in ("safe_depth", "contact_depth"))
+    tip = record.chi[:, :3] @ n
+    inside = record.penetration > 0.0
+    origin = wall[np.argmax(inside)] if np.any(inside) else tip[0]
+    depths = {"tip": tip, "planned": record.chi_nominal[:, :3] @ n, "wall": wall,
+              "explored": np.where(np.isfinite(safe), safe + front_margin(record.scenario), np.nan),
+              "believed": believed}
+    return {name: 1e3 * (depth - origin) for name, depth in depths.items()}
+
+
+def marks_of(record: Record) -> dict[str, list[float]]:
+    """Returns the times of each of `MARKS` [s]."""
+    found = events(record)
+    contacts = [event for event in found if event.kind == "contact"]
+    starts = ([event.start for event in found if event.kind == kind]
+              for kind in ("retarget", "plan_kept", "force_lost"))
+    lost = [event.end for event in contacts if event.end is not None]
+    return dict(zip(MARKS, ([event.start for event in contacts[:1]], lost, *starts), strict=True))
+
+
+def _draw_force(axis: Axes, record: Record, certified: float | None) -> None:
+    contact = sensed_contact(record.scenario)
+    felt, real, goal = (force[:, :3] @ contact.direction for force in (
+        record.signals["felt_force"], record.force, record.desired_force))
+    axis.plot(record.time, felt, color=VERMILION, linewidth=0.6, alpha=0.7, label="felt")
+    axis.plot(record.time, real, **REAL)
+    axis.plot(record.time, goal, **DESIRED)
+    axis.axhline(contact.force, **{**LIMIT, "label": "limit of the static force"})
+    draw_tolerance(axis, record, goal[:, None])
+    if certified is not None:
+        draw_certified(axis, record, goal[:, None], certified)
+    draw_instants(axis, record)
+    axis.set_ylabel("force along $n$ [N]")
+    axis.figure.legend(*axis.get_legend_handles_labels(), ncols=2, loc="outside upper center")
+
+
+def _draw_depths(axis: Axes, record: Record, depths: dict[str, np.ndarray]) -> None:
+    """Draws depths; what lies beyond the explored front is grey."""
+    for name, style in (("explored", {"color": GREEN, "label": "explored up to"}), ("wall", WALL),
+                        ("believed", BELIEVED), ("tip", {**REAL, "label": "tip"}),
+                        ("planned", {**NOMINAL, "label": "planned tip"})):
+        axis.plot(record.time, depths[name], **style)
+    limits = axis.get_ylim()
+    axis.fill_between(record.time, depths["explored"], 1e4, color="0.93", linewidth=0, zorder=0.5,
+                      label="unexplored")
+    axis.set_ylim(*limits)
+    axis.set_ylabel("depth [mm]")
+
+
+def _draw_slopes(axis: Axes, record: Record) -> None:
+    contact, learned = sensed_contact(record.scenario), record.signals["slope"][:, 0]
+    own = surface_slope(check_surface(true_surface(record.scenario)), record.chi, contact.direction)
+    axis.axhline(contact.stiffness, **{**LIMIT, "label": r"told, $\kappa_+$"})
+    axis.plot(record.time, own, color=BLUE, label="of the wall")
+    axis.plot(record.time, learned, **{**BELIEVED, "label": "learned"})
+    axis.set_ylim(0.0, 1.15 * contact.stiffness)
+    axis.set_ylabel("slope [N/m]")
+    legend_over(axis, 3)
+
+
+def _draw_marks(axis: Axes, marks: dict[str, list[float]]) -> None:
+    for row, times in enumerate(marks.values()):
+        axis.plot(times, np.full(len(times), -row), "|", color=BLACK, markersize=5)
+    axis.set_yticks(-np.arange(len(marks)), list(marks))
+    axis.set_ylim(0.6 - max(len(marks), 1), 0.6)
+    axis.grid(visible=False, axis="y")

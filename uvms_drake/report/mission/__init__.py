@@ -1,0 +1,1 @@
+"""Summary and figures of an inspection mission."""

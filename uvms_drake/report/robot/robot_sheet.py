@@ -1,0 +1,282 @@
+"""What a robot is, in numbers: the sheet that `uvms-drake robot` prints."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram, Solve
+
+from uvms_drake.control.laws.tip_rows import best_rows, row_names
+from uvms_drake.model.allocation import Allocation
+from uvms_drake.model.robot_folder.hydrodynamics_file import (
+    BodyHydrodynamics,
+    added_mass_about_origin,
+)
+from uvms_drake.model.robot_folder.thruster_file import AXES
+from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.trim import Trim, trim_of
+from uvms_drake.model.uvms import STANDARD_GRAVITY, Uvms, slides
+from uvms_drake.model.uvms_model import UvmsModel
+
+POSTURES = 2000
+"""Random postures within the joints' limits that reach and dexterity are found from."""
+TURNING, SLIDING = ("rad", "kg m²", "N m s/rad"), ("m", "kg", "N s/m")
+"""Units of a joint's limits, inertia and damping."""
+STEEP = np.deg2rad(80.0)
+"""Pitch of the tip that no task can be near to."""
+NO_FORCE = 1e-9
+"""Limit of a thruster that pushes one way only, the other way [N]."""
+
+
+@dataclass(frozen=True)
+class Swing:
+    """How the vehicle swings about one axis, the arm held and all else free."""
+
+    stiffness: float
+    """∂moment/∂angle by weight and buoyancy [N m/rad]."""
+    period: float
+    """2π √(I/k) [s], I the inertia with the water; infinite if nothing rights it."""
+    damping: float
+    """Damping ratio by linear drag; quadratic drag vanishes at rest."""
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """What the thrusters can do, at full voltage."""
+
+    names: tuple[str, ...]
+    largest: np.ndarray
+    """(6, 2): largest wrench along and against each axis, the other driven ones zero [N, N m]."""
+    undriven: tuple[str, ...]
+    hover: float
+    """Largest share of its limit that a thruster would have to give at rest."""
+    hover_thruster: str
+
+
+@dataclass(frozen=True)
+class RobotSheet:
+    """A robot in numbers, some of which depend on the posture of its arm."""
+
+    name: str
+    posture: np.ndarray
+    trim: Trim
+    inertia: np.ndarray
+    """Diagonal (6+n,) of M, the water with it [kg, kg m²]."""
+    roll: Swing
+    pitch: Swing
+    hangs: np.ndarray
+    """Roll and pitch (2,) at which the robot comes to rest [rad], by its centres alone."""
+    bodies: list[tuple[str, float, float, np.ndarray]]
+    """Name, mass, mass of displaced water [kg], added mass in surge, sway and heave (3,) [kg]."""
+    joints: list[tuple[str, float, float, float, float]]
+    """Name, limits, inertia of the motor at the joint, damping."""
+    units: list[tuple[str, str, str]]
+    """Those of a joint's limits, inertia and damping."""
+    reach: np.ndarray
+    """(2, 3): smallest and largest position of the tip in the vehicle's frame [m]."""
+    tip: np.ndarray
+    """χ (6,) of the tip for a level vehicle at the origin [m, rad]."""
+    rows: tuple[str, ...]
+    """The tip's coordinates that the joints alone can hold best, see `tip_rows`."""
+    dexterity: np.ndarray
+    """Smallest and median σ_min(J_sq) of them over the limits, and that of the posture (3,)."""
+    thrust: Thrust | None
+
+
+def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
+    """Returns the sheet of a robot in a finalized plant, at the joints' q (n,) [rad, m]."""
+    model = UvmsModel(uvms)
+    config = np.concatenate([np.zeros(6), posture])
+    at = model.kinematics(config)
+    M, trim = model.mass_matrix(at), trim_of(uvms, posture)
+    rng = np.random.default_rng(0)
+    many = np.zeros((POSTURES, model.size))
+    many[:, 6:] = rng.uniform(np.maximum(model.q_lower, -np.pi), np.where(
+        np.isfinite(model.q_upper), model.q_upper, np.pi), (POSTURES, model.num_joints))
+    tips = model.task_pose(many)[:, :3]
+    rows = best_rows(model)
+    lever = trim.center_of_mass - trim.center_of_buoyancy
+    roll, pitch = (swing(model, config, axis) for axis in (3, 4))
+    return RobotSheet(
+        name=name, posture=posture, trim=trim, inertia=np.diag(M), roll=roll, pitch=pitch,
+        hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
+        joints=_joints(uvms, model),
+        units=[SLIDING if slides(joint) else TURNING for joint in uvms.joints],
+        reach=np.array([tips.min(axis=0), tips.max(axis=0)]),
+        tip=at.chi, rows=tuple(row_names(model.num_joints)[i] for i in rows),
+        dexterity=_dexterity(model, many, config, rows),
+        thrust=None if uvms.thrusters is None else thrust_of(
+            ThrusterModel.of(uvms.thrusters), _holding_wrench(model, config)))
+
+
+def swing(model: UvmsModel, config: np.ndarray, axis: int) -> Swing:
+    """Returns how the vehicle swings about an axis (3 or 4 of ζ) at rest at 𝔮 (6+n,)."""
+    at, rest = model.kinematics(config), np.zeros(model.size)
+    rates = model.inverse_dynamics_derivatives(at, rest, rest)
+    stiffness, drag = rates[axis, axis], rates[axis, model.size + axis]
+    mobility = float(np.linalg.inv(model.mass_matrix(at)[:6, :6])[axis, axis])
+    if stiffness <= 0.0:
+        return Swing(float(stiffness), np.inf, np.inf)
+    rate = np.sqrt(stiffness * mobility)
+    return Swing(float(stiffness), float(2.0 * np.pi / rate), float(0.5 * drag * mobility / rate))
+
+
+def thrust_of(thrusters: ThrusterModel, wrench: np.ndarray) -> Thrust:
+    """Returns what thrusters can do.
+
+    Args:
+        thrusters: At the voltage of the robot's file.
+        wrench: What holds the vehicle (6,) [N, N m].
+    """
+    largest = np.array([[largest_wrench(thrusters, axis, sign) for sign in (1.0, -1.0)]
+                        for axis in range(6)])
+    allocation = Allocation.to(thrusters)
+    forces = allocation.matrix @ wrench + allocation.bias
+    limits = np.where(forces > 0.0, thrusters.upper, -thrusters.lower)
+    share = np.abs(forces) / np.maximum(limits, NO_FORCE)
+    return Thrust(thrusters.names, largest, tuple(AXES[i] for i in thrusters.undriven),
+                  float(np.max(share)), thrusters.names[int(np.argmax(share))])
+
+
+def largest_wrench(thrusters: ThrusterModel, axis: int, sign: float) -> float:
+    """Returns the largest force or moment along or against an axis; zero if none drives it."""
+    if axis in thrusters.undriven:
+        return 0.0
+    program = MathematicalProgram()
+    f, size = program.NewContinuousVariables(thrusters.size), program.NewContinuousVariables(1)
+    program.AddBoundingBoxConstraint(thrusters.lower, thrusters.upper, f)
+    B = thrusters.B[thrusters.driven]
+    direction = sign * (thrusters.driven == axis)
+    program.AddLinearEqualityConstraint(
+        np.column_stack([B, -direction]), np.zeros(len(B)), np.concatenate([f, size]))
+    program.AddLinearCost(-size[0])
+    return float(Solve(program).GetSolution(size)[0])
+
+
+def _holding_wrench(model: UvmsModel, config: np.ndarray) -> np.ndarray:
+    rest = np.zeros(model.size)
+    return model.inverse_dynamics(model.kinematics(config), rest, rest)[:6]
+
+
+def _dexterity(model: UvmsModel, many: np.ndarray, config: np.ndarray, rows: np.ndarray
+               ) -> np.ndarray:
+    if model.num_joints < 3:  # Then the rows are the joints themselves.
+        return np.ones(3)
+    J = model.task_jacobian(np.concatenate([many, config[None]]))[:, rows, 6:]
+    smallest = np.linalg.svd(J, compute_uv=False)[:, -1]
+    return np.array([smallest[:-1].min(), np.median(smallest[:-1]), smallest[-1]])
+
+
+def _bodies(uvms: Uvms) -> list[tuple[str, float, float, np.ndarray]]:
+    found = []
+    for index in uvms.plant.GetBodyIndices(uvms.model_instance):
+        body = uvms.plant.get_body(index)
+        water = uvms.hydrodynamics.bodies.get(body.name(), BodyHydrodynamics())
+        found.append((body.name(), body.default_mass(),
+                      uvms.hydrodynamics.fluid_density * water.displaced_volume,
+                      np.diag(added_mass_about_origin(water.added_mass))[:3]))
+    return found
+
+
+def _joints(uvms: Uvms, model: UvmsModel) -> list[tuple[str, float, float, float, float]]:
+    motors = {actuator.joint().index(): actuator for actuator in (
+        uvms.plant.get_joint_actuator(index)
+        for index in uvms.plant.GetJointActuatorIndices(uvms.model_instance))}
+    found = []
+    for joint, lower, upper in zip(uvms.joints, model.q_lower, model.q_upper, strict=True):
+        motor = motors.get(joint.index())
+        rotor = 0.0 if motor is None else (
+            motor.default_gear_ratio() ** 2 * motor.default_rotor_inertia())
+        found.append((joint.name(), lower, upper, rotor, joint.default_damping()))
+    return found
+
+
+def format_sheet(sheet: RobotSheet) -> str:
+    """Returns the sheet as text."""
+    parts = [_vehicle_lines(sheet), _arm_lines(sheet), _body_lines(sheet)]
+    if sheet.thrust is not None:
+        parts.append(_thrust_lines(sheet.thrust))
+    parts.append([f"note: {note}" for note in notes_of(sheet)])
+    return "\n\n".join("\n".join(lines) for lines in parts if lines)
+
+
+def _vehicle_lines(sheet: RobotSheet) -> list[str]:
+    trim, inertia = sheet.trim, sheet.inertia
+    net = STANDARD_GRAVITY * (trim.displaced_mass - trim.mass)
+    thrusters = "no thrusters.yaml" if sheet.thrust is None else (
+        f"{len(sheet.thrust.names)} thrusters")
+    roll, pitch = np.degrees(sheet.hangs)
+    return [
+        f"{sheet.name}: {len(sheet.joints)} joints, {thrusters}",
+        f"mass        {trim.mass:.4g} kg; with the water (surge, sway, heave) "
+        f"{_row(inertia[:3])} kg, (roll, pitch, yaw) {_row(inertia[3:6])} kg m²",
+        f"trim        {'floats up' if net > 0.0 else 'sinks'} with {abs(net):.3g} N; let go, it "
+        f"lies at roll {roll:.2g}°, pitch {pitch:.2g}°",
+        f"centres     mass {_row(trim.center_of_mass)} m, buoyancy {_row(trim.center_of_buoyancy)} "
+        f"m: {1e3 * trim.righting_lever:.3g} mm above",
+        f"roll        {_swing(sheet.roll)}", f"pitch       {_swing(sheet.pitch)}"]
+
+
+def _arm_lines(sheet: RobotSheet) -> list[str]:
+    lines = [f"tip         {_row(sheet.tip[:3])} m, (roll, pitch, yaw) "
+             f"{_row(np.degrees(sheet.tip[3:]))}°, in the vehicle's frame"]
+    if not sheet.joints:
+        return lines
+    lines = [f"posture     {_row(sheet.posture)} rad, of which what is above depends, and the tip",
+             *lines, f"reach       {_row(sheet.reach[0])} to {_row(sheet.reach[1])} m"]
+    if len(sheet.joints) > 2:
+        least, median, here = sheet.dexterity
+        lines.append(f"dexterity   the joints hold {', '.join(sheet.rows)}: σ_min(J_sq) {here:.2g} "
+                     f"here, {least:.2g} at worst, median {median:.2g}")
+    return [*lines, "", f"{'joint':<14}{'limits':>17}{'M':>15}{'motor in it':>18}{'damping':>9}",
+            *map(_joint_line, sheet.joints, sheet.inertia[6:], sheet.units)]
+
+
+def _joint_line(joint: tuple[str, float, float, float, float], inertia: float,
+                units: tuple[str, str, str]) -> str:
+    name, lower, upper, rotor, damping = joint
+    angle, mass, by_speed = units
+    return (f"{name:<14}{f'{lower:.4g} .. {upper:.4g}':>17} {angle:<3}{inertia:>11.3g} {mass:<6}"
+            f"{rotor:>11.3g}{damping:>9.3g} {by_speed}")
+
+
+def _body_lines(sheet: RobotSheet) -> list[str]:
+    return [f"{'body':<14}{'mass, kg':>10}{'water, kg':>11}   added mass (x, y, z), kg",
+            *(f"{name:<14}{mass:>10.4g}{water:>11.4g}   {_row(added)}"
+              for name, mass, water, added in sheet.bodies)]
+
+
+def notes_of(sheet: RobotSheet) -> list[str]:
+    """Returns what is no mistake, but wants to be known."""
+    notes = [f"joint {name} has no limits: a scenario has to give limits.q_lower and q_upper"
+             for name, lower, upper, *_ in sheet.joints if not np.isfinite(lower + upper)]
+    notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
+              for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]
+    if abs(sheet.tip[4]) > STEEP:
+        notes.append("the tip's x points almost straight up or down in this posture, where its "
+                     "Euler angles are singular")
+    if sheet.thrust is not None and sheet.thrust.hover > 1.0:
+        notes.append(f"thruster {sheet.thrust.hover_thruster} is too weak to hold the robot level")
+    notes += [f"body {name} is dry: hydrodynamics.yaml does not name it"
+              for name, _, water, added in sheet.bodies if water == 0.0 and not np.any(added)]
+    return notes
+
+
+def _row(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.3g}" for value in np.round(values, 9) + 0.0) + ")"
+
+
+def _swing(swing: Swing) -> str:
+    if not np.isfinite(swing.period):
+        return f"{swing.stiffness:.3g} N m/rad: nothing rights it"
+    return (f"{swing.stiffness:.3g} N m/rad, period {swing.period:.3g} s, damping ratio "
+            f"{swing.damping:.2g} at rest")
+
+
+def _thrust_lines(thrust: Thrust) -> list[str]:
+    rows = [f"{axis:<14}" + ("driven by none" if axis in thrust.undriven else
+                             f"{most:>7.3g} /{-least:>7.3g} {unit}")
+            for axis, (most, least), unit
+            in zip(AXES, thrust.largest, [*["N"] * 3, *["N m"] * 3], strict=True)]
+    return ["largest wrench along an axis, none along the others", *rows,
+            f"at rest, {thrust.hover_thruster} gives most: {100.0 * thrust.hover:.2g} % of its "
+            "limit"]

@@ -1,0 +1,141 @@
+"""Tells a reading of a force sensor from what only looks like one: a value that no longer changes.
+
+*A sensor with noise never repeats itself.* If each component of the force is a number that some
+noise has moved, m readings in a row in which one of them is exactly the same come of a sensor that
+froze, or stands at the end of its range, whether or not anybody knows where that is. They are no
+readings. It is looked for in Σ_I and in the axes of the tip: what a sensor that froze says is the
+same in its own axes, and moves with the measured attitude in others. A force whose norm is at the
+declared end of the range is none at once.
+
+*What passes until then.* The watch looks every T, and who reads at the same instants knows the
+verdict of the look before. Of a component that has its last value from the look j on, m readings
+pass, at j to j + m − 1. Of a sensor that froze, that of the look j was right, so they are at most
+(m − 1)T older than they look. Of one at the end of its range it was right at the look j − 1, when
+the force was no larger: along an axis of the sensor, such a reading is at least what the force was
+at most mT ago. In both cases it is at least the least force of that time, which is all that a
+front asks of a reading with W = mT, see `control.contact.safe_region`.
+
+*What it cannot see.* A raw value that froze, or stands at the end of its range, behind a tool whose
+weight is taken off, which varies with the attitude: there the watch belongs before that. A single
+axis that does, of a sensor that is mounted turned: it is no component in the axes of the tip. (That
+the range is never reached is a condition of the certificate.) A sensor without noise; one that
+repeats a record; a bias that jumps: beyond the declared error of the force that is a force like any
+other, for friction may change as fast. A sensor slower than the watch is seen more than once for
+each reading: m has to be larger than that.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+)
+
+from uvms_drake.common.errors import require
+from uvms_drake.common.wiring import added
+from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.uvms_model import UvmsModel
+
+SAME = 1e-9
+"""Largest difference of two equal forces, by the rounding of a rotation there and back [N]."""
+
+
+class Looks(NamedTuple):
+    """What a watch remembers."""
+
+    last: np.ndarray
+    """The last force, in Σ_I (3) and in the axes of the tip (3) [N]; NaN before there is one."""
+    times: np.ndarray
+    """How often in a row each of them has been seen (6,)."""
+
+
+def looked(before: Looks, force: np.ndarray) -> Looks:
+    """Returns what is remembered after a look at a force (6,) [N]; a gap is none."""
+    if not np.all(np.isfinite(force)):
+        return before
+    same = np.abs(force - before.last) <= SAME
+    return Looks(force, np.where(same, before.times + 1.0, 1.0))
+
+
+class ForceWatch(LeafSystem):
+    """Passes the measured force on while it is a reading, and else NaN; see the module.
+
+    .. pydrake_system::
+
+        name: ForceWatch
+        input_ports:
+        - state
+        - measured_force
+        output_ports:
+        - fresh_force
+
+    - `state`: (𝔮, ζ) (2(6+n)) measured, for the attitude of the tip.
+    - `measured_force`, `fresh_force`: 𝔉_s (6), force in Σ_I [N, N m].
+
+    The discrete state is that of `Looks` (12), and how often it has been its turn to look (1).
+
+    Args:
+        model: The controller's model.
+        period: T, between two looks [s].
+        repeats: m; 0: nobody looks, as has to be with a sensor without noise.
+        tare: How long after its first turn it begins to look [s]: a sensor that is being tared may
+            say zero all the time.
+        largest: Norm of a force at the end of the range [N].
+    """
+
+    def __init__(self, model: UvmsModel, period: float, *, repeats: int = 3, tare: float = 0.0,
+                 largest: float = np.inf):
+        super().__init__()
+        require(0.0 < period < np.inf, "period", period, "positive")
+        require(repeats == 0 or repeats >= 2, "repeats", repeats, "0, or 2 or more")
+        self._model, self._repeats, self._largest = model, repeats, largest
+        self._passed = math.ceil(tare / period - 1e-6)
+        self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
+        self._port = self.DeclareVectorInputPort("measured_force", 6)
+        self.DeclareDiscreteState(np.append(np.full(6, np.nan), np.zeros(6)))
+        self.DeclareDiscreteState(1)
+        if repeats:
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
+        self.DeclareVectorOutputPort("fresh_force", 6, self._calc, {
+            self.xd_ticket(), self._port.ticket()})
+
+    @staticmethod
+    def _remembered(context: Context) -> Looks:
+        state = context.get_discrete_state(0).value()
+        return Looks(state[:6], state[6:])
+
+    def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
+        turns = context.get_discrete_state(1).value()
+        state.set_value(1, turns + 1.0)
+        if turns[0] < self._passed:
+            return EventStatus.Succeeded()
+        config, force = self._state_port.Eval(context)[: self._model.size], self._port.Eval(context)
+        if not (np.all(np.isfinite(config)) and np.all(np.isfinite(force))):
+            return EventStatus.Succeeded()
+        attitude = self._model.task_pose(config)[3:6]
+        R_WE = self._model.R_WT @ rotation_matrix(attitude)
+        both = np.concatenate([force[:3], force[:3] @ R_WE])
+        state.set_value(0, np.concatenate(looked(self._remembered(context), both)))
+        return EventStatus.Succeeded()
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        force = self._port.Eval(context)
+        stuck = self._repeats and max(self._remembered(context).times) >= self._repeats
+        none = stuck or not math.hypot(*force[:3]) < self._largest
+        output.SetFromVector(np.full(6, np.nan) if none else force)
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, period: float, *,
+                     repeats: int = 3, tare: float = 0.0, largest: float = np.inf,
+                     state: OutputPort, measured_force: OutputPort | None = None,
+                     name: str = "force_watch") -> "ForceWatch":
+        """Adds the watch of the force that `measured_force` gives; left to the caller if None."""
+        watch = ForceWatch(model, period, repeats=repeats, tare=tare, largest=largest)
+        return added(builder, name, watch, state=state, measured_force=measured_force)

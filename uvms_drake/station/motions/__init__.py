@@ -1,0 +1,1 @@
+"""The kinds of motion that a scenario can name, one a file."""

@@ -1,0 +1,210 @@
+"""Dynamic motion: forces move the robot, d is added to its acceleration."""
+
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import vector, within
+from uvms_drake.control.feedback.tube_monitor import TubeMonitor
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import Limits
+from uvms_drake.control.mpc.planner import Targets
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.tube_mpc import make_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.sensor_actuator import ON_TIME, CommandPath, Lateness, Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.adversary import KINDS
+from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
+from uvms_drake.plant.uvms_plant import make_uvms_plant
+from uvms_drake.plant.waves import WaterMotion, check_waves
+from uvms_drake.station.motions.motion import Motion
+from uvms_drake.station.problem import make_dynamic_ocp, retargeted_ocp, true_surface
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.series_connection import keyed
+from uvms_drake.tube.constants.constants import Constant, estimate_constants
+from uvms_drake.tube.constants.covering import prove_constants
+from uvms_drake.tube.law_tube import WEIGHTED, Basis
+from uvms_drake.tube.laws.dynamic import DYNAMIC_TUBES, paper_radii
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.settings import CertificateSettings
+from uvms_drake.visual.controls import ForceSlider
+
+IMPLICIT = ("implicit_euler", "radau1", "radau3", "velocity_implicit_euler")
+"""Integration schemes whose steps may be much longer than 1/k, with which the command is not cut.
+Their Newton iteration asks the law far from the solution, and where a limit cuts the command it is
+flat: in `paper_dynamic` it would converge in far shorter steps only."""
+
+
+class Dynamic(Motion[DynamicOcp]):
+    """Forces move the robot under water, in front of a surface."""
+
+    has_forces = knows_force = True
+    measured, command, effect = "state", "tau", "tau"
+    plant_signals = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
+    controller_signals: ClassVar[tuple[str, ...]] = (
+        "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "accepted_force")
+    tubes = DYNAMIC_TUBES
+    disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
+    disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
+    stages = (0.65, 0.72, 0.98)
+    figures = ("force.png", "inputs.png")
+    adversaries = KINDS
+
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+        vector("current", scenario.current, 3)
+        check_waves(scenario.waves)
+
+    def disturbance_size(self, size: int) -> int:
+        """Returns the number of components of d."""
+        return size
+
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> DynamicOcp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        return make_dynamic_ocp(scenario, model)
+
+    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+        """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
+        return make_simulated_uvms(scenario, None, start)
+
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
+        """Returns the tube-based NMPC; see `command_limits`."""
+        targets = Targets(np.asarray(scenario.task.force, dtype=float),
+                          partial(retargeted_ocp, scenario, model))
+        lateness = lateness_of(scenario, model)
+        with within("ancillary"):
+            return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
+                                 lateness)
+
+    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+                     controller: Diagram, meshcat: Meshcat | None) -> None:
+        """Adds the water's motion; the desired force comes from a slider in Meshcat or outside.
+
+        Or from a mission, if there is one.
+        """
+        water = builder.AddNamedSystem("water", WaterMotion(scenario.current, scenario.waves))
+        for name in ("current", "current_acceleration"):
+            builder.Connect(water.GetOutputPort(name), uvms.GetInputPort(name))
+        desired = controller.GetInputPort("desired_force")
+        if scenario.mission.steps:
+            return
+        if meshcat is None:
+            builder.ExportInput(desired, "desired_force")
+        else:
+            slider = ForceSlider.AddToBuilder(builder, scenario.task.force, meshcat)
+            builder.Connect(slider.get_output_port(), desired)
+
+    def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
+                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+        """Adds the source of d; see `Motion`."""
+        errors = {name: monitor.GetOutputPort(name) for name in ("e_y", "r")}
+        return disturbance.add_to(builder, model, seed, {**signals, **errors})
+
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with the effective disturbance."""
+        return logs | {"effective_disturbance": effective_disturbance(
+            model, logs["state"], sent_input(model, logs), logs["acceleration"],
+            logs.get("felt_force"))}
+
+    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
+        return [("mpc.input_reference, not the equilibrium's input",
+                 mpc.input_reference != "equilibrium")]
+
+    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
+                  settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns all constants; those that decide the tube of `resolved` are proven."""
+        constants = estimate_constants(
+            model, declared, samples=settings.constant_samples,
+            safety_factor=settings.safety_factor, seed=settings.seed)
+        proven = prove_constants(model, declared, seed=settings.seed, weights=weights)
+        if np.all(weights == 1.0):
+            return constants | proven
+        return constants | {WEIGHTED[name]: replace(constant, name=WEIGHTED[name])
+                            for name, constant in proven.items()}
+
+    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+        """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""
+        return paper_radii(law, basis)
+
+
+def command_limits(scenario: Scenario) -> Limits | None:
+    """Returns the limits to which the command is cut, `u` and, if declared, `tau`; or None.
+
+    See `IMPLICIT`.
+    """
+    implicit = scenario.simulator.integration_scheme in IMPLICIT
+    return None if implicit else scenario.limits
+
+
+def lateness_of(scenario: Scenario, model: UvmsModel) -> Lateness:
+    """Returns by how much the scenario's plans are asked for ahead, as the controller believes.
+
+    By how late its actuation makes a command, if there is a lag. Behind a clock alone what comes
+    late of a plan are its knots, by the delay, and asked for ahead they would come early.
+    """
+    paths = [path for path in command_paths(scenario, model) if path is not None]
+    late = [] if all(path.whole for path in paths) else [path.lateness for path in paths]
+    return Lateness(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
+
+
+def command_paths(scenario: Scenario, model: UvmsModel) -> list[CommandPath | None]:
+    """Returns what is known of each part of the scenario's actuation."""
+    paths = []
+    for key, part in keyed("actuation", scenario.actuation).items():
+        with within(key):
+            paths.append(part.command_path(model))
+    return paths
+
+
+def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | None,
+                        start: np.ndarray | None = None) -> Diagram:
+    """Returns the robot and the surface as they are, which the controller may not know.
+
+    Args:
+        scenario: Of dynamic motion; its own disturbance is not looked at.
+        disturbance: As of `make_uvms_plant`.
+        start: Likewise.
+    """
+    return make_uvms_plant(
+        model=scenario.model, surface=true_surface(scenario),
+        disturbance=disturbance, seed=scenario.seed, start=start,
+        error=scenario.model_error,
+        task_frame=np.asarray(scenario.task.frame, dtype=float))
+
+
+def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
+                          acceleration: np.ndarray, contact: np.ndarray | None = None
+                          ) -> np.ndarray:
+    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
+
+    The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
+    the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
+    else. 𝔲 is what is sent: neither what a limit cuts off the law's command is in it, nor what a
+    clock leaves of it, which d̃ is not for either; see `sent_input`.
+
+    Args:
+        model: The controller's.
+        state: (𝔮, ζ) (T, 2(6+n)).
+        u: 𝔲, the command (T, 6+n).
+        acceleration: ζ̇ of the robot (T, 6+n).
+        contact: The force that the law takes in place of the surface's, if it does (T, 6).
+    """
+    config, zeta = np.split(state, 2, axis=1)
+    return acceleration - model.drift(config, zeta, contact) - u
+
+
+def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns 𝔲 as it is sent (T, 6+n): M⁻¹τ of what a clock holds, the law's if there is none."""
+    if "held_command" not in logs:
+        return logs["u"]
+    M = model.mass_matrix(model.kinematics(logs["state"][:, : model.size]))
+    sent: np.ndarray = np.linalg.solve(M, logs["held_command"][..., None])[..., 0]
+    return sent

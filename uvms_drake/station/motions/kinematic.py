@@ -1,0 +1,112 @@
+"""Kinematic motion: the velocity is the input, w is added to the end-effector's velocity."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require, vector, within
+from uvms_drake.control.feedback.tube_monitor import TubeMonitor
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
+from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.plant.kinematic_plant import make_kinematic_plant
+from uvms_drake.station.motions.motion import Motion
+from uvms_drake.station.problem import make_kinematic_ocp
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.constants.constants import Constant, estimate_constants
+from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.laws.kinematic import CONSTANTS, KINEMATIC_TUBES, paper_kinematic_radii
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.settings import CertificateSettings
+
+
+class Kinematic(Motion[KinematicOcp]):
+    """The robot moves at the commanded velocity, without water and forces."""
+
+    has_forces = knows_force = False
+    measured, command, effect = "configuration", "u", "zeta"
+    plant_signals = ("state", "disturbance")
+    controller_signals = ("nominal_state", "nominal_input", "u", "lost")
+    tubes = KINEMATIC_TUBES
+    disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
+    disturbance_blocks = ("position", "orientation")
+    stages = (0.46, 0.98, 0.99)
+    figures = ("position_errors.png", "orientation_errors.png", "input_norms.png")
+    adversaries = ("along_task_error", "constant", "sinusoid")
+
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+        require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
+                "zero where there is no water (motion: kinematic)")
+        require(not scenario.waves, "waves", scenario.waves,
+                "left out where there is no water (motion: kinematic)")
+        require(scenario.model_error.size == 0.0, "model_error", scenario.model_error,
+                "left out where the velocity is the input (motion: kinematic)")
+        require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
+                "left out where there is no contact (motion: kinematic)")
+        weights = scenario.disturbance.weights
+        require(np.size(weights) == 0, "disturbance.weights", weights,
+                "left out where the velocity is the input (motion: kinematic)")
+
+    def disturbance_size(self, size: int) -> int:
+        """Returns the number of components of w."""
+        return 6
+
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> KinematicOcp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+        return make_kinematic_ocp(scenario, model)
+
+    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+        """Returns the simulated robot, from 𝔮 = `start` (6+n,)."""
+        return make_kinematic_plant(
+            model=scenario.model, disturbance=None, seed=scenario.seed, start=start,
+            task_frame=np.asarray(scenario.task.frame, dtype=float))
+
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: KinematicOcp
+                        ) -> Diagram:
+        """Returns the tube-based NMPC."""
+        with within("ancillary"):
+            return make_kinematic_tube_mpc(ocp, scenario.ancillary)
+
+    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+                     controller: Diagram, meshcat: Meshcat | None) -> None:
+        """Adds nothing: there is no current, and the task stays as it is."""
+
+    def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
+                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+        """Adds the source of w; see `Motion`."""
+        return disturbance.add_to_kinematic(
+            builder, seed, {**signals, "e": monitor.GetOutputPort("e")})
+
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with the force that the surface's law gives for the pose at rest."""
+        chi = model.task_pose(logs["state"][:, : model.size])[:, :6]
+        nothing = np.empty((len(chi), 0))
+        return logs | {
+            "force": model.surface.force(chi, np.zeros_like(chi)),
+            "penetration": model.surface.penetration(chi), "tau": nothing,
+            "acceleration": nothing, "limited": np.zeros(len(chi)),
+            "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
+            "effective_disturbance": logs["disturbance"]}
+
+    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
+        free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
+        return [("joints of weight zero, which no terminal set holds", free)]
+
+    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
+                  settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns the constants of the law `transpose`; `resolved` needs none."""
+        return estimate_constants(
+            model, declared, CONSTANTS, samples=settings.constant_samples,
+            safety_factor=settings.safety_factor, seed=settings.seed)
+
+    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+        """Returns the radii of both laws with the same σ and w̃; see `paper_kinematic_radii`."""
+        return paper_kinematic_radii(law, basis)

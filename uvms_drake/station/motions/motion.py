@@ -1,0 +1,142 @@
+"""The interface of a kind of motion, for the station and the rooms above it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from uvms_drake.control.feedback.tube_monitor import TubeMonitor
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.disturbance import Disturbance
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.contact.sensor_error import FeltForce
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.settings import CertificateSettings
+
+AnyOcp = TypeVar("AnyOcp", bound=Ocp)
+"""Problem of a kind of motion."""
+
+
+class Motion(ABC, Generic[AnyOcp]):
+    """What moves the simulated robot: forces, or its velocity alone.
+
+    A plant has the output ports `plant_signals`; one of them, `measured`, goes to the controller's
+    input port of the same name. The controller's output `command` goes to the plant's input
+    `effect`.
+    """
+
+    has_forces: ClassVar[bool]
+    """Whether forces move the robot: then there are accelerations to command, and there is a
+    surface to touch."""
+    knows_force: ClassVar[bool]
+    """Whether the controller's model has the force of the surface, whose constants then hold up to
+    a limit of it."""
+    along_run: ClassVar[bool] = True
+    """Whether the law's bound along the run holds, which knows of nothing but d."""
+    measured: ClassVar[str]
+    """Name of the port of plant and controller that carries the measured motion."""
+    command: ClassVar[str]
+    """Name of the controller's output port that moves the robot."""
+    effect: ClassVar[str]
+    """Name of the plant's input port for the command."""
+    plant_signals: ClassVar[tuple[str, ...]]
+    """Output ports of the plant that are logged."""
+    controller_signals: ClassVar[tuple[str, ...]]
+    """Output ports of the controller that are logged."""
+    tubes: ClassVar[dict[type[AncillaryLaw], Callable[..., LawTube]]]
+    """Tubes of the laws that have a certificate: functions of law and `Basis`."""
+    disturbance_symbol: ClassVar[str]
+    """Letter of the disturbance."""
+    disturbance_unit: ClassVar[str]
+    """Unit of the disturbance."""
+    disturbance_blocks: ClassVar[tuple[str, ...]]
+    """Names of the disturbance's components, three at a time; the last block has the joints."""
+    stages: ClassVar[tuple[float, float, float]]
+    """Parts of the time of a certificate, about, that are over where tube, terminal set and first
+    plan begin, as measured with the shipped scenarios."""
+    figures: ClassVar[tuple[str, ...]]
+    """Figures that no other motion has."""
+    adversaries: ClassVar[tuple[str, ...]]
+    """Kinds of disturbance that a campaign draws from."""
+
+    @abstractmethod
+    def check(self, scenario: Scenario) -> None:
+        """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
+
+    @abstractmethod
+    def disturbance_size(self, size: int) -> int:
+        """Returns the number of components of the disturbance, `size` = 6 + n."""
+
+    @abstractmethod
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> AnyOcp:
+        """Returns the nominal MPC's problem; see `motions.make_ocp`."""
+
+    @abstractmethod
+    def make_plant(self, scenario: Scenario, start: np.ndarray) -> Diagram:
+        """Returns the simulated robot, its disturbance an input port, from 𝔮 = `start` (6+n,)."""
+
+    @abstractmethod
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: AnyOcp) -> Diagram:
+        """Returns the tube-based NMPC that solves a problem of `make_ocp`."""
+
+    @abstractmethod
+    def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
+                     controller: Diagram, meshcat: Meshcat | None) -> None:
+        """Connects what comes from outside of the loop: the water's current, the desired force."""
+
+    @abstractmethod
+    def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
+                        seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
+        """Adds the source of d or w and returns its port; see `Disturbance`."""
+
+    @abstractmethod
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with those fields of a `Record` that this motion alone has."""
+
+    def contact_force(self, scenario: Scenario) -> FeltForce | None:
+        """Returns the forces of a contact that is felt; None, as by default: they are modelled."""
+        return None
+
+    def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
+                      ) -> Ocp:
+        """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if it does not move."""
+        return ocp
+
+    def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
+        """Returns the tube of a law with what a contact adds that is not in the model: nothing."""
+        return tube
+
+    def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+             ) -> np.ndarray:
+        """Returns the pose χ_des (6,) that the end-effector was to have at the end."""
+        return model.surface.pose_for(logs["accepted_force"][-1], scenario.task.pose)
+
+    @abstractmethod
+    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+        """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
+
+    @abstractmethod
+    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
+                  settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns the constants that the tubes of this motion are computed from, by name.
+
+        Args:
+            model: The prediction model.
+            declared: Set that they are suprema over.
+            weights: Diagonal of Ŵ, see `Basis`.
+            settings: How hard to look.
+        """
+
+    @abstractmethod
+    def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+        """Returns the paper's radii for the same constants and gains, for comparison."""

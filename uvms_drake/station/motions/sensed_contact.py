@@ -1,0 +1,182 @@
+"""Dynamic motion against a wall that nobody measured: the contact is felt."""
+
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from uvms_drake.common.errors import require, within
+from uvms_drake.control.contact.contact_state import felt, nothing
+from uvms_drake.control.contact.press_target import AHEAD
+from uvms_drake.control.contact.safe_region import bounds, safe_depth
+from uvms_drake.control.limits import resolved_radii
+from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
+from uvms_drake.control.limits.inputs import InputLimit
+from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.plan.between_knots import off_parabola, stopping_room
+from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.contact_bounds import (
+    BETWEEN_KNOTS,
+    between_knots,
+    fastest_advance,
+    front_margin,
+    largest_force,
+    largest_normal_force,
+    largest_reading_error,
+    mission_conditions,
+    pressing_force,
+    reading_of,
+    sensed_contact,
+    sensing_of,
+    slower,
+)
+from uvms_drake.station.motions.dynamic import (
+    Dynamic,
+    command_limits,
+    effective_disturbance,
+    lateness_of,
+    sent_input,
+)
+from uvms_drake.station.problem import posed_task
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.contact.sensor_error import FeltForce, contact_input_rest
+from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.search.estimate import Estimate, largest_of, together
+
+SAFETY_OF_JERK = 1.5
+"""Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
+
+
+class Sensed(Dynamic):
+    """Forces move the robot under water, to a wall that it feels and does not know."""
+
+    knows_force = along_run = False
+    controller_signals = (*Dynamic.controller_signals, "target", "turn", "safe_depth", "touched",
+                          "slope", "contact_depth")
+
+    def make_ocp(self, scenario: Scenario, model: ContactModel) -> TrackingOcp:
+        """Returns the problem for every target, with inputs for all contact forces."""
+        contact = sensed_contact(scenario)
+        y_des, limits = posed_task(scenario, model, accelerations=True)
+        cone = ForceCone.of_surface(contact.walls, largest_normal_force(contact))
+        limits = {name: UnderContact(limit, cone) if isinstance(limit, InputLimit) else limit
+                  for name, limit in limits.items()}
+        with within("mpc"):
+            return TrackingOcp(model, scenario.mpc, y_des, limits, contact.direction,
+                               contact.walls.facets, turn=contact.turn)
+
+    def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
+        """Returns the tube-based NMPC that presses where it feels."""
+        assert isinstance(ocp, TrackingOcp)
+        contact, margin = sensed_contact(scenario), front_margin(scenario)
+        force, largest = pressing_force(scenario), largest_force(scenario)
+        require(force < largest, "task.force", scenario.task.force, f"less than {largest:.3g} N: "
+                "contact.force less what sensor, tube, angle and stiffness take of it")
+        for i, step in enumerate(scenario.mission.steps):
+            require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
+                    f"less than {largest:.3g} N, like task.force")
+        lateness = lateness_of(scenario, model)
+        with within("ancillary"):
+            return make_sensed_tube_mpc(
+                ocp, scenario.ancillary, contact.walls, sensing_of(scenario),
+                force=force, largest=largest, margin=margin,
+                limits=command_limits(scenario), lateness=lateness)
+
+    def contact_force(self, scenario: Scenario) -> FeltForce:
+        """Returns the forces of all walls of the class, and how they are felt."""
+        contact, reading = sensed_contact(scenario), reading_of(scenario)
+        speed = fastest_advance(contact)
+        return FeltForce(
+            size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
+            rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
+            aside_rate=contact.force_rate, aside_ripple=contact.force_ripple,
+            error=float(np.linalg.norm(reading.error[:3])),
+            torque_error=float(np.linalg.norm(reading.error[3:])),
+            lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
+
+    def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
+        """Returns the tube with what the contact's part of the input may differ, and conditions.
+
+        These are that readings are off by no more than what the front is told (for one, the tip
+        turns while the sensor averages), that no wall is near during the tare, that the tip is not
+        much faster between the knots of a plan, and that the front lets it press as is asked. Where
+        there is no tube, its conditions say why.
+        """
+        if not np.size(tube.radii.u):
+            return tube
+        contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
+        radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
+        assert radii.joints is not None and radii.orientation is not None  # they are filled in
+        largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
+        worst, second = contact_input_rest(
+            basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
+            radii.orientation, settings.seed)
+        aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
+        planned, cone = slower(declared, radii), contact.tool_angle + np.arctan(aside)
+        tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, cone,
+                                        10 * settings.constant_samples, settings.seed)
+        jerk = np.hypot(1.0, aside) * tip
+        rest = settings.safety_factor * worst
+        u_rest, tau_rest = np.split(rest, 2)
+        tau = tube.radii.tau
+        radii = replace(tube.radii, u=tube.radii.u + u_rest,
+                        tau=None if tau is None else tau + tau_rest,
+                        between_knots=off_parabola(jerk, scenario.mpc.time_step),
+                        **between_knots(planned, scenario.mpc.time_step))
+        with_tube = replace(scenario, tube=radii)
+        margin = front_margin(with_tube)
+        reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
+        off = largest_reading_error(scenario, felt)
+        share = max(contact.walls.share, np.finfo(float).tiny)
+        room = stopping_room(contact.force, contact.force_error / share, contact.stiffness, margin,
+                             retreat=contact.dissipation * fastest_advance(contact))
+        return LawTube(radii, (
+            *tube.conditions,
+            Condition("contact.force_error, not less than the sensor's error",
+                      contact.force_error, ">=", off),
+            Condition("sensing, the force that is within the range [N]", reading.largest, ">",
+                      felt.size + felt.error),
+            Condition("contact.clearance, not less than the tip goes during the tare [m]",
+                      contact.clearance, ">=",
+                      fastest_advance(contact) * reading.tare),
+            Condition("contact.speed, what comes to it between two knots [m/s]", faster, "<=",
+                      BETWEEN_KNOTS * min(contact.speed, contact.speed_across)),
+            Condition("front, room from a reading without touch [m]", room, ">", 0.0),
+            Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
+                      largest_force(with_tube)),
+            *mission_conditions(with_tube)), tube.budget, tube.estimated,
+            together(tube.check, lambda: (
+                largest_of("what the contact adds to u", rest, second),
+                Estimate(JERK, tip, second_jerk(
+                    basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))))
+
+    def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
+                      ) -> Ocp:
+        """Returns the problem at t = 0: nothing is felt at the start, and the target is ahead."""
+        assert isinstance(ocp, TrackingOcp)
+        contact, n = sensed_contact(scenario), ocp.direction
+        before, sensing = nothing(sensing_of(scenario)), sensing_of(scenario)
+        tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
+        known = felt(contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
+        margin = front_margin(scenario)
+        depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
+        across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
+        return ocp.aimed(Aim(across + (depth + AHEAD) * n,
+                             bounds(contact.walls, known.apex, margin)))
+
+    def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+             ) -> np.ndarray:
+        """Returns the last target, in the attitude of the task, turned as it is asked to be."""
+        pose = super().goal(scenario, model, logs)
+        return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
+
+    def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
+                  ) -> dict[str, np.ndarray]:
+        """Returns the logs with the effective disturbance, which the sensor's errors are not in."""
+        return logs | {"effective_disturbance": effective_disturbance(
+            model, logs["state"], sent_input(model, logs), logs["acceleration"], logs["force"])}

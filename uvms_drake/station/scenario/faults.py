@@ -1,0 +1,43 @@
+"""The faults that a scenario's file may name, and whether those of a scenario fit."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from uvms_drake.actuation.joint_brake import StuckJoint
+from uvms_drake.common.errors import require, within
+from uvms_drake.control.mpc.solver_faults import DroppedPeriod, SolverFailure, SolverTimeout
+from uvms_drake.model.sensor_actuator import Component, Fault
+from uvms_drake.plant.disturbance import ExcessDisturbance
+from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
+from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
+
+AnyFault = (SolverFailure | SolverTimeout | DroppedPeriod | FrozenState | LostState | LostForce
+            | FrozenForce | SaturatedForce | JumpedForce | StuckJoint | ExcessDisturbance)
+"""The faults that a scenario's file may name; the first is the one meant without a tag."""
+
+
+def check_components(key: str, components: Sequence[Component], motion: str) -> None:
+    """Raises `InvalidParameter` for the first entry of the list `key` that has no meaning."""
+    for i, component in enumerate(components):
+        with within(f"{key}[{i}]"):
+            component.check()
+        require(motion in component.motions, f"{key}[{i}]", type(component).__name__,
+                f"left out, if the motion is {motion}")
+
+
+def check_faults(faults: Sequence[Fault], motion: str) -> None:
+    """Raises `InvalidParameter` for the first fault that has no meaning, or comes twice."""
+    for i, fault in enumerate(faults):
+        require(type(fault) not in map(type, faults[:i]), f"faults[{i}]", type(fault).__name__,
+                "of a kind that is not declared twice")
+    check_components("faults", faults, motion)
+
+
+def faults_at(place: str, faults: Sequence[Fault]) -> dict[str, Any]:
+    """Returns the faults at a `place` by their keys in a scenario."""
+    return {f"faults[{i}]": fault for i, fault in enumerate(faults) if fault.place == place}
+
+
+def uncovered(faults: Sequence[Fault]) -> list[str]:
+    """Returns the names of the faults under which no certificate holds."""
+    return [type(fault).__name__ for fault in faults if fault.assumption() is not None]

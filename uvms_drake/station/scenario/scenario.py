@@ -1,0 +1,236 @@
+"""A scenario: everything a run depends on, in one YAML file.
+
+The parameters of each part stand beside that part; here they are only put together and checked.
+`scenario_file` has the files, what they are based on, and overrides.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_data
+from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
+
+from uvms_drake.actuation import AnyActuation
+from uvms_drake.common.errors import (
+    require,
+    shortened,
+    vector,
+    within,
+)
+from uvms_drake.common.schema import dump_typed, load_typed, read_yaml
+from uvms_drake.control.laws import AnyLaw, Resolved
+from uvms_drake.control.limits import Limits, TubeRadii
+from uvms_drake.control.ocp.ocp import MpcConfig
+from uvms_drake.mission.steps import Mission
+from uvms_drake.model.surface import AnyContact, AnySurface, KnownSurface, UnilateralPlane
+from uvms_drake.plant import AnyDisturbance, SinusoidalDisturbance
+from uvms_drake.plant.model_error import ModelError, check_model_error
+from uvms_drake.plant.surface_error import SurfaceError, check_surface_error
+from uvms_drake.plant.waves import Wave
+from uvms_drake.sensing import AnySensing
+from uvms_drake.station.scenario.cost_check import check_cost
+from uvms_drake.station.scenario.faults import AnyFault, check_components, check_faults
+from uvms_drake.station.scenario.scenario_file import (
+    apply_overrides,
+    reported_in,
+    scenario_path,
+    scenario_source,
+    set_options,
+    with_base,
+)
+from uvms_drake.tube.settings import CertificateSettings
+from uvms_drake.visual.config import VisualConfig, check_visual
+
+MOTIONS = ("dynamic", "kinematic")
+LARGEST_SEED = 2**63 - 1
+LONGEST_NAME = 100
+"""Length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a folder's suffix."""
+
+
+@dataclass
+class Start:
+    """State at t = 0, at rest."""
+
+    eta: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Vehicle's pose η = (x, y, z, φ, θ, ψ) in Σ_I [m, rad]."""
+    q: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Joint angles [rad]."""
+
+    @property
+    def config(self) -> np.ndarray:
+        """𝔮 = (η, q) (6+n,) [m, rad]."""
+        return np.concatenate([self.eta, self.q])
+
+
+@dataclass
+class Task:
+    """The task of the end-effector."""
+
+    force: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
+    pose: np.ndarray | None = None
+    """Pose χ on the surface for the coordinates that 𝔉_des leaves free; of a spring, none."""
+    frame: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """ZYX Euler angles in Σ_I of the task's frame Σ_T, about whose axes the end-effector's Euler
+    angles are, those of `pose` too (3,) [rad]. Zero is the paper's, in which a tool that points up
+    or down is singular; with −π/2 for the second, x of Σ_T points down, into a floor."""
+    posture: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Joint angles q_des [rad], which resolve the redundancy of vehicle and arm."""
+    force_tolerance: float = 2.0
+    """Size of 𝔉 − 𝔉_des below which the force counts as settled [N, N m]."""
+
+
+@dataclass
+class Scenario:
+    """A run of the closed loop.
+
+    Where there is a choice of types (surface, disturbance, ancillary) the first is the one meant
+    by a mapping without a tag.
+    """
+
+    name: str = ""
+    """Name of the scenario; that of the file if it is left out."""
+    description: str = ""
+    seed: int = 0
+    """Seed of everything random."""
+    duration: float = 20.0
+    """Simulated time [s]. A sensor drifts until its end, and a certificate counts with that."""
+    motion: str = "dynamic"
+    """Kind of motion: `dynamic`, forces move the robot; or `kinematic`, the velocity ζ is the
+    input, the end-effector's velocity is disturbed and the force only follows from the pose, as in
+    the paper's simulation."""
+    model: str = "girona500_arm5e"
+    """Name of a shipped robot, or a robot's folder, from the scenario's file or from where the
+    program runs."""
+    start: Start = field(default_factory=Start)
+    current: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Velocity of the water in Σ_I [m/s]; the controller does not know it."""
+    waves: list[Wave] = field(default_factory=list)
+    """Waves on top of it, which the controller does not know either."""
+    model_error: ModelError = field(default_factory=ModelError)
+    """Difference of the simulated robot from the one that the controller knows."""
+    surface: AnySurface = field(default_factory=UnilateralPlane)
+    surface_error: SurfaceError = field(default_factory=SurfaceError)
+    """Difference of the simulated surface from `surface`, which the controller knows."""
+    contact: AnyContact = field(default_factory=KnownSurface)
+    """What the controller is told about the contact: it knows `surface`, or it feels a wall."""
+    disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
+    sensing: list[AnySensing] = field(default_factory=list)
+    """Parts between the robot's state and the controller, from the robot on."""
+    actuation: list[AnyActuation] = field(default_factory=list)
+    """Parts between the controller's command and the robot, from the controller on."""
+    faults: list[AnyFault] = field(default_factory=list)
+    """Faults, at most one of a kind; an entry without a tag is a `SolverFailure`."""
+    task: Task = field(default_factory=Task)
+    mission: Mission = field(default_factory=Mission)
+    """Where to press, one after the other, on a wall that is felt; else `task` says it for all
+    time."""
+    limits: Limits = field(default_factory=Limits)
+    tube: TubeRadii = field(default_factory=TubeRadii)
+    mpc: MpcConfig = field(default_factory=MpcConfig)
+    ancillary: AnyLaw = field(default_factory=Resolved)
+    certificate: CertificateSettings = field(default_factory=CertificateSettings)
+    simulator: SimulatorConfig = field(default_factory=lambda: SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=0.01, use_error_control=False))
+    log_period: float = 0.02
+    """Time between two samples of every logged signal [s]."""
+    visual: VisualConfig = field(default_factory=VisualConfig)
+
+    @property
+    def law(self) -> str:
+        """Name of the ancillary law, such as `resolved`."""
+        return self.ancillary.name
+
+
+def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
+                  options: Sequence[str] | None = None) -> Scenario:
+    """Returns a scenario from a file, with the defaults and the overrides put in.
+
+    Args:
+        name_or_path: Name of a shipped scenario or path of a YAML file.
+        overrides: Texts `key.path=value` with a YAML value; an element of a list is a key too,
+            `limits.u.0=0.2`. They come last and change the resolved scenario, so a key below a
+            tagged mapping keeps its tag.
+        options: Words of the command line that are to blame for them; by default, `--set`s.
+
+    Raises:
+        ScenarioError: With one line that says which file, key and value, and what is allowed.
+    """
+    path = scenario_path(name_or_path)
+    with reported_in(path.name):
+        scenario = load_typed(Scenario, with_base(read_yaml(path), path, ()))
+        scenario.name = scenario.name or path.stem
+    options = set_options(overrides) if options is None else options
+    with reported_in(scenario_source(name_or_path, options)):
+        if overrides:
+            scenario = load_typed(
+                Scenario, apply_overrides(yaml_load_data(dump_scenario(scenario)), overrides))
+        check_scenario(scenario)
+    return scenario
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """Returns the fully resolved scenario as YAML; loading it gives the same scenario."""
+    # Drake 1.51 has a setting that 1.58 has not, and that makes no difference to a run.
+    return dump_typed(scenario, leave_out=("publish_every_time_step",))
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` for the first value outside its range.
+
+    The parts check their own parameters when they are built; this is what no part owns.
+    """
+    require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
+    require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
+    angles = np.asarray(scenario.start.eta, dtype=float)[3:]
+    require(bool(np.all(np.abs(angles) <= 2.0 * np.pi)), "start.eta", scenario.start.eta,
+            "with angles within ±2π")
+    _require_positive("duration", scenario.duration)
+    _require_positive("log_period", scenario.log_period)
+    require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
+            f"at most the duration, {scenario.duration:g} s")
+    tolerance = scenario.task.force_tolerance
+    _require_positive("task.force_tolerance", tolerance)
+    with within("task"):
+        force = float(np.linalg.norm(vector("force", scenario.task.force, 6)))
+    require(force == 0.0 or tolerance < force, "task.force_tolerance", tolerance,
+            f"smaller than the desired force itself, {force:g} N")
+    require(not scenario.contact.felt or scenario.motion == "dynamic", "contact",
+            type(scenario.contact).__name__, "!KnownSurface, if the motion is kinematic")
+    with within("mission"):
+        scenario.mission.checked()
+    require(scenario.contact.felt or not scenario.mission.steps, "mission.steps",
+            scenario.mission.steps, "left out, unless a contact is felt")
+    with within("model_error"):
+        check_model_error(scenario.model_error)
+    with within("surface_error"):
+        check_surface_error(scenario.surface_error)
+    check_components("sensing", scenario.sensing, scenario.motion)
+    check_components("actuation", scenario.actuation, scenario.motion)
+    check_faults(scenario.faults, scenario.motion)
+    _check_simulator(scenario.simulator)
+    check_cost(scenario.duration, scenario.log_period, scenario.simulator.max_step_size,
+               scenario.mpc.time_step, scenario.mpc.horizon)
+    check_visual(scenario.visual)
+    name = scenario.name
+    usable = name.isprintable() and not any(c in name for c in "/\\") and (
+        0 < len(name.encode(errors="replace")) <= LONGEST_NAME and name not in (".", ".."))
+    require(usable, "name", shortened(name),
+            f"usable as the name of a folder, of at most {LONGEST_NAME} bytes")
+
+
+def _check_simulator(settings: SimulatorConfig) -> None:
+    schemes = GetIntegrationSchemes()
+    require(settings.integration_scheme in schemes, "simulator.integration_scheme",
+            settings.integration_scheme, f"one of {', '.join(schemes)}")
+    _require_positive("simulator.max_step_size", settings.max_step_size)
+    _require_positive("simulator.accuracy", settings.accuracy)
+    require(settings.start_time == 0.0, "simulator.start_time", settings.start_time, "0")
+    rate = settings.target_realtime_rate
+    require(0.0 <= rate < np.inf, "simulator.target_realtime_rate", rate,
+            "positive, or 0 for as fast as possible")
+
+
+def _require_positive(key: str, value: float) -> None:
+    require(0.0 < value < np.inf, key, value, "positive")

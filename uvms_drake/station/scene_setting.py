@@ -1,0 +1,40 @@
+"""The setting of a scenario's picture: everything in it that stays the same."""
+
+import numpy as np
+
+from uvms_drake.control.limits import resolved_radii, tighten
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.contact_bounds import front_margin, sensed_contact
+from uvms_drake.station.motions.motions import limits_of, motion_of
+from uvms_drake.station.problem import shown_surface
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.visual.limit_use import LimitUse
+from uvms_drake.visual.objects.contact_knowledge import Told
+from uvms_drake.visual.scene import Setting
+
+PAINTED = 1.5
+"""End of the scale of colours of a mission, over the largest force that it asks for."""
+
+
+def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = False) -> Setting:
+    """Returns the setting of a `Scene` of a run.
+
+    Args:
+        scenario: Scenario of the run; its `visual` says how to draw.
+        model: The controller's.
+        certified: Whether its tube is that of a certificate that holds.
+    """
+    force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
+    surface = shown_surface(scenario, model)
+    return Setting(
+        robot=scenario.model, model=model, surface=surface,
+        start=scenario.start.config, force=force,
+        goal=model.surface.pose_for(force, scenario.task.pose),
+        radius=float(resolved_radii(scenario.tube).position or 0.0),
+        limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
+        horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
+        has_forces=motion_of(scenario).has_forces,
+        told=Told(sensed_contact(scenario).direction, front_margin(scenario))
+        if scenario.contact.felt else None,
+        painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
+        if scenario.mission.steps else None)

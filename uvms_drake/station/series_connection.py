@@ -1,0 +1,49 @@
+"""Parts one behind the other, between plant and controller."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from uvms_drake.common.errors import require, within
+from uvms_drake.model.sensor_actuator import Part, Signals
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.station.record import RENAMED, Record
+
+RESERVED = {"plan", "report", "solve_seconds", "tube_alarm", *RENAMED,
+            *(field.name for field in fields(Record))}
+"""Names that a part's signal cannot have: those of a record's own fields and of other outputs."""
+
+
+def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
+    """Returns the parts of a scenario's list by their keys."""
+    require(isinstance(parts, Sequence), key, parts, "a list of parts")
+    return {f"{key}[{i}]": part for i, part in enumerate(parts)}
+
+
+def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,
+              parts: dict[str, Part], seed: int) -> OutputPort:
+    """Adds parts one behind the other and returns the port at their end.
+
+    The names of their systems begin with their keys.
+
+    Args:
+        builder: Where to add them.
+        model: The controller's model.
+        port: Output port in front of the first part.
+        signals: Signals that the parts may read, and to which they add theirs.
+        parts: The parts by their keys in the scenario.
+        seed: Seed of their random numbers.
+    """
+    for key, part in parts.items():
+        size, known, before = port.size(), len(signals), len(builder.GetSystems())
+        with within(key):
+            port = part.add_to(builder, model, port, signals, seed)
+            require(isinstance(port, OutputPort), "add_to", port, "the output port to go on from")
+            require(port.size() == size, "size", port.size(), f"{size}, as before it")
+            added = list(signals)[known:]
+            require(not set(added) & RESERVED, "signals", added,
+                    f"called otherwise than {', '.join(sorted(RESERVED))}")
+        for system in builder.GetSystems()[before:]:
+            system.set_name(f"{key}.{system.get_name()}")
+    return port

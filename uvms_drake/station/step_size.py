@@ -1,0 +1,144 @@
+"""Checks the integrator's step against the rates of the closed loop, before a run.
+
+A fixed step h multiplies what decays like exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's
+stability function. A gain k for which kh is too large is then no property of the law, but of h.
+The rates λ are the eigenvalues of the loop itself, with plant, law and surface, linearised at
+the task, in contact, where nothing deviates, and that of friction on the tip and in the joints. A
+command that is sampled is held meanwhile: the law does not cancel the surface then.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from uvms_drake.common.errors import RunFailed, require
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.plant.disturbance import ConstantDisturbance
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.motions.motions import make_ocp, motion_of
+from uvms_drake.station.problem import true_surface
+from uvms_drake.station.scenario.scenario import Scenario, Start
+
+ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_shampine3": 3,
+          "runge_kutta5": 5}
+"""Orders of the explicit schemes: R is the Taylor polynomial of exp of this degree; Drake's fifth
+order adds a term of no weight where R is accurate. An implicit scheme is always stable."""
+ACCURACY = 0.05
+"""Largest |R(hλ) − exp(hλ)|: the part of a deviation that a step may add to it."""
+DIFFERENCE = 1e-6
+"""Difference of a state, to differentiate the loop [m, rad, m/s, rad/s]."""
+
+
+def step_error(order: int, z: complex) -> float:
+    """Returns |R(z) − exp(z)| of an explicit scheme for z = hλ."""
+    taylor = sum(z**i / math.factorial(i) for i in range(order + 1))
+    return float(abs(taylor - np.exp(z)))
+
+
+def largest_step(scheme: str, rates: np.ndarray) -> float:
+    """Returns the largest accurate step h [s] of a scheme for rates λ (any) [1/s].
+
+    The error grows with h as long as it is small, so that h is found by bisection.
+    """
+    fastest = float(np.max(np.abs(rates), initial=0.0))
+    if scheme not in ORDERS or fastest == 0.0:
+        return np.inf
+    low, high = 0.0, 10.0 / fastest
+    for _ in range(50):
+        h = 0.5 * (low + high)
+        accurate = max(step_error(ORDERS[scheme], h * rate) for rate in rates) <= ACCURACY
+        low, high = (h, high) if accurate else (low, h)
+    return low
+
+
+def largest_rate(scenario: Scenario) -> float:
+    """Returns the largest real rate for which the step of a scenario is accurate [1/s].
+
+    It is infinite where nothing is checked.
+    """
+    settings = scenario.simulator
+    if settings.use_error_control:
+        return np.inf
+    return largest_step(settings.integration_scheme, np.array([-1.0])) / step_of(scenario)
+
+
+def step_of(scenario: Scenario) -> float:
+    """Returns the step that the integrator takes at most, between events too [s]."""
+    return min(scenario.simulator.max_step_size, scenario.log_period, scenario.mpc.time_step)
+
+
+def loop_rates(station: Diagram, context: Context) -> np.ndarray:
+    """Returns the eigenvalues of ∂ẋ/∂x of all continuous states x at a Context [1/s]."""
+    x = context.get_continuous_state_vector().CopyToVector()
+    columns = []
+    for i in range(len(x)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[i] += sign * DIFFERENCE
+            context.SetContinuousState(moved)
+            ends.append(station.EvalTimeDerivatives(context).CopyToVector())
+        columns.append((ends[0] - ends[1]) / (2.0 * DIFFERENCE))
+    context.SetContinuousState(x)
+    return np.linalg.eigvals(np.array(columns).T)
+
+
+def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> float:
+    """Returns the largest rate of the friction at 𝔮 (6+n,) and the task's force [1/s].
+
+    It is the largest eigenvalue of M⁻¹(J_pᵀ c J_p + C_q), with c and C_q the largest slopes by
+    speed of the friction on the tip and in the joints. At rest those slopes are zero, so the loop's
+    eigenvalues there do not show it. A law that is told of the friction cancels it; it is counted
+    all the same.
+    """
+    if not motion_of(scenario).has_forces:
+        return 0.0
+    J, M = model.task_jacobian(config)[:3], model.mass_matrix(model.kinematics(config))
+    force = float(np.linalg.norm(np.asarray(scenario.task.force, dtype=float)[:3]))
+    C = true_surface(scenario).slip_damping(force) * J.T @ J
+    C[6:, 6:] += np.diag(scenario.model_error.joint_friction.slopes(model.num_joints))
+    L_inverse = np.linalg.inv(np.linalg.cholesky(M))
+    return float(np.linalg.eigvalsh(L_inverse @ C @ L_inverse.T)[-1])
+
+
+def check_step(scenario: Scenario, model: ContactModel) -> None:
+    """Raises `InvalidParameter` if a fixed step is too long for the loop of a scenario.
+
+    Nothing is checked where there is no plan at the task; then the run itself fails, or not. The
+    model is the controller's.
+    """
+    settings = scenario.simulator
+    if settings.use_error_control or settings.integration_scheme not in ORDERS:
+        return
+    # At rest at the task, and without a disturbance: that of an adversary jumps with the state.
+    # There a plan stays where it is, however short it is.
+    quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[],
+                    mpc=replace(scenario.mpc, horizon=1))
+    ocp = make_ocp(quiet, model)
+    config = model.configuration(ocp.y_des)
+    station = make_station(
+        replace(quiet, start=Start(eta=config[:6], q=config[6:])), model=model)
+    simulator = Simulator(station)
+    try:
+        simulator.Initialize()
+        simulator.AdvancePendingEvents()  # From now on, what is sampled is held.
+    except RunFailed:
+        return
+    rates = np.append(loop_rates(station, simulator.get_mutable_context()),
+                      -friction_rate(scenario, model, config))
+    largest = largest_step(settings.integration_scheme, rates)
+    step = step_of(scenario)
+    fastest = float(np.max(np.abs(rates)))
+    require(step <= largest, "simulator.max_step_size", settings.max_step_size,
+            f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "
+            f"rate of {fastest:.3g} 1/s, and longer steps make errors of their own")
+
+
+def floored(step: float) -> float:
+    """Returns a step with two digits that is not longer."""
+    unit = 10.0 ** (math.floor(math.log10(step)) - 1)
+    return math.floor(step / unit) * unit

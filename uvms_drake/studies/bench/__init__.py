@@ -1,0 +1,1 @@
+"""Benchmarks: step times of the controller, the plant and the simulation."""

@@ -1,0 +1,137 @@
+"""How long things take: a step of the controller, a derivative of the plant, a simulation.
+
+Everything is done a few times before it is measured. bench.json has the fields of `Bench`; times
+are in ms where a name does not say otherwise, and the means of the parts add up to the total's.
+"""
+
+import json
+import os
+import platform
+import time
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from uvms_drake.common.jsonable import jsonable
+from uvms_drake.common.program import VERSION
+from uvms_drake.common.progress import Progress, silent
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.diagram import make_station
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.station.simulation import simulate
+from uvms_drake.studies.bench.bench_controller import (
+    ControllerTimes,
+    HorizonTimes,
+    measure_controller,
+    measure_growth,
+)
+from uvms_drake.studies.bench.bench_feedback import FeedbackTimes, measure_feedback
+from uvms_drake.studies.bench.bench_plant import DerivativeTimes, measure_derivative
+from uvms_drake.studies.bench.stopwatch import Effort
+
+BENCH_FILE = "bench.json"
+
+
+@dataclass(frozen=True)
+class SimulationTime:
+    """A simulation as a whole."""
+
+    simulated_s: float
+    """Simulated time [s]."""
+    wall_s: float
+    """Wall time without initialization [s]."""
+    real_time_factor: float
+    """Simulated over wall time."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All that is measured in a run, and on what."""
+
+    scenario: str
+    """Name of the scenario."""
+    versions: dict[str, str]
+    """Versions of `uvms_drake`, `drake`, `numpy` and `python`."""
+    machine: dict[str, Any]
+    """`cpus` that the process may use; `load_average` over 1, 5 and 15 minutes, before;
+    `cpu_share`, processor time of the process over wall time, meanwhile: well below one, something
+    else had the processor, and all but `min` and perhaps `p50` says little."""
+    controller: ControllerTimes
+    """Times of the controller's step."""
+    derivative: DerivativeTimes
+    """Times of the station's derivative."""
+    feedback: FeedbackTimes | None
+    """Times of the feedback's command; None if a velocity is the input."""
+    simulation: SimulationTime
+    """Time of a simulation."""
+    growth: list[HorizonTimes]
+    """Times of the controller's step by horizon."""
+
+
+def measure_simulation(scenario: Scenario, model: ContactModel, effort: Effort) -> SimulationTime:
+    """Returns the time that a simulation takes, as fast as possible.
+
+    Raises:
+        RunFailed: The scenario cannot be simulated.
+    """
+    duration = min(effort.simulated, scenario.duration)
+    for simulated in (min(0.1, duration), duration):  # The first is to warm up.
+        wall = simulate(
+            replace(scenario, duration=simulated), model=model, realtime_rate=0.0).wall_time_s
+    return SimulationTime(duration, wall, duration / wall)
+
+
+def measure(scenario: Scenario, effort: Effort | None = None,
+            progress: Progress = silent) -> Bench:
+    """Returns all measurements of a scenario.
+
+    Args:
+        scenario: Scenario to measure.
+        effort: How much is measured; the default takes 10 s.
+        progress: Called before every measurement.
+
+    Raises:
+        InvalidParameter: A value of the scenario cannot be used.
+        RunFailed: The scenario cannot be simulated.
+    """
+    effort = effort or Effort()
+    model = load_model(scenario)
+    make_station(scenario, model=model)  # A value that cannot be used is refused first.
+    load, wall, cpu = load_average(), time.perf_counter(), time.process_time()
+    progress("a simulation", 0.0)
+    simulation = measure_simulation(scenario, model, effort)
+    progress("the controller's step", 0.25)
+    controller = measure_controller(scenario, model, effort)
+    progress("the plant's derivative", 0.5)
+    derivative = measure_derivative(scenario, model, effort)
+    progress("the feedback's command", 0.7)
+    feedback = measure_feedback(scenario, model, effort)
+    progress("the growth with the horizon", 0.75)
+    growth = measure_growth(scenario, model, effort)
+    cpu_share = (time.process_time() - cpu) / (time.perf_counter() - wall)
+    machine = {"cpus": available_cpus(), "load_average": load, "cpu_share": cpu_share}
+    versions = {"uvms_drake": VERSION, "drake": version("drake"),
+                "numpy": version("numpy"), "python": platform.python_version()}
+    return Bench(scenario.name, versions, machine, controller, derivative, feedback, simulation,
+                 growth)
+
+
+def load_average() -> list[float] | None:
+    """Returns how many processes wanted to run, over 1, 5 and 15 minutes; None if unknown."""
+    try:
+        return list(os.getloadavg())
+    except OSError:
+        return None
+
+
+def available_cpus() -> int | None:
+    """Returns how many processors this process may use; None if unknown."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+
+
+def write_bench(bench: Bench, folder: Path) -> None:
+    """Writes bench.json."""
+    text = json.dumps(jsonable(asdict(bench)), indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / BENCH_FILE).write_text(text + "\n", encoding="utf-8")

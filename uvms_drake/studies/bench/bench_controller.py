@@ -1,0 +1,187 @@
+"""Measures how long the steps of the nominal MPC take, and how that grows with the horizon."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_drake.control.convex.staged_program import StagedProgram, StagedSolution
+from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
+from uvms_drake.control.ocp import scp
+from uvms_drake.control.ocp.ocp import Ocp
+from uvms_drake.control.plan.plan import Plan
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.motions.motions import make_ocp
+from uvms_drake.station.problem import start_state
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.studies.bench.stopwatch import (
+    REST,
+    Effort,
+    Stopwatch,
+    Timing,
+    replaced,
+    stopwatch,
+    timings,
+)
+
+STEP_PARTS = ("linearise", "program", "solve", REST)
+
+
+@dataclass(frozen=True)
+class ControllerTimes:
+    """A step of the nominal MPC in a closed loop with its own model, at the scenario's horizon."""
+
+    horizon: int
+    """Number of intervals N."""
+    steps: int
+    """Number of measured steps."""
+    failures: int
+    """Steps at which the solver found no plan."""
+    total: Timing
+    """Time of a step."""
+    parts: dict[str, Timing]
+    """Times of `linearise` (the model about the plan; in `program` where the velocity is the
+    input), `program` (the rest of making the convex program), `solve` (solving it) and `rest` (the
+    guess, values of plans, line search)."""
+    conic_programs: dict[int, int]
+    """Number of steps by the conic programs that they solved; none where no limit mattered."""
+    first_plan: Timing
+    """Time of the first solve, iterated to convergence."""
+    first_iterations: int
+    """Convex programs of the first solve."""
+
+
+@dataclass(frozen=True)
+class HorizonTimes:
+    """A step of the nominal MPC at another horizon."""
+
+    horizon: int
+    """Number of intervals N."""
+    step: Timing
+    """Time of a step."""
+    steps: int
+    """Number of measured steps."""
+    failures: int
+    """Steps at which the solver found no plan."""
+    conic_programs: float
+    """Mean number of conic programs a step."""
+    per_interval: float
+    """Median of the step over N [ms]."""
+    ratio: float
+    """`per_interval` over that of the first horizon: above one, the time grows faster than N."""
+
+
+class NominalLoop:
+    """The nominal MPC in a closed loop with its own model, as `NominalMpc` has it.
+
+    Args:
+        scenario: Task, start and horizon.
+        model: The controller's.
+    """
+
+    def __init__(self, scenario: Scenario, model: ContactModel):
+        self.ocp: Ocp = make_ocp(scenario, model)
+        self._solver: scp.SequentialConvexSolver = scp.SequentialConvexSolver(self.ocp)
+        self._start = start_state(scenario, self.ocp)[: self.ocp.state_size]
+        self.plan: Plan = self.ocp.resting_plan(0.0, self._start)
+        self.solution: scp.Solution | None = None
+        """Of the last solve."""
+
+    def first(self) -> None:
+        """Makes the first plan."""
+        self._solve(self.ocp.resting_plan(0.0, self._start), FIRST_SOLVE_ITERATIONS)
+
+    def step(self) -> None:
+        """Makes the plan of the next sample."""
+        self._solve(self.ocp.continued(self.plan), self.ocp.iterations)
+
+    def _solve(self, guess: Plan, iterations: int) -> None:
+        self.solution = self._solver.solve(guess, iterations)
+        self.plan = self.solution.plan or guess
+
+    def failed(self) -> bool:
+        """Returns whether the last solve failed."""
+        return self.solution is None or self.solution.plan is None
+
+
+@contextmanager
+def conic_programs() -> Iterator[Callable[[], int]]:
+    """Gives a function that returns how many conic programs were solved since its last call.
+
+    One that has no solution is not counted.
+    """
+    solve, counts = scp.solve_staged, [0]
+
+    def counting(program: StagedProgram) -> StagedSolution | None:
+        """Solves a program and counts what that took."""
+        solution = solve(program)
+        counts[0] += 0 if solution is None else solution.cone_programs
+        return solution
+
+    def taken() -> int:
+        count, counts[0] = counts[0], 0
+        return count
+
+    with replaced(scp, "solve_staged", counting):
+        yield taken
+
+
+def measure_controller(scenario: Scenario, model: ContactModel, effort: Effort) -> ControllerTimes:
+    """Returns the times of the nominal MPC from the scenario's start."""
+    loop = NominalLoop(scenario, model)
+    watched = {"program": (loop.ocp, "staged_program"), "solve": (scp, "solve_staged")}
+    if hasattr(loop.ocp, "linearise"):
+        watched["linearise"] = (loop.ocp, "linearise")
+    samples, counts, failures = [], [], 0
+    with conic_programs() as taken, stopwatch(watched) as watch:
+        loop.first()
+        firsts = [sum(watch.measure(loop.first).values()) for _ in range(effort.first_plans)]
+        first_plan, iterations = loop.plan, loop.solution.iterations if loop.solution else 0
+        for _ in range(effort.warm_up):
+            loop.step()
+        loop.plan = first_plan
+        taken()
+        for _ in range(effort.steps):
+            sample = watch.measure(loop.step)
+            samples.append({part: sample.get(part, 0.0) for part in STEP_PARTS})
+            counts.append(taken())
+            failures += loop.failed()
+    total, parts = timings(samples)
+    return ControllerTimes(
+        horizon=loop.ocp.horizon, steps=effort.steps, failures=failures, total=total, parts=parts,
+        conic_programs=dict(sorted(Counter(counts).items())), first_plan=Timing.of(firsts),
+        first_iterations=iterations)
+
+
+def measure_growth(scenario: Scenario, model: ContactModel, effort: Effort) -> list[HorizonTimes]:
+    """Returns the times of a step at several horizons; these take turns, step by step."""
+    loops = [NominalLoop(replace(scenario, mpc=replace(scenario.mpc, horizon=horizon)), model)
+             for horizon in effort.horizons]
+    seconds: list[list[float]] = [[] for _ in loops]
+    counts, failures = np.zeros(len(loops)), np.zeros(len(loops), dtype=int)
+    watch = Stopwatch()
+    with conic_programs() as taken:
+        for loop in loops:
+            loop.first()
+            first_plan = loop.plan
+            for _ in range(effort.warm_up):
+                loop.step()
+            loop.plan = first_plan
+        taken()
+        # Steps in turn, so that all horizons meet the same load of the machine.
+        end = time.perf_counter() + effort.horizon_seconds
+        while not seconds[0] or (
+                len(seconds[0]) < effort.horizon_steps and time.perf_counter() < end):
+            for i, loop in enumerate(loops):
+                seconds[i].append(watch.measure(loop.step)[REST])
+                counts[i] += taken()
+                failures[i] += loop.failed()
+    steps = [Timing.of(each) for each in seconds]
+    per_interval = [step.p50 / loop.ocp.horizon for step, loop in zip(steps, loops, strict=True)]
+    return [HorizonTimes(
+        horizon=loop.ocp.horizon, step=steps[i], steps=len(seconds[i]), failures=int(failures[i]),
+        conic_programs=float(counts[i]) / len(seconds[i]), per_interval=per_interval[i],
+        ratio=per_interval[i] / per_interval[0]) for i, loop in enumerate(loops)]

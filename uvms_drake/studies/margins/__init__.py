@@ -1,0 +1,1 @@
+"""Tolerances: the largest size of each source of error under which a certificate holds."""

@@ -1,0 +1,237 @@
+"""How large each source of error could be by itself before a certificate is void.
+
+The converse of a budget: one value is changed at a time, all else stays as the scenario has it, and
+the largest value is found with which all conditions on the tube hold, and every limit leaves room
+for it. Searches are held (`tube.search.search_memo`), and terminal set, first plan and second
+searches are left out: an estimate, which `certify --set` confirms.
+
+What the tube counts is changed as it is: the bound of d, the force sensor, the walls. A sensor that
+is worse comes with the allowance that the front needs for it (`contact.force_error`, `delay`). What
+robot and water do that the controller does not know counts by the d that it makes, see
+`unknown_margins`. What no proof covers, whatever its size, says so.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.actuation import SampledCommand, Thrusters
+from uvms_drake.certificate.certify import assumptions, basis_of
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.common.progress import Progress, silent
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.sensing import ForceSensor, Navigation
+from uvms_drake.station.contact_bounds import largest_reading_error, sensed_contact
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.problem import load_model
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.studies.margins.margin import Margin, bracket, tube_conditions, worst_of
+from uvms_drake.studies.margins.unknown_margins import Setting, unknowns
+from uvms_drake.tube.conditions import Condition
+from uvms_drake.tube.search.search_memo import Held, holding
+
+LAGS = 5.0
+"""Lags of a sensor after which what is older is taken as gone."""
+
+
+@dataclass(frozen=True)
+class _Value:
+    """A number of a scenario that the tube counts."""
+
+    name: str
+    unit: str
+    today: float
+    at: Callable[[float], Scenario]
+    start: float = 1e-3
+    """What is tried first, if it is zero today."""
+    tried: Callable[[float], float] = float
+    """Which value a scenario really has that is asked for one."""
+
+
+def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent) -> list[Margin]:
+    """Returns the margins of a scenario, the controller's model of which is `model`.
+
+    Its tube is to be certified.
+    """
+    values, late, unknown = _values(scenario), _late(scenario), unknowns(scenario)
+    count, out = len(values) + len(late) + len(unknown), list[Margin]()
+    progress("tube", 0.0)
+    searches = Held()
+    failed = _worst_failed(lambda: scenario, searches)
+    require(failed is None, "scenario", scenario.name, f"certified, but {failed}")
+    for value in (*values, *late):
+        progress(value.name, len(out) / count)
+        out.append(_margin(value, searches if value in values else Held()))
+    with holding(searches):
+        searches.again()
+        setting = Setting(scenario, model, values[0].at(out[0].largest).disturbance.d_bound)
+    searches = Held()  # A d of another shape is searched for in another order, as what is late is.
+    for source in unknown:
+        progress(source.name, len(out) / count)
+        out.append(source.margin(setting, searches))
+    return out
+
+
+def _worst_failed(make: Callable[[], Scenario], searches: Held) -> Condition | None:
+    """Returns the condition on the tube, or on a limit, of a scenario that fails by the most."""
+    searches.again()
+    try:
+        scenario = make()
+        conditions = assumptions(scenario)
+        if all(condition.holds for condition in conditions):
+            model = load_model(scenario)
+            with holding(searches):
+                conditions = tube_conditions(scenario, model, basis_of(scenario, model))
+    except InvalidParameter as error:
+        return Condition(str(error), 1.0, "<=", 0.0)
+    return worst_of(conditions)
+
+
+def _margin(value: _Value, searches: Held) -> Margin:
+    """Returns the largest value, by doubling and then halving the ratio."""
+    holds = value.today
+    if holds == 0.0:  # Whether there is any.
+        failed = _worst_failed(lambda: value.at(value.start), searches)
+        if failed is not None and failed.is_count:
+            return Margin(value.name, value.unit, 0.0, math.nan, failed.name)
+        if failed is not None:
+            return Margin(value.name, value.unit, 0.0, 0.0, failed.name)
+        holds = value.start
+    largest_value, failed = bracket(
+        lambda size: _worst_failed(partial(value.at, size), searches), holds)
+    return Margin(value.name, value.unit, value.today, value.tried(largest_value),
+                  failed.name if failed else "")
+
+
+def _values(scenario: Scenario) -> list[_Value]:
+    """Returns what the tube counts; the bound of d is the first."""
+    def of_disturbance(bound: float) -> Scenario:
+        return replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
+
+    found = [_Value("d, what pushes", "m/s², rad/s²", scenario.disturbance.bound, of_disturbance,
+                    0.01)]
+    if not scenario.contact.felt:
+        return found
+    contact = sensed_contact(scenario)
+
+    def of_contact(name: str) -> Callable[[float], Scenario]:
+        def at(value: float) -> Scenario:
+            changed: Any = {name: value}
+            return _allowed(replace(scenario, contact=replace(contact, **changed)))
+
+        return at
+
+    for i, sensor in enumerate(scenario.sensing):
+        if isinstance(sensor, ForceSensor):
+            def of_sensor(i: int = i, sensor: ForceSensor = sensor, **changed: Any) -> Scenario:
+                parts = [*scenario.sensing]
+                parts[i] = replace(sensor, **changed)
+                return _allowed(replace(scenario, sensing=parts))
+
+            noise = np.asarray(sensor.noise, dtype=float)
+            shape = noise if np.max(noise[:3]) > 0.0 else ForceSensor().noise
+            found += [
+                _Value("force sensor, noise (σ)", "N", float(np.max(noise[:3])),
+                       lambda value, n=shape, at=of_sensor: at(  # type: ignore[misc]
+                           noise=n * value / np.max(n[:3]))),
+                _Value("force sensor, lag", "s", sensor.lag,
+                       lambda value, at=of_sensor: at(lag=value), 1e-3),  # type: ignore[misc]
+                _Value("force sensor, period", "s", 1.0 / sensor.rate,
+                       lambda value, at=of_sensor: at(rate=1.0 / value))]  # type: ignore[misc]
+    found += [
+        _Value("wall and tool, stiffness", "N/m", contact.stiffness, of_contact("stiffness")),
+        _Value("wall, angle of its normal", "rad", contact.angle, of_contact("angle"), 1e-3),
+        _Value("wall, friction", "-", contact.friction, of_contact("friction"), 0.01)]
+    force = np.asarray(scenario.task.force, dtype=float)
+    size = float(np.linalg.norm(force))
+    if size == 0.0 or scenario.mission.steps:
+        return found  # The steps of a mission ask for their own.
+    return [*found, _Value("force that is asked for", "N", size, lambda value: replace(
+        scenario, task=replace(scenario.task, force=force * value / size)))]
+
+
+def _allowed(scenario: Scenario) -> Scenario:
+    """Returns the scenario with the allowance that the front needs for its sensor, if it is less.
+
+    It is told that readings are later, and farther off.
+    """
+    contact, motion = sensed_contact(scenario), motion_of(scenario)
+    felt = motion.contact_force(scenario)
+    assert felt is not None  # It is felt.
+    later = replace(scenario, contact=replace(
+        contact, delay=max(contact.delay, LAGS * felt.lag + felt.period)))
+    off = largest_reading_error(later, felt)
+    return replace(later, contact=replace(
+        sensed_contact(later), force_error=max(contact.force_error, off)))
+
+
+def _late(scenario: Scenario) -> list[_Value]:
+    """Returns clocks, thrusters and navigation: those of the scenario, or of none today."""
+    def with_part(key: str, kind: type, **none: Any) -> Callable[..., Scenario]:
+        """Returns the scenario as a function of what is changed of its part of a kind."""
+        parts = list(getattr(scenario, key))
+        here = [i for i, part in enumerate(parts) if isinstance(part, kind)]
+        at = here[0] if here else (0 if kind is SampledCommand else len(parts))
+        part = parts[at] if here else kind(**none)
+        rest = parts[at + 1:] if here else parts[at:]
+        def changed_by(**changed: Any) -> Scenario:
+            all_parts: Any = {key: [*parts[:at], replace(part, **changed), *rest]}
+            return replace(scenario, **all_parts)
+
+        return changed_by
+
+    def today(key: str, kind: type, value: Callable[[Any], float]) -> float:
+        return next((value(part) for part in getattr(scenario, key) if isinstance(part, kind)), 0.0)
+
+    clock = with_part("actuation", SampledCommand, period=1e-3, delay=0.0)
+    thrusters = with_part("actuation", Thrusters, period=1e-3, lag=1e-3, dead_time=0.0)
+    navigation = with_part("sensing", Navigation)
+    sampled = today("actuation", SampledCommand, lambda part: part.period)
+    late = today("actuation", SampledCommand, lambda part: part.delay)
+    model = load_model(scenario)
+    lag = today("actuation", Thrusters, lambda part: part.command_path(model).lag)
+    dvl = today("sensing", Navigation, lambda part: float(np.max(part.dvl.noise)))
+    step = scenario.mpc.time_step
+
+    def with_ticks(period: float) -> float:
+        """Returns the largest period that is not longer and has ticks at the knots of plans."""
+        require(period <= step, "period", period, f"at most mpc.time_step, {step:g} s")
+        return float(step / np.ceil(step / period - 1e-9))
+
+    found = [_Value("feedback, period", "s", sampled,
+                    lambda value: clock(period=with_ticks(value)), tried=with_ticks),
+             _Value("feedback, delay", "s", late, lambda value: clock(delay=value))]
+    if model.thrusters is not None:
+        found.append(_Value("thrusters, lag", "s", lag, lambda value: thrusters(lag=value)))
+    own = next((part.dvl for part in scenario.sensing if isinstance(part, Navigation)),
+               Navigation().dvl)
+    return [*found, _Value(
+        "navigation, noise of a velocity (σ)", "m/s", dvl, lambda value: navigation(
+            dvl=replace(own, noise=np.full(3, value))), 1e-4)]
+
+
+def format_margins(found: Sequence[Margin]) -> str:
+    """Returns the margins as tables."""
+    def number(value: float) -> str:
+        return "none" if math.isnan(value) else f"{value:.3g}"
+
+    lines = ["largest value of each by itself, all else as it is, estimated",
+             f"  {'':<38}{'today':>10}{'largest':>10}  {'unit':<14}then fails"]
+    lines += [f"  {each.name:<38}{number(each.today):>10}{number(each.largest):>10}  "
+              f"{each.unit:<14}{each.ends or 'nothing up to this'}"
+              for each in found if not each.d]
+    lines += ["", "what the controller does not know, by itself and in place of the declared d, "
+              "estimated", f"  {'':<38}{'largest':>10}  {'unit':<8}{'asked':>8}"
+              f"{'makes ν₁':>10}{'ν₂':>8}{'joints':>8}  then fails"]
+    for each in found:
+        if each.d:
+            blocks = (max(part) for part in (each.d[:3], each.d[3:6], each.d[6:] or (0.0,)))
+            lines.append(
+                f"  {each.name:<38}{number(each.largest):>10}  {each.unit:<8}{each.asked:>8.3g}"
+                + "".join(f"{x:>{w}.2g}" for x, w in zip(blocks, (10, 8, 8), strict=True))
+                + f"  {each.ends or 'nothing up to this'}")
+    return "\n".join(lines)

@@ -1,0 +1,99 @@
+"""The front of certified force error against remaining input, over gains and d̃.
+
+The tube shrinks like d̃/(kσ), and with it the input that a stiff surface and a turning task take.
+So the largest gains that the bandwidth of the actuators allows are the best, and the front shows
+what a smaller d̃ or bandwidth would give.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.certificate.certify import basis_of, room_of
+from uvms_drake.common.errors import require
+from uvms_drake.common.progress import Progress, silent
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.station.motions.motions import motion_of
+from uvms_drake.station.scenario.scenario import Scenario
+from uvms_drake.tube.ultimate_bounds import ultimate_bounds
+
+DISTURBANCES = (0.5, 1.0, 1.5, 2.0)
+"""Disturbance bounds, as multiples of the scenario's d̃."""
+GAINS = (0.5, 1.0, 2.0)
+"""Gains, as multiples of the scenario's k and σ."""
+
+
+@dataclass(frozen=True)
+class FrontPoint:
+    """One choice of d̃ and gains, and what is certified with it."""
+
+    d_bound: float
+    """Bound d̃ of the disturbance [m/s², rad/s²]."""
+    k: float
+    """Gain of the velocity error [1/s]."""
+    sigma: float
+    """Gain σ of the task error [1/s]."""
+    force: float
+    """Ultimate bound of the force error [N]; inf if there is no tube."""
+    input_left: float
+    """Smallest fraction of an input limit that the tube leaves; negative if none."""
+    emptied: str
+    """First condition on the tube or on a limit that fails, or an empty string."""
+
+
+def check_front(scenario: Scenario) -> None:
+    """Raises `InvalidParameter` if a scenario has no front."""
+    motion, law = motion_of(scenario), type(scenario.ancillary)
+    require(motion.has_forces, "motion", scenario.motion, "dynamic, for a front")
+    require(law in motion.tubes, "ancillary", law.__name__, "a law with a certificate, for a front")
+    require(np.isfinite(scenario.ancillary.k), "ancillary", law.__name__,
+            "a law with one k and one σ, for a front")
+
+
+def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float] = DISTURBANCES,
+          gains: Iterable[float] = GAINS, progress: Progress = silent) -> list[FrontPoint]:
+    """Returns the points for all combinations of factors on d̃ and on (k, σ).
+
+    The model is the controller's.
+    """
+    check_front(scenario)
+    law: Any = scenario.ancillary
+    tube_of, surface = motion_of(scenario).tubes[type(law)], model.surface
+    wrench = np.asarray(scenario.task.force, dtype=float)
+    chi_des = surface.pose_for(wrench, scenario.task.pose)
+    basis = basis_of(scenario, model)
+    disturbances, gains = tuple(disturbances), tuple(gains)
+    points: list[FrontPoint] = []
+    for d_factor in disturbances:
+        for factor in gains:
+            progress("tubes", len(points) / (len(disturbances) * len(gains)))
+            scaled = replace(law, k=factor * law.k, sigma=factor * law.sigma)
+            # The scenario with these gains and this bound.
+            at = replace(
+                scenario, ancillary=scaled,
+                disturbance=replace(
+                    scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
+            tube = tube_of(scaled, replace(basis, d_bound=at.disturbance.d_bound))
+            # The limits, tightened by its tube, if there is one.
+            rooms, bounds = [], {"force": np.inf}
+            if all(item.holds for item in tube.conditions):
+                rooms = room_of(at, tube.radii, model)
+                bounds = ultimate_bounds(tube.radii, surface, chi_des, wrench)
+            points.append(FrontPoint(
+                d_bound=at.disturbance.d_bound, k=scaled.k, sigma=scaled.sigma,
+                force=bounds["force"],
+                input_left=min((item.margin / item.right for item in rooms
+                                if item.name.startswith("tube in limits.u")), default=-np.inf),
+                emptied=next(
+                    (item.name for item in (*tube.conditions, *rooms) if not item.holds), "")))
+    return points
+
+
+def format_front(points: list[FrontPoint]) -> str:
+    """Returns the points as a table."""
+    head = f"{'d̃':>8}{'k [1/s]':>10}{'σ [1/s]':>10}{'force [N]':>12}{'input left':>12}"
+    return "\n".join([head, *(
+        f"{p.d_bound:>8.3g}{p.k:>10.3g}{p.sigma:>10.3g}{p.force:>12.3g}{p.input_left:>12.1%}"
+        + (f"  void: {p.emptied}" if p.emptied else "") for p in points)])

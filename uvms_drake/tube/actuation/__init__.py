@@ -1,0 +1,1 @@
+"""The effect of actuators on the tube: held commands, lags, dead times, thrusters."""

@@ -1,0 +1,208 @@
+"""What a command that is held makes of the rows of `tip first`: how fast they leave their course.
+
+With forces F of the contact apart, the rows of outputs y = (η, s) obey ÿ = a(𝔮, ζ; τ) + δ,
+
+    a(𝔮, ζ; τ) = J_y M⁻¹(τ − b) + J̇_yζ.                                                       (1)
+
+While a torque τ_c is held, and with it in thought a wrench F̂ on the tip in its own axes, a leaves
+ÿ̄ at
+
+    ρ = d/dt a(𝔮, ζ; τ_c − J_Eᵀ F̂) − d/dt ÿ̄,    τ_c and F̂ constant,                            (2)
+
+where the nominal motion and errors give the rest: x, ẋ, ẍ the errors of outputs as in
+`tip_first_rests`, the tip's in joint angles; α = a(𝔮, ζ; τ_c − J_EᵀF̂) − ÿ̄ by how much what is held
+is off now, likewise; and F̂. On the plan all of them are zero, and ρ is −J_yM⁻¹τ̄˙ of its forces.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.tube.resolved.remainders import jacobian_rate_times
+from uvms_drake.tube.rows.remainders import (
+    configuration_of,
+    output_bias,
+    output_jacobian,
+)
+from uvms_drake.tube.search.search_problem import SearchProblem, input_within
+
+STEP = 1e-4
+"""Step of a difference along a motion [s]."""
+
+
+def held_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
+               zeta_dot: np.ndarray, off: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+    """Returns the first term of (2) (..., 6+n), of real or complex arguments.
+
+    Args:
+        model: The robot, without contact.
+        rows: The tip's task in (χ, q) (n,).
+        config: 𝔮 (..., 6+n).
+        zeta: ζ (..., 6+n).
+        zeta_dot: ζ̇ (..., 6+n).
+        off: a(𝔮, ζ; τ_c − J_EᵀF̂) of now (..., 6+n), which says what τ_c is.
+        wrench: F̂ (..., 6).
+    """
+    J, bias, M, b, J_E = _dynamics(model, rows, config, zeta)
+    tau = times(M, np.linalg.solve(J, (off - bias)[..., None])[..., 0]) + b
+    tau = tau + times(J_E.swapaxes(-1, -2), wrench)
+
+    def later(step: float) -> np.ndarray:
+        J, bias, M, b, J_E = _dynamics(model, rows, config + step * configuration_rate(
+            config, zeta), zeta + step * zeta_dot)
+        left = tau - times(J_E.swapaxes(-1, -2), wrench) - b
+        return times(J, np.linalg.solve(M, left[..., None])[..., 0]) + bias
+
+    out: np.ndarray = (later(STEP) - later(-STEP)) / (2.0 * STEP)
+    return out
+
+
+def _dynamics(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray
+              ) -> tuple[np.ndarray, ...]:
+    """Returns J_y, J̇_yζ, M, b and J_E at states."""
+    kinematics = model.kinematics(config)
+    return (output_jacobian(model, config, kinematics, rows),
+            output_bias(config, kinematics, zeta, rows), model.mass_matrix(kinematics),
+            model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta)),
+            kinematics.J_links[..., -1, :, :])
+
+
+def plan_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
+               zeta_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns ÿ̄, its rate while ζ̄̇ stands still, and J̄_y (..., 6+n, 6+n)."""
+    def acceleration(step: float) -> tuple[np.ndarray, np.ndarray]:
+        at = config + step * configuration_rate(config, zeta)
+        moved, kinematics = zeta + step * zeta_dot, model.kinematics(at)
+        J = output_jacobian(model, at, kinematics, rows)
+        return times(J, zeta_dot) + output_bias(at, kinematics, moved, rows), J
+
+    now, J = acceleration(0.0)
+    return now, (acceleration(STEP)[0] - acceleration(-STEP)[0]) / (2.0 * STEP), J
+
+
+@dataclass(frozen=True)
+class HeldProblem(SearchProblem):
+    """ρ less what it is on the plan; errors are (x, ẋ, ẍ, α, F̂).
+
+    Values are by blocks of rows: the vehicle's position and attitude, the tip's position, and
+    J_sq⁻¹ρ_s, what its task is in joint angles.
+    """
+
+    rows: np.ndarray
+    """The tip's task in (χ, q) (n,)."""
+    u_limits: np.ndarray
+    """|ūᵢ| (6+n,)."""
+    largest_rate: np.ndarray | float = field(default=np.inf)
+    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+    drags: tuple[float, float] = (0.0, 0.0)
+    """κ of the tip's rows, see `RowLoop`, and in joint angles: ρ + κë counts in place of ρ [1/s].
+    """
+
+    @property
+    def errors(self) -> int:
+        """Number of components of the errors."""
+        return 4 * self.size + 6
+
+    @property
+    def channels(self) -> list[slice]:
+        """Those of the blocks."""
+        n = self.size - 6
+        tip = 6 + int(np.sum(self.rows < 3))
+        return [slice(0, 3), slice(3, 6), slice(6, tip), slice(6 + n, 6 + 2 * n)]
+
+    def plan(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns 𝔮̄, ζ̄ and ζ̄̇ of motions."""
+        pose, zeta, share = np.split(x, 3, axis=-1)
+        config = self.config(pose)
+        u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
+        return config, zeta, u + self.model.drift(config, zeta)
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the rests (..., 6 + 2n)."""
+        model, rows, size = self.model, self.rows, self.size
+        config_bar, zeta_bar, zeta_dot = self.plan(x)
+        y_ddot, jerk, J_bar = plan_rates(model, rows, config_bar, zeta_bar, zeta_dot)
+        late = held_rates(model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
+        by_y, wrench = np.split(error, [4 * size], axis=-1)
+        by_x, by_rate, by_acceleration, by_off = np.split(by_y, 4, axis=-1)
+        config = configuration_of(model, rows, config_bar, model.kinematics(config_bar), by_x)
+        kinematics = model.kinematics(config)
+        J = output_jacobian(model, config, kinematics, rows)
+
+        def of_outputs(each: np.ndarray) -> np.ndarray:
+            each = np.broadcast_to(each, config.shape)
+            return np.concatenate([each[..., :6], times(J[..., 6:, 6:], each[..., 6:])], axis=-1)
+
+        def solved(right: np.ndarray) -> np.ndarray:
+            out: np.ndarray = np.linalg.solve(J, right[..., None])[..., 0]
+            return out
+
+        zeta = solved(times(J_bar, zeta_bar) + of_outputs(by_rate))
+        bias = output_bias(config, kinematics, zeta, rows)
+        moving = solved(y_ddot + of_outputs(by_acceleration) - bias)
+        real = held_rates(model, rows, config, zeta, moving, y_ddot + of_outputs(by_off),
+                          wrench) - jerk
+        out = self.by_block(real, J) - self.by_block(late, J_bar)
+        both = of_outputs(by_acceleration)[..., 6:], by_acceleration[..., 6:]
+        for of, kappa, each in zip((slice(6, size), slice(size, None)), self.drags, both,
+                                   strict=True):
+            out[..., of] += kappa * each
+        return out
+
+    def by_block(self, of_rows: np.ndarray, J: np.ndarray) -> np.ndarray:
+        """Returns rows (..., 6+n), and the tip's in joint angles (..., 6+2n)."""
+        in_joints = np.linalg.solve(J[..., 6:, 6:], of_rows[..., 6:, None])[..., 0]
+        return np.concatenate([of_rows, in_joints], axis=-1)
+
+
+@dataclass(frozen=True)
+class PlanProblem(HeldProblem):
+    """What a plan alone makes of blocks of rows, times an error of one component, or several."""
+
+    of: Callable[["PlanProblem", np.ndarray], np.ndarray] = field(kw_only=True)
+    """The function: values (..., 6+2n, errors) of motions (..., 3(6+n))."""
+
+    @property
+    def errors(self) -> int:
+        """As many as are in the parts."""
+        return len(self.parts[0][0])
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns what the function gives, times the errors."""
+        out: np.ndarray = (self.of(self, x) @ error[..., None])[..., 0]
+        return out
+
+
+def late_plan(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
+    """Returns ρ of a plan, with ζ̄̇ standing still (..., 6+2n, 1)."""
+    config, zeta, zeta_dot = problem.plan(x)
+    y_ddot, jerk, J = plan_rates(problem.model, problem.rows, config, zeta, zeta_dot)
+    return problem.by_block(held_rates(
+        problem.model, problem.rows, config, zeta, zeta_dot, y_ddot, np.zeros(6)) - jerk, J)[
+            ..., None]
+
+
+def jumping_plan(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
+    """Returns J̄_yζ̄̇, half of what ÿ̄ can jump by at a knot (..., 6+2n, 1).
+
+    With the rows of the tip's task in place of what they are in joint angles.
+    """
+    config, _, zeta_dot = problem.plan(x)
+    J = output_jacobian(problem.model, config, problem.model.kinematics(config), problem.rows)
+    rows = times(J, zeta_dot)
+    return np.concatenate([rows, rows[..., 6:]], axis=-1)[..., None]
+
+
+def turning_task(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
+    """Returns J_sq⁻¹J̇_sq in the place of the joints (..., 6+2n, n)."""
+    config, zeta, _ = problem.plan(x)
+    kinematics, n = problem.model.kinematics(config), problem.size - 6
+    J = output_jacobian(problem.model, config, kinematics, problem.rows)
+    rate = np.stack([jacobian_rate_times(kinematics, zeta, zeta * 0.0 + unit)[..., problem.rows]
+                     for unit in np.eye(problem.size)[6:]], axis=-1)
+    inner: np.ndarray = np.linalg.solve(J[..., 6:, 6:], rate)
+    return np.concatenate([np.zeros((*inner.shape[:-2], 6 + n, n)), inner], axis=-2)

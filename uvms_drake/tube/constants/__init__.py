@@ -1,0 +1,1 @@
+"""Constants of robot and declared set: proven by branch and bound, or estimated."""

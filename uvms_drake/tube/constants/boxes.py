@@ -1,0 +1,335 @@
+"""Upper bounds of ‖J Ŵ‖ and of its parts over boxes of configurations: proof and computation.
+
+Ŵ is diagonal; it only scales columns. What follows has Ŵ = I, and then what Ŵ changes.
+
+*Coordinates.* ‖J‖ does not change if the rows of position are turned, so position and yaw of the
+vehicle do not matter. E' is the frame of the end-effector before its roll: R_WE' = R_z(ψ)R_y(θ),
+R_WE = R_WE' R_x(φ). With the rows of position, like the columns of ν₁ and ν₂, in the vehicle's
+frame B, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ = aᵢ × lever,
+
+    J ~ [ I  −S(p)  c₁ … c_n ]              A(θ) = [ 1  0  t ]    t = tan θ: the Euler rates
+        [ 0  A(θ)C [I  a₁ … a_n] ]                 [ 0  1  0 ]    are T(φ, θ)ω_E = A(θ)R_x(φ)ω_E,
+                                                   [ 0  0  √(1+t²) ]      ‖A‖² = 1/(1 − sin|θ|).
+
+C = R_E'B = R_x(−φ)ᵀR_EB. So −φ is the angle of one more joint, whose axis w_{n+1} is the tool's x
+axis and through the tip, c_{n+1} = 0: the coordinates are (q₁ … q_n, −φ, θ). The vehicle's roll and
+pitch bound the direction of "down", d = Cᵀ(−sin θ, 0, cos θ), by half-spaces
+g_k = N_k·d − b_k ≤ 0. Every φ occurs. If the last joint turns the tool about its own axis, it does
+what φ does and is kept still. The attitude rows alone have ν₂ in E', J ~ A[I  C aⱼ], if Ŵ is the
+same for its three components, so that their columns may be turned.
+
+*Frame of the task.* θ and φ are about Σ_T, so d is its z-axis instead of down. Where these two are
+γ apart, d may be nearer by γ to each N_k than roll and pitch let down be: with b_k = sin β_k the
+half-spaces are N_k·d ≤ sin min(β_k + γ, π/2). The boxes then cover the set and more.
+
+*In θ.* |A v|² = (v₁ + t v₃)² + v₂² + v₃² + (t v₃)², so ‖A v‖ and the norm, a supremum of such, are
+convex in t. g_k is α/√(1+t²) + βt/√(1+t²) − b with α² + β² ≤ 1, and |∂²g/∂t²| ≤
+√(1+4t²)/(1+t²)² ≤ 1 (Cauchy-Schwarz, Bernoulli), so g is above its chord less (Δt)²/8.
+
+*In the other coordinates* x, θ fixed, about a box's centre, |δᵢ| ≤ hᵢ, Δ = Σ hᵢ. Products of
+rotations about fixed axes: differentiating inserts one cross product with an axis, so the m-th
+derivative along δ of R(x)v is at most (Σ|δᵢ|)ᵐ|v|, summing over the joints that v is turned by. So
+‖C″‖ ≤ Δ², |(C aⱼ)″| ≤ (Σ_{i>j} hᵢ)², |p″| ≤ ΣΣ hᵢhₖ r_max(i,k), |cⱼ″| ≤ ΣΣ hᵢhₖ r_max(i,k,j) with
+rᵢ ≥ |cᵢ| in the box: |∂cᵢ/∂qₖ| = |aᵢ × cₖ| ≤ rₖ for k > i and a rotation otherwise, hence
+rᵢ = |cᵢ(centre)| + Σ_{k>i} hₖrₖ. By Taylor with K″ bounded block by block,
+where Ŵ multiplies C″ and p″ by at most its largest entry of ν₂, and the columns of joints by their
+own,
+
+    ‖K(x)‖ ≤ ‖K + Σ δᵢ∂ᵢK‖ + ½‖K″‖,    g_k(x) ≥ g_k + Σ δᵢ∂ᵢg_k − ½ΣΣ hᵢhⱼ|∂ᵢ∂ⱼg_k| − Δ³/6.
+
+A joint that slides turns nothing: in all of this its aᵢ is zero, cᵢ is along its axis, and hᵢ, a
+length, counts only where the axis of a joint before it multiplies cᵢ.
+
+*Bound.* For any μ ≥ 0 a feasible state has ‖K‖ ≤ ‖K‖ − Σ μ_k g_k. The right-hand side, bounded as
+above, is convex in δ and below its chord in t plus Σμ_k(Δt)²/8: its maximum is at a vertex of the
+box. μ is chosen to cancel the gradient (near a maximum, the multipliers of Karush, Kuhn and
+Tucker); any choice gives a bound, a good one a bound whose error is of second order. A box without
+feasible states is recognised when g_k > 0 all over it. All this is exact but for rounding, for
+which `covering` adds a little.
+"""
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.frames.spatial import cross, skew, times
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+
+SAME_AXIS = 1e-9
+"""Distance below which a last joint's axis is the tool's [1, m]."""
+ROUNDING = 1e-12
+"""Allowance by which the half-spaces are too large: g is computed to about 1e-15."""
+LARGEST_MULTIPLIER = 1e3
+"""Largest multiplier μ_k: with it, rounding in Σ μ_k g_k stays below what `covering` adds."""
+SWEEPS = 2
+"""Sweeps of coordinate descent for the multipliers."""
+BLOCKS = ("position", "attitude", "task")
+"""Rows of J: the tip's velocity, its Euler rates, all."""
+
+
+class BoxBounds(NamedTuple):
+    """Bounds of the norm over m boxes."""
+
+    upper: np.ndarray
+    """(m,) bound of the norm at the feasible states of the box, −∞ if there are none."""
+    reached: np.ndarray
+    """(m,) the norm at a feasible state, −∞ if the box's centre has none."""
+    score: np.ndarray
+    """(m, n+2) contribution of each coordinate to the bound; the largest is worth halving."""
+
+
+class _Constraints(NamedTuple):
+    """g_k about the centres of m boxes, at both ends in θ."""
+
+    value: np.ndarray
+    """(2, m, k) g at the centre."""
+    slope: np.ndarray
+    """(2, m, k, n+1) derivatives of g at the centre."""
+    rest: np.ndarray
+    """(2, m, k) bound of the part of g that is not linear."""
+
+
+class JacobianBoxes:
+    """Bounds the norm of one block of rows of J Ŵ over boxes of (q, −φ, θ); see above.
+
+    Args:
+        model: Any serial arm.
+        constraint_set: Which configurations count.
+        block: One of `BLOCKS`.
+        weights: Diagonal of Ŵ (6+n,), positive; 1 for J itself.
+    """
+
+    def __init__(self, model: ContactModel, constraint_set: ConstraintSet, block: str,
+                 weights: np.ndarray | float = 1.0):
+        self._model = model
+        self._block = block
+        self._weights = weights * np.ones(model.size)
+        # Whether the columns of ν₂ are turned into E'.
+        self._turned = block == "attitude" and np.ptp(self._weights[3:6]) == 0.0
+        roll, pitch = constraint_set.roll, constraint_set.pitch
+        self._normals = np.array([
+            [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0],
+            [0.0, np.cos(roll), -np.sin(roll)], [0.0, -np.cos(roll), -np.sin(roll)]])
+        tilt = float(np.arccos(np.clip(model.R_WT[2, 2], -1.0, 1.0)))
+        self._offsets = np.sin(np.minimum(
+            np.array([pitch, pitch, 0.0, 0.0, 0.0]) + tilt, 0.5 * np.pi)) + ROUNDING
+        turn, lean = (0.0, 0.0) if block == "position" else (np.pi, constraint_set.tip_pitch)
+        self.lower = np.concatenate([constraint_set.q_lower, [-turn, -lean]])
+        self.upper = np.concatenate([constraint_set.q_upper, [turn, lean]])
+        self._turns = np.append(~model.slides, True).astype(float)
+        if block == "attitude":  # To which a joint that slides makes no difference.
+            self._keep_still(np.flatnonzero(model.slides))
+        if self._last_joint_turns_the_tool():
+            self._keep_still(np.array([model.num_joints - 1]))
+        self._free = np.nonzero(self.upper[:-1] > self.lower[:-1])[0]
+        self._vertices = np.array(list(product([-1.0, 1.0], repeat=len(self._free))))
+
+    @property
+    def work(self) -> int:
+        """Number of norms of matrices that a box takes, times their rows."""
+        return len(self._vertices) * (6 if self._block == "task" else 3)
+
+    def _keep_still(self, joints: np.ndarray) -> None:
+        middle = 0.5 * (self.lower[joints] + self.upper[joints])
+        self.lower[joints] = self.upper[joints] = middle
+
+    def _last_joint_turns_the_tool(self) -> bool:
+        if self._model.num_joints == 0:
+            return False
+        axes, columns, _, _ = self._geometry(0.5 * (self.lower + self.upper)[None])
+        about_tool = np.linalg.norm(cross(axes[0, -2], axes[0, -1])) < SAME_AXIS
+        return bool(np.linalg.norm(columns[0, -2]) < SAME_AXIS
+                    and (about_tool or self._block == "position"))
+
+    def bounds(self, centre: np.ndarray, half: np.ndarray) -> BoxBounds:
+        """Returns the bounds over m boxes centre ± half (m, n+2)."""
+        # K and g at the centres, at both ends in θ, with their derivatives.
+        geometry = self._geometry(centre)
+        rows = self._position_rows(*geometry[:3]), self._attitude_rows(geometry[0], geometry[3])
+        second = self._second_derivatives(geometry[1], half[:, :-1])
+        ends = np.stack([centre[:, -1] - half[:, -1], centre[:, -1] + half[:, -1]])
+        K = np.stack([self._assemble(*rows, theta) for theta in ends])
+        g = self._constraints(geometry[0], geometry[3], ends, half[:, :-1])
+        chord = (np.tan(ends[1]) - np.tan(ends[0])) ** 2 / 8.0
+        mu, gradient = _multipliers(K, g, half[:, :-1], chord)
+
+        # The bound for these multipliers; no bound is needed where some g_k > 0 all over the box.
+        upper = np.max(self._vertex_maximum(K, g, mu, half) + 0.5 * np.sqrt(
+            second[0] + second[1] / (1.0 - np.sin(np.abs(ends)))), axis=0)
+        upper += np.sum(mu, axis=1) * chord
+        lowest = g.value - g.rest - np.einsum("emki,mi->emk", np.abs(g.slope), half[:, :-1])
+        upper[np.any(np.min(lowest, axis=0) > chord[:, None], axis=1)] = -np.inf
+        # The norm that is reached, if the centre is feasible at one end in θ.
+        feasible = np.all(g.value <= 0.0, axis=-1)
+        reached = np.max(np.where(feasible, _norm(K[:, :, 0]), -np.inf), axis=0)
+        return BoxBounds(upper, reached, self._score(K, mu, gradient, half, chord))
+
+    def _geometry(self, centre: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Returns axes w and columns c (m, n+1, 3), tip p (m, 3) and C (m, 3, 3) at the centres."""
+        n = self._model.num_joints
+        config = np.zeros((len(centre), 6 + n))
+        config[:, 6:] = centre[:, :n]
+        kinematics = self._model.kinematics(config)
+        R_BE, p = kinematics.R_BL[:, -1], kinematics.p_BL[:, -1]
+        columns = np.zeros((len(centre), n + 1, 3))
+        turning = kinematics.screw[..., 3:]
+        columns[:, :n] = kinematics.screw[..., :3] + cross(turning, p[:, None])
+        axes = np.concatenate([turning, R_BE[:, None, :, 0]], axis=1)
+        roll = np.zeros((len(centre), 3))
+        roll[:, 0] = -centre[:, n]
+        C = rotation_matrix(roll) @ np.swapaxes(R_BE, -1, -2)
+        return axes, columns, p, C
+
+    def _position_rows(self, axes: np.ndarray, columns: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Returns [I −S(p) c] and its n+1 derivatives, ∂ᵢcⱼ = w_min × c_max, (m, n+2, 3, 6+n)."""
+        n = self._model.num_joints
+        P = np.zeros((len(p), n + 2, 3, 6 + n))
+        P[:, 0, :, :3] = np.eye(3)
+        P[:, 0, :, 3:6] = -skew(p)
+        P[:, 0, :, 6:] = np.swapaxes(columns[:, :n], -1, -2)
+        P[:, 1:, :, 3:6] = -skew(columns)
+        for i in range(n + 1):
+            for j in range(n):
+                P[:, 1 + i, :, 6 + j] = cross(axes[:, min(i, j)], columns[:, max(i, j)])
+        return P
+
+    def _attitude_rows(self, axes: np.ndarray, C: np.ndarray) -> np.ndarray:
+        """Returns C[0 I a] and its n+1 derivatives (m, n+2, 3, 6+n); [0 I Ca] if ν₂ is turned.
+
+        ∂ᵢC = −C S(wᵢ); ∂ᵢ(C aⱼ) = −C(wᵢ × aⱼ) for i > j, else 0: the joint turns both alike.
+        """
+        n = self._model.num_joints
+        Q = np.zeros((len(C), n + 2, 3, 6 + n))
+        Q[:, 0, :, 6:] = np.swapaxes(axes[:, :n], -1, -2)
+        for i in range(n + 1):
+            Q[:, 1 + i, :, 6: 6 + i] = np.swapaxes(cross(axes[:, :i], axes[:, i, None]), -1, -2)
+        if not self._turned:
+            Q[:, 0, :, 3:6] = np.eye(3)
+            Q[:, 1:, :, 3:6] = -skew(axes)
+        Q = C[:, None] @ Q
+        if self._turned:
+            Q[:, 0, :, 3:6] = np.eye(3)
+        return Q
+
+    def _assemble(self, P: np.ndarray, Q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Returns the block K and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
+        return self._rows(P, Q, theta) * self._weights
+
+    def _rows(self, P: np.ndarray, Q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Returns the block of J and its derivatives (m, n+2, rows, 6+n) at θ (m,)."""
+        if self._block == "position":
+            return P
+        A = np.tile(np.eye(3), (len(theta), 1, 1, 1))
+        A[:, 0, 0, 2], A[:, 0, 2, 2] = np.tan(theta), 1.0 / np.cos(theta)
+        if self._block == "attitude":
+            return A @ Q
+        return np.concatenate([P, A @ Q], axis=-2)
+
+    def _second_derivatives(self, columns: np.ndarray,
+                            h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns bounds (m,) of ‖K″‖² of the position rows, and of the attitude rows by ‖A‖²."""
+        n, turns = self._model.num_joints, self._turns
+        r = np.linalg.norm(columns, axis=-1)
+        for i in range(n - 1, -1, -1):
+            r[:, i] += turns[i] * np.sum(h[:, i + 1:] * r[:, i + 1:], axis=1)
+        outer = np.maximum.outer(np.arange(n + 1), np.arange(n + 1))
+        by_joint = np.maximum(outer[..., None], np.arange(n))
+        inner = np.minimum.outer(np.arange(n + 1), np.arange(n + 1))
+        p2 = np.einsum("mi,mk,mik->m", h, h, turns[inner] * r[:, outer])
+        c2 = np.einsum("mi,mk,mikj->mj", h, h, r[:, by_joint])
+        vehicle, joints = np.max(self._weights[3:6]) ** 2, self._weights[6:] ** 2
+        position = vehicle * p2**2 + np.sum(joints * c2**2, axis=1)
+        beyond = np.cumsum((h * turns)[:, ::-1], axis=1)[:, ::-1]  # Σ_{i≥j} hᵢ
+        attitude = np.sum(joints * turns[:-1] * beyond[:, 1:] ** 4, axis=1)
+        if not self._turned:
+            attitude += vehicle * beyond[:, 0] ** 4
+        return position * (self._block != "attitude"), attitude * (self._block != "position")
+
+    def _constraints(self, axes: np.ndarray, C: np.ndarray, ends: np.ndarray,
+                     h: np.ndarray) -> _Constraints:
+        """Returns g_k, its derivatives and the bound of the rest at θ (2, m)."""
+        coordinates = h.shape[1]
+        if self._block == "position":
+            none = np.zeros((*ends.shape, 0))
+            return _Constraints(none, np.zeros((*ends.shape, 0, coordinates)), none)
+        down = -np.sin(ends)[..., None] * C[:, 0] + np.cos(ends)[..., None] * C[:, 2]
+        turned = cross(axes, down[..., None, :])  # ∂ᵢd; ∂ᵢ∂ⱼd = w_min × (w_max × d)
+        turned_T = np.swapaxes(turned, -1, -2)
+        moments = cross(self._normals[:, None], axes[:, None])  # N_k·(wᵢ × v) = (N_k × wᵢ)·v
+        bends = np.abs(moments @ turned_T[:, :, None])  # [i, j] counts for i ≤ j
+        pairs = np.triu(2.0 * np.ones((coordinates, coordinates)), 1) + np.eye(coordinates)
+        rest = 0.5 * np.einsum("mi,emkij,mj->emk", h, bends * pairs, h)
+        return _Constraints(down @ self._normals.T - self._offsets, self._normals @ turned_T,
+                            rest + (h @ self._turns)[:, None] ** 3 / 6.0)
+
+    def _vertex_maximum(self, K: np.ndarray, g: _Constraints, mu: np.ndarray,
+                        half: np.ndarray) -> np.ndarray:
+        """Returns the largest ‖K + Σδᵢ∂ᵢK‖ − Σμ_k(g_k + Σδᵢ∂ᵢg_k − rest) over |δᵢ| = hᵢ (2, m)."""
+        step = half[:, None, self._free] * self._vertices
+        rows, columns = K.shape[3:]
+        along = K[:, :, 1 + self._free].reshape(*K.shape[:2], len(self._free), rows * columns)
+        moved = (step @ along).reshape(*K.shape[:2], len(self._vertices), rows, columns)
+        value = _norm(K[:, :, :1] + moved)
+        slope = np.einsum("mk,emki->emi", mu, g.slope)[..., self._free]
+        value -= times(step, slope)
+        return np.max(value, axis=-1) + np.sum(mu * (g.rest - g.value), axis=-1)
+
+    def _score(self, K: np.ndarray, mu: np.ndarray, gradient: np.ndarray, half: np.ndarray,
+               chord: np.ndarray) -> np.ndarray:
+        """Returns about how much of the bound each coordinate's width is to blame for (m, n+2).
+
+        The order of halving makes a proof shorter or longer, never wrong; the weights are tuned.
+        """
+        h, price = half[:, :-1], np.sum(mu, axis=1)
+        bend = 0.5 * np.linalg.norm(K[0, :, 1:], axis=(-2, -1)) + 0.5 * price[:, None]
+        if self._block != "position":
+            bend += 0.5  # For a direction that only the constraints know.
+        joints = h * (np.max(np.abs(gradient), axis=0) + np.sum(h, axis=1)[:, None] * bend)
+        pitch = 4.0 * price * chord + half[:, -1]
+        return np.concatenate([joints, pitch[:, None]], axis=1)
+
+
+def _multipliers(K: np.ndarray, g: _Constraints, h: np.ndarray,
+                 chord: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns μ (m, k), and the gradient of ‖K‖ − Σ μ_k g_k that is left (2, m, n+1).
+
+    Coordinate descent on the first-order bound, the larger one over the two ends in θ of
+    ‖K‖ + Σ hᵢ|∂ᵢ‖K‖ − Σ μ_k∂ᵢg_k| + Σ μ_k(rest − g_k + chord). It is convex and piecewise linear
+    in each μ_k: tried are the zeros of the absolute values and where the ends (nearly) meet.
+    """
+    U, sigma, Vh = np.linalg.svd(K[:, :, 0], full_matrices=False)
+    left = np.einsum("emr,emirc,emc->emi", U[..., 0], K[:, :, 1:], Vh[..., 0, :])
+    price = g.rest - g.value + chord[:, None]
+    base = sigma[..., 0]
+    mu = np.zeros_like(g.value[0])
+    for k in list(range(mu.shape[1])) * SWEEPS:
+        slope, cost = g.slope[:, :, k], price[..., k]
+        left = left + mu[:, k, None] * slope
+        base = base - mu[:, k] * cost
+        tried = np.concatenate([
+            np.zeros((len(mu), 1)), *_ratio(left, slope),
+            _ratio(base[0] - base[1], cost[1] - cost[0])[:, None]], axis=1)
+        tried = np.clip(tried, 0.0, LARGEST_MULTIPLIER)
+        bound = base[..., None] + tried * cost[..., None] + np.einsum(
+            "mi,emji->emj", h, np.abs(left[:, :, None] - tried[..., None] * slope[:, :, None]))
+        best = np.argmin(np.max(bound, axis=0), axis=1)[:, None]
+        mu[:, k] = np.take_along_axis(tried, best, axis=1)[:, 0]
+        left = left - mu[:, k, None] * slope
+        base = base + mu[:, k] * cost
+    return mu, left
+
+
+def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns a / b, zero where b is (nearly) zero."""
+    usable = np.abs(b) > 1e-9
+    return np.where(usable, a / np.where(usable, b, 1.0), 0.0)
+
+
+def _norm(K: np.ndarray) -> np.ndarray:
+    """Returns ‖K‖₂ (...) by the smaller Gram matrix: several times faster than `svd`."""
+    K_T = np.swapaxes(K, -1, -2)
+    gram = K @ K_T if K.shape[-2] <= K.shape[-1] else K_T @ K
+    return np.sqrt(np.linalg.eigvalsh(gram)[..., -1])

@@ -1,0 +1,246 @@
+"""The constants of the tube, estimated: samples, local maximisation from the worst, safety factor.
+
+All are suprema (one infimum) over a `ConstraintSet`, of the model that the controller uses:
+
+    J_min       inf λ_min(J Jᵀ)            J(𝔮) of the paper, χ̇ = J ζ
+    J_max       sup ‖J‖; J_position_max, J_attitude_max of its first and last three rows
+    Jx_max      sup ‖J_x‖                  J_x = [J; 0 I], ẏ = J_x ζ, y = (χ, q)
+    Jx_inv_max  sup ‖J_x⁻¹‖
+    J_dot_max   sup ‖J̇‖                    along 𝔮̇ = Γζ [1/s]; J̇_x has the same norm
+    L_c         sup ‖∂(J_x ζ)/∂y‖          ζ held [1/s]
+    L_c_chi     sup ‖∂(J ζ)/∂χ‖            ζ and q held [1/s]
+    L_1         sup ‖∂f/∂y‖                ζ held [1/s²]
+    L_1_chi     sup ‖∂f/∂χ‖                ζ and q held [1/s²]
+    L_2         sup ‖∂f/∂ζ‖                𝔮 held [1/s]
+
+Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. The paper takes Lipschitz
+constants in χ, but J and f depend on all of 𝔮, and 𝔮 is no function of χ for n > 0. Two
+meanings are left. In y: 𝔮 is a function of y, ∂𝔮/∂y = Γ J_x⁻¹, and this is what the whole
+configuration in the tube needs. In χ with q held: the end-effector is displaced by moving the
+vehicle alone; it is the first six columns of the former, so never larger, and says nothing once
+q ≠ q̄. A derivative's supremum is a Lipschitz constant between two states whose segment in (y, ζ)
+stays in the set.
+
+An estimate may be too small: sampling and local search reach a supremum from below. The safety
+factor is a declared guess at what they missed; only `covering` proves a bound.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.uvms_model import configuration_rate_matrix
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.local_search import DIFFERENCE, climb
+
+BATCH = 200
+"""States evaluated at a time; larger batches leave the processor's cache."""
+START_RANKS = (0, 1, 2, 3, 5, 8, 13, 21)
+"""Ranks of the samples from which the local searches start, the worst first."""
+INFIMA = ("J_min",)
+"""The constants that are lower bounds."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A bound used by the certificate, and how it was obtained."""
+
+    name: str
+    value: float
+    """The value that the certificate uses, in the unit of the constant."""
+    how: Literal["estimated", "proven"]
+    samples: int
+    """States (estimated) or boxes (proven) that were evaluated."""
+    worst: dict[str, np.ndarray]
+    """State `config`, `zeta` (6+n,) at which `sampled_value` is reached."""
+    safety_factor: float
+    """Ratio of `value` to `sampled_value` for an estimated supremum, its inverse for an infimum."""
+    sampled_value: float
+    """The worst value seen at a state of the set."""
+
+    def to_data(self) -> dict[str, Any]:
+        """Returns the fields in types of JSON."""
+        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        return data | {"worst": {key: list(map(float, x)) for key, x in self.worst.items()}}
+
+    @staticmethod
+    def from_data(data: dict[str, Any]) -> "Constant":
+        """Returns the constant of which `to_data` made `data`."""
+        worst = {key: np.array(x, dtype=float) for key, x in data["worst"].items()}
+        return Constant(**(data | {"worst": worst}))
+
+
+Matrices = dict[str, np.ndarray]
+
+
+def jacobian_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+    """Returns J (m, 6, 6+n) and J_x (m, 6+n, 6+n) at m states (m, 6+n)."""
+    J_x = model.task_jacobian(config)
+    return {"J": J_x[:, :6], "J_x": J_x}
+
+
+def rate_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+    """Returns J̇ and ∂(J ζ)/∂y (m, 6, 6+n) at m states; the other rows of J_x have neither."""
+    _, J_x, J_x_dot = model.task_motion(config, zeta)
+    # J does not depend on where the vehicle is, so three columns of ∂(Jζ)/∂𝔮 are zero.
+    steps = 1j * COMPLEX_STEP * np.eye(model.size)[3:]
+    J_moved = model.kinematics(config[:, None, :] + steps).J_chi.imag / COMPLEX_STEP
+    by_config = np.zeros((len(config), 6, model.size))
+    by_config[..., 3:] = np.swapaxes((J_moved @ zeta[:, None, :, None])[..., 0], -1, -2)
+    return {"J_dot": J_x_dot[:, :6], "c_y": by_config @ _config_by_y(config, J_x)}
+
+
+def drift_matrices(model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> Matrices:
+    """Returns ∂f/∂y and ∂f/∂ζ (m, 6+n, 6+n) at m states."""
+    _, by_config, by_zeta = model.drift_derivatives(config, zeta)
+    J_x = model.task_jacobian(config)
+    return {"f_y": by_config @ _config_by_y(config, J_x), "f_zeta": by_zeta}
+
+
+def _config_by_y(config: np.ndarray, J_x: np.ndarray) -> np.ndarray:
+    """Returns ∂𝔮/∂y = Γ J_x⁻¹ (m, 6+n, 6+n)."""
+    return configuration_rate_matrix(config) @ np.linalg.inv(J_x)
+
+
+def product(model: ContactModel, matrix: str, config: np.ndarray, zeta: np.ndarray,
+            v: np.ndarray) -> np.ndarray:
+    """Returns A v (m, r) at m states for one of the matrices above and one vector v (6+n,).
+
+    One directional derivative (a complex step) instead of the whole matrix.
+    """
+    if matrix == "f_zeta":
+        return model.drift(config.astype(complex), zeta + 1j * COMPLEX_STEP * v).imag / COMPLEX_STEP
+    if matrix in ("J", "J_x"):
+        J_x = model.task_jacobian(config)
+        return (J_x[:, :6] if matrix == "J" else J_x) @ v
+    if matrix == "J_dot":
+        return model.task_motion(config, zeta)[2][:, :6] @ v
+    direction = _config_by_y(config, model.task_jacobian(config)) @ v
+    moved = config + 1j * COMPLEX_STEP * direction
+    if matrix == "c_y":
+        rate = model.kinematics(moved).J_chi.imag / COMPLEX_STEP
+        return times(rate, zeta)
+    return model.drift(moved, zeta.astype(complex)).imag / COMPLEX_STEP
+
+
+class _Quantity(NamedTuple):
+    """A constant as the extreme singular value of a matrix function."""
+
+    group: Callable[[ContactModel, np.ndarray, np.ndarray], Matrices]
+    matrix: str
+    sign: float = 1.0
+    """1: the supremum of the largest singular value; −1: the infimum of the smallest."""
+    power: int = 1
+    """Exponent of the extreme singular value in the constant."""
+    rows: slice = slice(None)
+    """Rows of the matrix that count."""
+    columns: slice = slice(None)
+    """Columns of the matrix that count."""
+    weights: np.ndarray | float = 1.0
+    """Factors of the columns (6+n,), the diagonal of Ŵ."""
+
+    def sigma(self, matrices: Matrices) -> np.ndarray:
+        """Returns the extreme singular value (m,)."""
+        A = (matrices[self.matrix] * self.weights)[:, self.rows, self.columns]
+        return np.linalg.svd(A, compute_uv=False)[:, 0 if self.sign > 0.0 else -1]
+
+    def value_and_gradient(self, model: ContactModel, config: np.ndarray,
+                           zeta: np.ndarray) -> tuple[float, np.ndarray]:
+        """Returns ± the singular value and its derivative ± uᵀ(dA)v in (𝔮, ζ) (2(6+n),)."""
+        A = self.group(model, config[None], zeta[None])[self.matrix][0] * self.weights
+        U, sigma, Vh = np.linalg.svd(A[self.rows, self.columns], full_matrices=False)
+        i = 0 if self.sign > 0.0 else -1
+        v = np.zeros(model.size)
+        v[self.columns] = Vh[i]
+        steps = DIFFERENCE * np.eye(2 * model.size)
+        x = np.concatenate([config, zeta])
+        moved_config, moved_zeta = np.split(np.concatenate([x + steps, x - steps]), 2, axis=1)
+        moved = product(model, self.matrix, moved_config, moved_zeta, self.weights * v)
+        along = moved[:, self.rows] @ U[:, i]
+        plus, minus = np.split(along, 2)
+        return self.sign * float(sigma[i]), self.sign * (plus - minus) / (2.0 * DIFFERENCE)
+
+
+QUANTITIES = {
+    "J_min": _Quantity(jacobian_matrices, "J", sign=-1.0, power=2),
+    "J_max": _Quantity(jacobian_matrices, "J"),
+    "J_position_max": _Quantity(jacobian_matrices, "J", rows=slice(0, 3)),
+    "J_attitude_max": _Quantity(jacobian_matrices, "J", rows=slice(3, 6)),
+    "Jx_max": _Quantity(jacobian_matrices, "J_x"),
+    "Jx_inv_max": _Quantity(jacobian_matrices, "J_x", sign=-1.0, power=-1),
+    "J_dot_max": _Quantity(rate_matrices, "J_dot"),
+    "L_c": _Quantity(rate_matrices, "c_y"),
+    "L_c_chi": _Quantity(rate_matrices, "c_y", columns=slice(0, 6)),
+    "L_1": _Quantity(drift_matrices, "f_y"),
+    "L_1_chi": _Quantity(drift_matrices, "f_y", columns=slice(0, 6)),
+    "L_2": _Quantity(drift_matrices, "f_zeta"),
+}
+
+
+def sampled_values(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
+                   names: tuple[str, ...] = tuple(QUANTITIES),
+                   weights: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:
+    """Returns what each constant bounds, e.g. ‖JŴ‖ for J_max, (m,) by name at m states (m, 6+n)."""
+    wanted = {name: QUANTITIES[name]._replace(weights=weights) for name in names}
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    for i in range(0, len(config), BATCH):
+        state = config[i: i + BATCH], zeta[i: i + BATCH]
+        groups = {quantity.group for quantity in wanted.values()}
+        matrices = {group: group(model, *state) for group in groups}
+        for name, quantity in wanted.items():
+            parts[name].append(quantity.sigma(matrices[quantity.group]) ** quantity.power)
+    return {name: np.concatenate(values) for name, values in parts.items()}
+
+
+def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
+                       names: tuple[str, ...] = tuple(QUANTITIES), *, samples: int = 4000,
+                       safety_factor: float = 1.05, seed: int = 0,
+                       weights: np.ndarray | float = 1.0) -> dict[str, Constant]:
+    """Returns the constants of this file by name; the same for the same arguments.
+
+    Args:
+        model: The controller's model.
+        constraint_set: The set over which they are suprema.
+        names: Which; keys of `QUANTITIES`.
+        samples: Number of states sampled; local searches start from the worst of them.
+        safety_factor: Factor of the suprema and divisor of the infimum, at least 1.
+        seed: Seed of the samples.
+        weights: Diagonal of Ŵ (6+n,), positive; 1 for the matrices themselves.
+    """
+    require(samples >= 1, "samples", samples, "a positive integer")
+    require(1.0 <= safety_factor < np.inf, "safety_factor", safety_factor, "at least 1")
+    config, zeta = constraint_set.sample(model, samples, np.random.default_rng(seed))
+    values = sampled_values(model, config, zeta, names, weights)
+    ends = [end for name in names for end in _local_maxima(
+        model, constraint_set, name, config, zeta, values[name], weights)]
+    # A bad state for one constant is tried for all of them.
+    config, zeta = (np.array(states) for states in zip(*ends, strict=True))
+    values = sampled_values(model, config, zeta, names, weights)
+    out = {}
+    for name in names:
+        infimum = name in INFIMA
+        worst = int(np.argmin(values[name]) if infimum else np.argmax(values[name]))
+        reached = float(values[name][worst])
+        out[name] = Constant(
+            name=name, value=reached / safety_factor if infimum else reached * safety_factor,
+            how="estimated", samples=samples, worst={"config": config[worst], "zeta": zeta[worst]},
+            safety_factor=safety_factor, sampled_value=reached)
+    return out
+
+
+def _local_maxima(model: ContactModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
+                  zeta: np.ndarray, values: np.ndarray, weights: np.ndarray | float
+                  ) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Returns where local searches end that start from the worst of the samples (m, 6+n)."""
+    quantity = QUANTITIES[name]._replace(weights=weights)
+    order = np.argsort(values if name in INFIMA else -values, kind="stable")
+    starts = order[[rank for rank in START_RANKS if rank < len(order)]]
+    return [climb(partial(quantity.value_and_gradient, model), model, constraint_set,
+                  config[i], zeta[i])[1:] for i in starts]

@@ -1,0 +1,1 @@
+"""The effect of force-sensor errors on the tube."""

@@ -1,0 +1,106 @@
+"""Enclosures: matrices that are known to be within a radius of a midpoint, entry by entry.
+
+Arithmetic of midpoints and radii (Rump, *Fast and parallel interval arithmetic*, BIT 39, 1999):
+what comes out holds every result that any members of what goes in would give. Rounding is left to
+who uses it, see `covering`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from uvms_drake.model.frames.spatial import motion_matrix, skew
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """All matrices A with |A − mid| ≤ rad, entry by entry; a stack of any leading shape."""
+
+    mid: np.ndarray
+    """(..., r, c)."""
+    rad: np.ndarray
+    """(..., r, c), not negative; infinite, or not a number, where nothing is known."""
+
+    def __add__(self, other: "Enclosure") -> "Enclosure":
+        return Enclosure(self.mid + other.mid, self.rad + other.rad)
+
+    def __sub__(self, other: "Enclosure") -> "Enclosure":
+        return Enclosure(self.mid - other.mid, self.rad + other.rad)
+
+    def __matmul__(self, other: "Enclosure") -> "Enclosure":
+        with np.errstate(invalid="ignore", over="ignore"):  # Zero times infinity.
+            rad = np.abs(self.mid) @ other.rad + self.rad @ other.largest
+        return Enclosure(self.mid @ other.mid, rad)
+
+    def __getitem__(self, index: Any) -> "Enclosure":
+        return Enclosure(self.mid[index], self.rad[index])
+
+    @property
+    def T(self) -> "Enclosure":
+        """The transposes."""
+        return self.swapaxes(-1, -2)
+
+    @property
+    def largest(self) -> np.ndarray:
+        """The largest |A|, entry by entry."""
+        return np.abs(self.mid) + self.rad
+
+    def swapaxes(self, first: int, second: int) -> "Enclosure":
+        """Returns the stack with two of its axes interchanged."""
+        return Enclosure(self.mid.swapaxes(first, second), self.rad.swapaxes(first, second))
+
+    def widened(self, by: np.ndarray) -> "Enclosure":
+        """Returns it with larger radii."""
+        return Enclosure(self.mid, self.rad + by)
+
+    def cross_motion(self, other: "Enclosure") -> "Enclosure":
+        """Returns V × W for every column V of this one (..., 6, 1) and all W of another."""
+        V, rad = self.mid[..., 0], self.rad[..., 0]
+        return Enclosure(motion_matrix(V), np.abs(motion_matrix(rad))) @ other
+
+
+def exactly(A: np.ndarray) -> Enclosure:
+    """Returns the enclosure of one matrix."""
+    return Enclosure(A, np.zeros_like(A))
+
+
+def crossing(a: Enclosure) -> Enclosure:
+    """Returns S(a) (..., 3, 3) of vectors a (..., 3), S(a) b = a × b."""
+    return Enclosure(skew(a.mid), np.abs(skew(a.rad)))
+
+
+def concatenated(*parts: Enclosure, axis: int) -> Enclosure:
+    """Returns enclosures one after the other along an axis."""
+    return Enclosure(np.concatenate([part.mid for part in parts], axis=axis),
+                     np.concatenate([part.rad for part in parts], axis=axis))
+
+
+def sine_and_cosine(centre: np.ndarray, half: np.ndarray) -> tuple[Enclosure, Enclosure]:
+    """Returns sin and cos of all angles within `half` of `centre`, of any shape [rad]."""
+    sine, cosine = np.sin(centre), np.cos(centre)
+    wide = half > 0.5 * np.pi
+    least = np.where(wide, -1.0, np.cos(half))  # Of cos δ, which is 1 at most.
+    reach = np.where(wide, 1.0, np.sin(half))  # Of |sin δ|.
+    middle, spread = 0.5 * (1.0 + least), 0.5 * (1.0 - least)
+    return (Enclosure(sine * middle, np.abs(sine) * spread + np.abs(cosine) * reach),
+            Enclosure(cosine * middle, np.abs(cosine) * spread + np.abs(sine) * reach))
+
+
+def inverse(A: Enclosure) -> Enclosure:
+    """Returns the inverses of square matrices; of unknown radius where one may be singular.
+
+    With R the inverse of the midpoint, A = A_m + Δ and |Δ| ≤ A_r, entry by entry,
+    A⁻¹ − R = Σ_{k ≥ 1} (−RΔ)ᵏ R is at most Z(I − Z)⁻¹|R| with Z = |R|A_r if Z's spectral radius is
+    below 1. Then, and only then, (I − Z)⁻¹ has no negative entry (Berman and Plemmons, *Nonnegative
+    Matrices in the Mathematical Sciences*, 1979, ch. 6).
+    """
+    R = np.linalg.inv(A.mid)
+    Z = np.abs(R) @ A.rad
+    known = np.all(np.isfinite(Z), axis=(-2, -1), keepdims=True)
+    Z = np.where(known, Z, 0.0)
+    known &= np.max(np.abs(np.linalg.eigvals(Z)), axis=-1)[..., None, None] < 1.0
+    Z = np.where(known, Z, 0.0)
+    series = np.linalg.inv(np.eye(Z.shape[-1]) - Z)
+    known &= np.all(series >= 0.0, axis=(-2, -1), keepdims=True)
+    return Enclosure(R, np.where(known, Z @ series @ np.abs(R), np.inf))

@@ -1,0 +1,240 @@
+"""The price of a contact that is felt: what errors of the force sensor add to d, and force to u.
+
+With the measured wrench 𝔉_s in the law, τ = M ζ̇_des + b + Jᵀ𝔉_s, and the plant M ζ̇ + b + Jᵀ𝔉 = τ +
+M d, what remains of the contact is an acceleration,
+
+    ζ̇ − ζ̇_des = d + M⁻¹Jᵀ(𝔉_s − 𝔉),                                                       (1)
+
+whatever the surface: its law, its place and its stiffness are in neither side. In axes of the tip,
+Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e, J_E the Jacobian of the tip's spatial velocity in its own axes and e the
+sensor's error. The suprema below are those of `felt_sizes`, proven by `felt_proof` or estimated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.model.uvms_model import UvmsModel
+from uvms_drake.tube.contact.sensor_gains import Sizes, tip_jacobian_and_gain
+from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
+from uvms_drake.tube.loops.row_gains import instant_gains, lagged_gains
+from uvms_drake.tube.resolved.sensor_effect import Push
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
+
+SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "the robot's motion")
+"""Sources of the terms of (3)."""
+
+
+@dataclass(frozen=True)
+class FeltForce:
+    """The forces of a class of walls on the tip, and what a sensor makes of them.
+
+    A force is F_N n + 𝔣, n the same at all times, F_N the size of the normal force and 𝔣 the rest:
+    friction, and what a normal off n makes of F_N; F_N and 𝔣 are each the sum of a slow part, which
+    changes at no more than a rate, and of a ripple of no more than a size, as fast as it likes. The
+    reading has a first-order lag, is held for a period, and is off by no more than `error` and
+    `torque_error` however long the force stands still.
+    """
+
+    size: float
+    """Largest ‖F_N n + 𝔣‖ [N]."""
+    rate: float
+    """Rate of F_N's slow part [N/s]."""
+    ripple: float
+    """Size of the rest of it [N]."""
+    aside_rate: float
+    """Rate of 𝔣's slow part [N/s]."""
+    aside_ripple: float
+    """Size of the rest of it [N]."""
+    error: float
+    """Bound of ‖F̂ − F‖ in rest: noise, bias, drift, tool [N]."""
+    torque_error: float
+    """Bound of the torque's, about the tip [N m]."""
+    lag: float
+    """T [s]."""
+    period: float
+    """h [s]."""
+    tool_angle: float
+    """Largest angle between n and the tip's x-axis [rad]."""
+
+    @property
+    def age(self) -> float:
+        """T + h, the largest mean age of a reading [s]."""
+        return self.lag + self.period
+
+
+def by_source(force: FeltForce, A: Sizes, known: float, late: float, *, turning: float,
+              qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+    """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
+
+    Args:
+        force: The forces.
+        A: Those of the rows' matrices.
+        known: γ.
+        late: γ′.
+        turning: ω, how fast the tip's axes turn [rad/s].
+        qdot: Bound of ‖q̇‖ [rad/s].
+        moving: J̃‖𝔯‖, if the rows are under the filter by their velocity.
+        turned: What Ȧ has beside the part by the joints, where the rows are turned.
+    """
+    A_rate = A.by_joints * qdot + turned
+    return np.array([
+        known * (A.force * force.error + A.torque * force.torque_error),
+        known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
+        known * A.force * force.aside_rate * force.age + late * A.force * force.aside_ripple,
+        known * (A.force * turning * force.size * force.age + moving
+                 + force.age * A_rate * (force.ripple + force.aside_ripple))])
+
+
+def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: float, sigma: float, *,
+            safety_factor: float = 1.0, seed: int = 0) -> Push:
+    """Returns what the errors of a force sensor do to the law `resolved`.
+
+    By (1), δ = A(q)(F̂ − F) drives the rows, A = J_bM⁻¹J_Eᵀ in axes of the tip or the rows of
+    M⁻¹J_Eᵀ. With the `Gains` γ of anything and γ′ of what a sensor misses, F̂ − F being an error in
+    rest, a lagging slow part, at most its rate times T + h, and what the sensor misses of the
+    ripples a, a′,
+
+        |row| ≤ γ [‖A_f‖(ε_f + (ρ′ + ωF̄)(T + h)) + ‖A_f n‖ρ(T + h) + ‖A_τ‖ε_τ + J̃‖𝔯‖
+                   + (T + h) Ȧ (a + a′)] + γ′(‖A_f n‖ a + ‖A_f‖ a′).                         (3)
+
+    Ȧ = sup‖dA_f/dt‖ is the price of taking A out of the integral over what the sensor misses,
+    ∫∫g(t − s)H(s, u)[A(s) − A(u)]F(u), H averaging over ages of T + h at most; J̃‖𝔯‖ that of
+    taking J_b under the same filter, d/dt(J_b𝔯) = −kJ_b𝔯 + δ + J̇_b𝔯. In axes of the vehicle, which
+    turn at ν₂, ‖J̇_v‖ ≤ ‖ν₂‖‖J_v‖ + ‖q̇‖(Σ‖∂J_v/∂qᵢ‖²)^½. The tip's axes, in which the sensor holds
+    the force, turn at ω, and the rows of its position with them. The rows of Euler rates are
+    E(𝔬)J_ω, J_ω in axes of the tip, ‖E‖ = (1 − |sin θ|)^−½, and ‖∂E/∂φ‖ ≤ ‖E‖, ‖∂E/∂θ‖ =
+    √(1 + sin²θ)/cos²θ at the largest θ; their J̃ is ‖Ė‖‖J_ω‖ + ‖E‖‖q̇‖(Σ‖∂J_ω/∂qᵢ‖²)^½.
+
+    Args:
+        model: The controller's.
+        declared: The set that the suprema are over; A depends on q alone.
+        force: The forces.
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+        safety_factor: Factor of suprema, which are searched for.
+        seed: Seed of the search.
+    """
+    claimed = claimed_suprema(
+        model, declared, force.tool_angle, safety_factor=safety_factor, seed=seed)
+    found = claimed.suprema
+    turning = declared.nu2 + found.turning * declared.qdot
+    instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
+
+    def parts(gain: str, A: Sizes, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+        """Returns the terms of (3) by source (number of `SOURCES`, ...)."""
+        return by_source(force, A, getattr(instant, gain), getattr(missed, gain), turning=turning,
+                         qdot=declared.qdot, moving=moving, turned=turned)
+
+    def through(A: Sizes) -> np.ndarray:
+        """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
+        return np.asarray(
+            A.force * reading_off(force, turning) + A.torque * force.torque_error)
+
+    r = np.sum(parts("error", found.zeta), axis=0)
+    size_r, turned = float(np.linalg.norm(r)), turning * float(found.position.force)
+    J_r = size_r * (declared.nu2 * found.linear + declared.qdot * found.linear_by_joints)
+    sine = float(np.sin(declared.tip_pitch))
+    euler = 1.0 / np.sqrt(1.0 - sine)
+    euler_rate = euler * turning * np.hypot(euler, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
+    euler_r = size_r * (euler_rate * found.angular
+                        + euler * declared.qdot * found.angular_by_joints)
+    position = parts("position", found.position, J_r, turned)
+    depth = parts("position", found.depth, J_r, turned)
+    speed = parts("velocity", found.depth, J_r, turned)
+    orientation = parts("position", Sizes(*(euler * size for size in found.rotation)),
+                        euler_r, euler_rate * float(found.rotation.force))
+    return Push(
+        depth=float(np.sum(depth)), depth_speed=float(np.sum(speed)),
+        position=float(np.sum(position)), orientation=float(np.sum(orientation)),
+        tip_speed=float(np.sum(parts("velocity", found.position, J_r, turned))),
+        r=r, p=np.sum(parts("position", found.zeta), axis=0),
+        z=np.sum(parts("velocity", found.zeta), axis=0),
+        u=np.sum(parts("input", found.rows), axis=0) + through(found.rows),
+        w=np.sum(parts("input", found.zeta), axis=0) + through(found.zeta),
+        proven=claimed.proven, check=claimed.check,
+        budget={name: dict(zip(SOURCES, map(float, each), strict=True)) for name, each in (
+            ("depth", depth), ("depth_speed", speed), ("position", position))})
+
+
+def reading_off(force: FeltForce, turning: float) -> float:
+    """Returns how far a reading is off the forces that it stands for, ε_f + ωF̄(T + h) [N].
+
+    They are a mean of F in Σ_I over ages of T + h at most, which a plan has counted with. A reading
+    is held in axes of the tip, which turn at ω meanwhile.
+    """
+    return force.error + turning * force.size * force.age
+
+
+def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
+                  torque: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Returns what an error e of the reading itself makes of 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
+
+    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
+
+    Args:
+        model: The controller's model.
+        lower: Smallest joint angles (n,) [rad].
+        upper: Largest joint angles (n,) [rad].
+        force: Bound of the force's part of e, see `reading_off` [N].
+        torque: Bound of the torque's [N m].
+        seed: Seed of the search.
+    """
+    def sizes(q: np.ndarray) -> np.ndarray:
+        J_E, gain = tip_jacobian_and_gain(model, q)
+        rows = np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)
+        size: np.ndarray = (force * np.linalg.norm(rows[..., :3], axis=-1)
+                            + torque * np.linalg.norm(rows[..., 3:], axis=-1))
+        return size
+
+    return (supremum_over_joints(sizes, lower, upper, seed),
+            second_over_joints(sizes, lower, upper, seed))
+
+
+def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
+                       joints: float, orientation: float, seed: int = 0
+                       ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns by how much the contact's parts of 𝔲 and of τ may differ (6+n,) inside of the tube.
+
+    In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
+
+    The input for a contact force f in Σ_I is M⁻¹J_fᵀR_EW f, the force J_fᵀR_EW f. A plan counts
+    them at the nominal pose. Row i, aᵢ(q)ᵀR_EW f, differs at the real pose by at most
+
+        ‖f‖ (‖∂aᵢ/∂q‖ ‖q − q̄‖ + √2 ‖aᵢ‖ ‖𝔬 − 𝔬̄‖)                                             (2)
+
+    to first order: the angle of the rotation between two attitudes is at most √2 times the norm of
+    the difference of their Euler angles, since (φ̇, θ̇, ψ̇) ↦ ω has singular values √(1 ± |sin θ|), 1.
+    The orientation's part is no larger for a finite difference; the joints' is for one as small as
+    a tube.
+
+    Args:
+        model: The controller's.
+        lower: Smallest joint angles (n,) [rad].
+        upper: Largest joint angles (n,) [rad].
+        force: Bound of ‖f‖ [N].
+        joints: Bound of ‖q − q̄‖₂ [rad].
+        orientation: Bound of ‖𝔬 − 𝔬̄‖₂ [rad].
+        seed: Seed of the search.
+    """
+    n = len(lower)
+
+    def rows(q: np.ndarray) -> np.ndarray:
+        """Returns all aᵢ (..., 2(6+n), 3)."""
+        J_E, gain = tip_jacobian_and_gain(model, q)
+        return np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)[..., :3]
+
+    def rest(q: np.ndarray) -> np.ndarray:
+        size = np.linalg.norm(rows(q), axis=-1)
+        turned: np.ndarray = np.sqrt(2.0) * orientation * size
+        if n == 0:
+            return force * turned
+        moved = q[:, None, :] + 1j * COMPLEX_STEP * np.eye(n)
+        slopes = rows(moved).imag / COMPLEX_STEP  # (m, n, 2(6+n), 3)
+        by_joints = np.linalg.norm(slopes.swapaxes(1, 2), 2, axis=(-2, -1))
+        return force * (by_joints * joints + turned)
+
+    return (supremum_over_joints(rest, lower, upper, seed),
+            second_over_joints(rest, lower, upper, seed))

@@ -1,0 +1,104 @@
+"""The jerk of the planned end-effector, by which it is off a parabola between two knots."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.uvms_model import configuration_rate
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.search_memo import once
+from uvms_drake.tube.search.search_problem import SearchProblem
+from uvms_drake.tube.search.second_search import second_search
+
+JERK = "jerk of the tip"
+"""Its name among estimates: on it rests how fast a plan may be between its knots, with all that
+follows from the tip's largest speed."""
+DIFFERENCE = 1e-3
+"""Step of the differences [s]."""
+
+
+def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
+             samples: int, seed: int = 0) -> float:
+    """Returns the largest |d³(n·𝔭)/dt³| [m/s³] that was found over the intervals of plans.
+
+    In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set: one and its
+    opposite at most, half of the time. A random search, an estimate from below; see `held_search`.
+
+    Args:
+        model: The controller's; without contact, which has no part in it.
+        planned: The set of the plans' states; `contact_measure` has no meaning here.
+        step: h [s].
+        tool_angle: Largest angle between n and the tip's x-axis [rad].
+        samples: Number of intervals looked at.
+        seed: Seed of the search.
+    """
+    def search() -> float:
+        rng = np.random.default_rng(seed)
+        config, before = planned.sample(model, samples, rng)
+        after = planned.sample(model, samples, rng)[1]
+        after = np.where(rng.uniform(size=(samples, 1)) < 0.5, -before, after)
+        share = rng.uniform(size=(samples, 1))
+        off = tool_angle * np.sqrt(rng.uniform(size=samples))
+        about = rng.uniform(-np.pi, np.pi, samples)
+        aside = np.stack([np.cos(about), np.sin(about)], axis=-1)
+        return float(np.max(_jerk(model, step, config, before, after, share, off, aside)))
+
+    return once("jerk", search)
+
+
+def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
+                seed: int = 0) -> float:
+    """Returns the largest that a second search finds; see `tip_jerk` for the arguments."""
+    size = model.size
+    eye = np.eye(2 * size)
+    blocks = ((slice(0, 3), planned.nu1), (slice(3, 6), planned.nu2),
+              (slice(6, size), planned.qdot), (slice(size, size + 2), 1.0))
+    parts = [(eye[:, block], radius) for block, radius in blocks]
+    problem = _JerkProblem(model, planned, parts, step, tool_angle)
+    return float(second_search(problem, np.zeros(1, int), np.random.default_rng([seed, 3]))[0])
+
+
+@dataclass(frozen=True)
+class _JerkProblem(SearchProblem):
+    """The jerk; its errors are ζ₁ and the direction in which n is off the tip's x-axis."""
+
+    step: float
+    tool_angle: float
+
+    @property
+    def channels(self) -> list[slice]:
+        """The one."""
+        return [slice(0, 1)]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns |d³(n·𝔭)/dt³| (m, 1) of motions x (m, 3(6+n)), of ū only for when and how far."""
+        pose, before, share = np.split(x, 3, axis=-1)
+        after, aside = error[..., : self.size], error[..., self.size: self.size + 2]
+        return _jerk(self.model, self.step, self.config(pose), before, after,
+                     0.5 * (1.0 + share[..., :1]), self.tool_angle * np.abs(share[..., 1]),
+                     aside)[..., None]
+
+
+def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarray,
+          after: np.ndarray, share: np.ndarray, off: np.ndarray, aside: np.ndarray) -> np.ndarray:
+    """Returns |d³(n·𝔭)/dt³| (m,) a `share` (m, 1) of the way from one knot's ζ to the next one's.
+
+    n is `off` (m,) the tip's x-axis [rad], towards the direction `aside` (m, 2).
+    """
+    rate = (after - before) / step
+    zeta = before + share * (after - before)
+    n_E = np.concatenate([np.cos(off)[:, None], np.sin(off)[:, None] * aside], axis=-1)
+    n = times(model.kinematics(config).A_E[:, :3, :3], n_E)
+
+    def speed(time: float) -> np.ndarray:
+        """Returns n·𝔭̇ (m,) a little later, 𝔮 by the midpoint rule."""
+        middle = zeta + 0.5 * time * rate
+        at = config + 0.5 * time * configuration_rate(config, zeta)
+        moved = config + time * configuration_rate(at, middle)
+        J = model.kinematics(moved).J_chi[:, :3]
+        return np.sum(n * times(J, zeta + time * rate), axis=-1)
+
+    jerk = (speed(DIFFERENCE) - 2.0 * speed(0.0) + speed(-DIFFERENCE)) / DIFFERENCE**2
+    return np.asarray(np.abs(jerk))

@@ -1,0 +1,1 @@
+"""The tube of each ancillary law, one a file."""

@@ -1,0 +1,151 @@
+"""The tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃.
+
+Ŵ is diagonal with a largest entry of 1: ‖d‖₂ ≤ d̃, and what is proven for this ball holds.
+A law has a certificate if it is in `DYNAMIC_TUBES`, by its exact type: a proof for one law is none
+for a law that is derived from it.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_drake.control.laws import Resolved, TipFirst, Transpose
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
+from uvms_drake.tube.constants.constant_check import checked_constants
+from uvms_drake.tube.constants.constants import Constant
+from uvms_drake.tube.contact.sensor_error import push_of
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.laws.kinematic import undetermined_joints
+from uvms_drake.tube.laws.tip_first import tip_first_law_tube
+from uvms_drake.tube.resolved.bounds import (
+    attitude_radii,
+    resolved_tube,
+    smallest_k,
+    transpose_tube,
+    transpose_velocity_radius,
+)
+from uvms_drake.tube.resolved.image import tube_image
+from uvms_drake.tube.resolved.sensor_effect import Push
+from uvms_drake.tube.search.estimate import together
+
+ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
+"""Radii of `resolved` that rest on estimates in a ball of disturbances."""
+TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
+TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
+"""The constants of `transpose`, see `lemma_constants`."""
+
+
+def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
+    """Returns the constants of the paper's Lemma, Lipschitz constants in χ with the joints held.
+
+    With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
+    """
+    value = {name: constant.value for name, constant in constants.items()}
+    if joints:
+        return LemmaConstants(
+            J_min=value["Jx_inv_max"] ** -2, J_max=value["Jx_max"], J_dot=value["J_dot_max"],
+            L_c=value["L_c"], L_1=value["L_1"], L_2=value["L_2"])
+    return LemmaConstants(J_min=value["J_min"], J_max=value["J_max"], J_dot=value["J_dot_max"],
+                          L_c=value["L_c_chi"], L_1=value["L_1_chi"], L_2=value["L_2"])
+
+
+def resolved_task_radius(law: Resolved, basis: Basis) -> float:
+    """Returns the bound of ‖𝔢_y‖ under the law `resolved`."""
+    return resolved_tube(law.k, law.sigma, basis.d_bound, basis.row_norm("task")).e
+
+
+def transpose_task_radius(law: Transpose, basis: Basis) -> float:
+    """Returns the bound of ‖𝔢‖, or of ‖𝔢_y‖ with joints, under the law `transpose`, or inf."""
+    lemma = lemma_constants(basis.constants, joints=law.joints)
+    determined = undetermined_joints(law, basis.model).holds
+    return transpose_tube(lemma, law.k, law.sigma, basis.d_bound).e if determined else np.inf
+
+
+def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
+    """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`.
+
+    With a felt contact, d and the sensor's errors push the rows together: their parts add up.
+    """
+    k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
+    gains = basis.row_norm("position"), basis.row_norm("orientation")
+    position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
+    push = Push() if basis.contact is None else push_of(
+        basis.model, basis.declared, basis.contact, k, sigma,
+        safety_factor=settings.safety_factor, seed=settings.seed)
+    image = tube_image(
+        basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
+        k=k, sigma=sigma, samples=settings.tube_samples, safety_factor=settings.safety_factor,
+        seed=settings.seed, push=push, largest_rate=basis.largest_rate, forces=basis.forces)
+    tip_speed = 2.0 * sigma * position
+    pushed = float(np.linalg.norm([push.position, push.orientation, push.p[2]]))
+    tube = TubeRadii(
+        e=resolved_task_radius(law, basis) + pushed, position=position + push.position,
+        orientation=orientation + push.orientation,
+        joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
+        + float(push.p[2]),
+        z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
+        qdot=image.qdot, tip_speed=tip_speed + push.tip_speed, roll=image.roll, pitch=image.pitch,
+        u=image.u, tau=image.tau)
+    if basis.contact is not None:
+        tube = replace(tube, depth=position + push.depth, depth_speed=tip_speed + push.depth_speed)
+    by_d = {"depth": position, "depth_speed": tip_speed, "position": position}
+    budget = {name: {"d": by_d[name], **parts} for name, parts in push.budget.items()}
+    condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
+    estimated: tuple[str, ...] = ESTIMATED
+    if np.any(basis.weights != 1.0) or np.any(push.p):
+        estimated += ("roll", "pitch")
+    if basis.contact is not None and not push.proven:
+        estimated = tuple(vars(tube))
+    check = together(image.check, push.check)
+    return LawTube(tube, (condition,), budget, estimated, check)
+
+
+def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
+    """Returns the tube of the law `transpose`; see `tubes.transpose_tube`; of the ball, for any Ŵ.
+
+    In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
+    """
+    model, lemma = basis.model, lemma_constants(basis.constants, joints=law.joints)
+    found = transpose_tube(lemma, law.k, law.sigma, basis.d_bound)
+    z = transpose_velocity_radius(found, law.sigma)
+    u = np.full(model.size, law.k * found.r)
+    joints = found.e if law.joints or model.num_joints == 0 else np.inf
+    roll, pitch = attitude_radii(basis.declared, found.e, joints, model.num_joints)
+    tube = TubeRadii(e=found.e, position=found.e, orientation=found.e, joints=joints, z=z, nu1=z,
+                     nu2=z, qdot=z, tip_speed=lemma.L_c * found.e + lemma.J_max * z,  # 𝔢̇ = 𝔟 + J𝔷
+                     roll=roll, pitch=pitch, u=u, tau=np.full_like(u, np.inf))
+    names = TRANSPOSE_JOINTS if law.joints else TRANSPOSE
+    return LawTube(tube, (*found.conditions, undetermined_joints(law, model)),
+                   estimated=tuple(vars(tube)), check=lambda: checked_constants(
+                       model, basis.declared, tuple(basis.constants[name] for name in names),
+                       basis.settings.seed))
+
+
+DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
+    Resolved: resolved_law_tube, Transpose: transpose_law_tube,
+    TipFirst: tip_first_law_tube}
+"""Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
+
+TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
+    Resolved: resolved_task_radius, Transpose: transpose_task_radius}
+"""Functions from a law and a `Basis` to the radius [m, rad] of the error that the law feeds back,
+which takes no search; by the law's exact type."""
+
+
+def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+    """Returns the radii of the paper's Lemma for the same constants, gains and d̃, to compare.
+
+    None of a law whose rows have gains of their own.
+    """
+    if np.isnan(law.k):
+        return {}
+    lemma = lemma_constants(basis.constants)
+    tubes = paper_conditions(lemma, law.k, law.sigma, basis.d_bound)
+    least = smallest_k(lemma)
+    return {"printed radius": tubes.printed.e, "corrected radius": tubes.corrected.e,
+            "comparison system radius":
+                transpose_tube(lemma, law.k, law.sigma, basis.d_bound).e,
+            "smallest k": least.k, "at σ": least.sigma}

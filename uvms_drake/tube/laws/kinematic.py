@@ -1,0 +1,225 @@
+"""The tube of the kinematic model χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
+
+The law `resolved`, ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y], leaves 𝔢̇_y = −σ𝔢_y + (w, 0) whatever ζ̄(t)
+does: from zero, the joints stay where the plan has them and ‖𝔢‖ ≤ w̃(1 − e^{−σt})/σ. That needs no
+constant (`conditions.kinematic_tubes`). The rest is algebra, with 𝔮 = 𝔮(ȳ + (𝔢, 0)).
+
+*Attitude of the vehicle*, proven: see `tubes.attitude_radii`.
+
+*Velocities*, estimated: with J = [J_v J_a] of vehicle and arm and ζ = (ν, q̇),
+
+    q̇ = q̄̇,    ν − ν̄ = J_v(𝔮)⁻¹[J(𝔮̄)ζ̄ − J_a(𝔮)q̄̇ − σ𝔢] − ν̄.                                   (1)
+
+The largest ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖ over the ball and the nominal states are searched for: in 𝔢
+by steps to the point of the ball that is furthest up the gradient, from both ends of the leading
+direction of the linearisation; in (𝔮̄, ζ̄) by samples, and by nonlinear programs from the worst of
+them. A declared safety factor multiplies the largest. The nominal states are those of the
+declared set, but for the end-effector's pitch, of which the tube is taken first: its radius is
+known, and near the singularity of the Euler angles it decides.
+
+Limits hold at the knots of a plan. In between, joints and velocities keep theirs, since ζ̄ is
+constant; angles and depth can bulge out by h²/8 times their second derivative.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from uvms_drake.control.laws import Resolved, Transpose
+from uvms_drake.control.laws.law import AncillaryLaw
+from uvms_drake.control.limits import TubeRadii
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.tube.conditions import Condition, kinematic_tubes
+from uvms_drake.tube.constants.constant_check import checked_constants
+from uvms_drake.tube.constants.constants import START_RANKS
+from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.resolved.bounds import attitude_radii
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.estimate import Estimate
+from uvms_drake.tube.search.local_search import DIFFERENCE, climb
+from uvms_drake.tube.search.search_problem import SearchProblem
+from uvms_drake.tube.search.second_search import second_search
+
+CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
+"""The constants of the law `transpose`, in χ and in y; `resolved` needs none."""
+STEPS = 4
+"""Ascent steps of the search for the worst error 𝔢."""
+_BLOCKS = (slice(0, 3), slice(3, 6))
+
+
+def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
+    """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it takes nothing."""
+    settings, e = basis.settings, basis.d_bound / law.sigma
+    nu1, nu2 = velocity_radii(
+        basis.model, basis.declared, radius=e, sigma=law.sigma, samples=settings.tube_samples,
+        safety_factor=settings.safety_factor, seed=settings.seed)
+    roll, pitch = attitude_radii(basis.declared, e)
+    tube = TubeRadii(e=e, position=e, orientation=e, joints=0.0, z=float(np.hypot(nu1, nu2)),
+                     nu1=nu1, nu2=nu2, qdot=0.0, tip_speed=2.0 * law.sigma * e, roll=roll,
+                     pitch=pitch)
+    return LawTube(tube, (), estimated=("z", "nu1", "nu2"), check=lambda: _second_velocities(
+        basis.model, basis.declared, e, law.sigma, (nu1, nu2), settings.seed))
+
+
+def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
+    """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; joints that χ leaves free void it."""
+    names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
+    J_min, J_max, L_c = (basis.value(name) for name in names)
+    found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma, basis.d_bound)
+    e, num_joints = found.corrected, basis.model.num_joints
+    z = law.sigma * J_max * e
+    joints = e if law.joints or num_joints == 0 else np.inf
+    roll, pitch = attitude_radii(basis.declared, e, joints, num_joints)
+    tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
+                     tip_speed=2.0 * law.sigma * e, roll=roll, pitch=pitch)
+    return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
+                   estimated=tuple(vars(tube)), check=lambda: checked_constants(
+                       basis.model, basis.declared,
+                       tuple(basis.constants[name] for name in names), basis.settings.seed))
+
+
+KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
+    Resolved: resolved_kinematic_tube, Transpose: transpose_kinematic_tube}
+"""Functions from a law and a `Basis` to a `LawTube`, by the law's exact type."""
+
+
+def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
+    """Returns that no joint is out of the reach of the tube of the law `transpose`."""
+    free = 0 if law.joints else model.num_joints
+    return Condition("n, joints that χ does not determine (the tube is in χ alone)",
+                     float(free), "<=", 0.0)
+
+
+def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
+    """Returns the radii of both laws with the same σ and w̃, and the least σ of the paper's law."""
+    J_min, L_c = basis.value("J_min"), basis.value("L_c_chi")
+    found = kinematic_tubes(J_min, L_c, law.sigma, basis.d_bound)
+    return {"printed radius": found.printed, "corrected radius": found.corrected,
+            "radius of resolved": found.resolved,
+            "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}
+
+
+def velocity_deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
+              sigma: float) -> np.ndarray:
+    """Returns ν − ν̄ of (1) (..., 6).
+
+    Args:
+        model: The prediction model.
+        config: 𝔮̄ (..., 6+n).
+        zeta: ζ̄ (..., 6+n).
+        error: 𝔢 (..., 6); complex for a derivative.
+        sigma: σ [1/s].
+    """
+    y = model.task_pose(config) + np.zeros_like(error[..., :1])
+    y[..., :6] += error
+    J = model.kinematics(model.configuration(y)).J_chi
+    rate = times(model.kinematics(config).J_chi, zeta) - sigma * error
+    rate = rate - times(J[..., 6:], zeta[..., 6:])
+    return np.linalg.solve(J[..., :6], rate[..., None])[..., 0] - zeta[..., :6]
+
+
+def worst_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, block: slice,
+                 radius: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest ‖(ν − ν̄)_block‖ (m,) over ‖𝔢‖ ≤ `radius` and its 𝔢 (m, 6).
+
+    A local maximum, at 𝔮̄ and ζ̄ (m, 6+n).
+    """
+    steps = 1j * COMPLEX_STEP * np.eye(6)
+
+    def first_order(error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the block (..., m, 3) at 𝔢 (..., m, 6) and its gradient (..., m, 6, 3)."""
+        moved = velocity_deviation(
+            model, config[:, None], zeta[:, None], error[..., None, :] + steps, sigma)
+        return moved[..., 0, block].real, moved[..., block].imag / COMPLEX_STEP
+
+    _, gradient = first_order(np.zeros((1, len(config), 6)))
+    leading = np.linalg.svd(gradient, full_matrices=False)[0][..., 0]
+    error = radius * np.array([-1.0, 1.0])[:, None, None] * leading
+    best, best_error = np.full(error.shape[:2], -np.inf), error
+    for _ in range(STEPS):
+        value, gradient = first_order(error)
+        norm = np.linalg.norm(value, axis=-1)
+        best_error = np.where((norm > best)[..., None], error, best_error)
+        best = np.maximum(norm, best)
+        uphill = times(gradient, value)
+        size = np.linalg.norm(uphill, axis=-1, keepdims=True)
+        error = radius * uphill / np.maximum(size, 1e-12)
+    sign, state = np.argmax(best, axis=0), np.arange(len(config))
+    return best[sign, state], best_error[sign, state]
+
+
+def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: float, sigma: float,
+                   samples: int, safety_factor: float, seed: int) -> tuple[float, float]:
+    """Returns bounds of ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖; infinite if the tube leaves nothing to sample.
+
+    Args:
+        model: The prediction model.
+        declared: Where the real state is.
+        radius: ‖𝔢‖ ≤ w̃/σ.
+        sigma: σ [1/s].
+        samples: Nominal states from which the searches start.
+        safety_factor: Factor of the largest values found.
+        seed: Seed of the samples.
+    """
+    if radius >= declared.tip_pitch:
+        return np.inf, np.inf
+    nominal = replace(declared, tip_pitch=declared.tip_pitch - radius)
+    config, zeta = nominal.sample(model, samples, np.random.default_rng(seed))
+    found = []
+    for block in _BLOCKS:
+        values, _ = worst_errors(model, config, zeta, block, radius, sigma)
+        largest = partial(_largest, model, block, radius, sigma)
+        order = np.argsort(-values, kind="stable")
+        for i in order[[rank for rank in START_RANKS if rank < samples]]:
+            found.append(climb(largest, model, nominal, config[i], zeta[i])[1:])
+    # A bad state for one block is tried for both.
+    config, zeta = (np.array(states) for states in zip(*found, strict=True))
+    nu1, nu2 = (safety_factor * float(np.max(
+        worst_errors(model, config, zeta, block, radius, sigma)[0])) for block in _BLOCKS)
+    return nu1, nu2
+
+
+@dataclass(frozen=True)
+class _VelocityProblem(SearchProblem):
+    """The velocities of (1), for the second search."""
+
+    sigma: float
+
+    @property
+    def channels(self) -> list[slice]:
+        """Those of ν₁ and ν₂."""
+        return list(_BLOCKS)
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns ν − ν̄ (..., 6) of motions (..., 3(6+n)) and errors, 𝔢 and nothing else."""
+        pose, zeta, _ = np.split(x, 3, axis=-1)
+        return velocity_deviation(self.model, self.config(pose), zeta, error[..., :6], self.sigma)
+
+
+def _second_velocities(model: ContactModel, declared: ConstraintSet, radius: float, sigma: float,
+                       claims: tuple[float, float], seed: int) -> tuple[Estimate, ...]:
+    """Returns the estimates that `velocity_radii` are."""
+    nominal = replace(declared, tip_pitch=declared.tip_pitch - radius)
+    part = np.eye(2 * model.size)[:, :6], radius
+    found = second_search(_VelocityProblem(model, nominal, [part], sigma), np.arange(2),
+                          np.random.default_rng([seed, 1]))
+    return tuple(Estimate(name, claim, float(second))
+                 for name, claim, second in zip(("ν₁", "ν₂"), claims, found, strict=True))
+
+
+def _largest(model: ContactModel, block: slice, radius: float, sigma: float, config: np.ndarray,
+             zeta: np.ndarray) -> tuple[float, np.ndarray]:
+    """Returns the largest norm over 𝔢 and its derivative by (𝔮̄, ζ̄); the worst 𝔢 can be held."""
+    value, error = worst_errors(model, config[None], zeta[None], block, radius, sigma)
+    steps = DIFFERENCE * np.eye(2 * model.size)
+    x = np.concatenate([config, zeta])
+    moved_config, moved_zeta = np.split(np.concatenate([x + steps, x - steps]), 2, axis=1)
+    errors = np.tile(error, (len(moved_config), 1))
+    moved = velocity_deviation(model, moved_config, moved_zeta, errors, sigma)[:, block]
+    norms = np.linalg.norm(moved, axis=1)
+    plus, minus = np.split(norms, 2)
+    return float(value[0]), (plus - minus) / (2.0 * DIFFERENCE)

@@ -1,0 +1,107 @@
+"""From the law's command to what acts: the clocks, dead times and lags in between."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_drake.model.sensor_actuator import ON_TIME, CommandPath, Lateness
+
+SAME = 1e-6
+"""Part of a period by which times differ that are meant to be the same."""
+KNOTS_CHECKED = 10_000
+"""Knots at which a clock is to tick at the very same number of seconds: half an hour of 0.2 s.
+Nobody looks at a run that lasts longer."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """G of `tube.loops.row_loop`: a command is held, comes late, and is followed by a lag."""
+
+    period: float = 0.0
+    """h [s]; zero for a continuous feedback."""
+    dead_time: float = 0.0
+    """From a tick to where its command comes to the actuator [s]."""
+    lag: float = 0.0
+    """T [s]."""
+    ahead: float = 0.0
+    """ℓ, by how much the plan's forces are asked for ahead [s], see
+    `control.feedback.feedforward_preview`."""
+
+    @property
+    def age(self) -> float:
+        """Largest mean age of what acts [s]: |(G − 1)f| ≤ age · sup|ḟ|."""
+        return self.period + self.dead_time + self.lag
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """The two paths, of the vehicle's wrench and of the joints' torques."""
+
+    vehicle: Path = Path()
+    joints: Path = Path()
+    thrusters: bool = False
+    """Whether the law is told what the thrusters give now."""
+    off: np.ndarray = field(default_factory=lambda: np.zeros((6, 0)))
+    """The wrench that each thruster may be off by, its model being wrong (6, m) [N, N m]."""
+    undriven: tuple[int, ...] = ()
+    """Axes of the vehicle that no thruster drives."""
+    unknown: tuple[str, ...] = ()
+    """What nobody has a path for."""
+
+    @property
+    def late(self) -> bool:
+        """Whether anything is."""
+        return self.vehicle.age > 0.0 or self.joints.age > 0.0
+
+
+def actuators_of(paths: Sequence[CommandPath | None], ahead: Lateness = ON_TIME) -> Actuators:
+    """Returns the actuators of a chain: thrusters behind a clock, either of them or none.
+
+    Thrusters are sampled by a clock of their own. A command that goes out at δ after a tick meets
+    the first sample after δ, which is always as late if the period is a multiple of theirs.
+    """
+    out = Actuators()
+    for path in paths:
+        if path is None:
+            return Actuators(unknown=("a part that says nothing of how late it is",))
+        if path.whole and not out.late:
+            both = Path(path.period, path.delay, path.lag)
+            out = Actuators(both, both, unknown=path.unknown)
+        elif not path.whole and not out.thrusters:
+            before, unknown = out.vehicle, out.unknown + path.unknown
+            wait, period = 0.0, path.period
+            if before.period > 0.0:
+                samples, period = before.period / path.period, before.period
+                if abs(samples - round(samples)) > SAME * samples:
+                    unknown += ("a clock whose period is no multiple of that of the thrusters",)
+                wait = path.period * (1.0 + np.floor(before.dead_time / path.period + SAME))
+            out = Actuators(Path(period, wait + path.delay, path.lag), out.joints, True,
+                            path.off, path.undriven, unknown)
+        else:
+            return Actuators(unknown=("another order of parts than a clock and then thrusters",))
+    return replace(out, vehicle=replace(out.vehicle, ahead=ahead.vehicle),
+                   joints=replace(out.joints, ahead=ahead.joints))
+
+
+def at_ticks(time_step: float, period: float) -> bool:
+    """Returns whether the knots of plans are ticks to the last digit: then a tick has its plan."""
+    ticks = round(time_step / period)
+    return all(k * time_step == k * ticks * period for k in range(KNOTS_CHECKED))
+
+
+def lagged_alone(actuators: Actuators, time_step: float) -> bool:
+    """Returns whether there are thrusters that are late, on all axes and as known, and no more.
+
+    Then `tube.actuation.lagged_wrench` has a proof, if no plan is asked for ahead and its knots
+    are ticks.
+
+    Args:
+        actuators: What is between the law and what acts.
+        time_step: Of a plan [s].
+    """
+    vehicle = actuators.vehicle
+    return (actuators.thrusters and vehicle.period > 0.0 and vehicle.ahead == 0.0
+            and actuators.joints == Path() and not np.any(actuators.off)
+            and not actuators.undriven and not actuators.unknown
+            and at_ticks(time_step, vehicle.period))

@@ -1,0 +1,104 @@
+"""How far one row of the law `resolved` is pushed: peak-to-peak gains of an LTI loop.
+
+Every constant combination of rows of 𝔯̇ = −k𝔯 + δ, 𝔢̇ = −σ𝔢 + 𝔯 obeys ë + (k + σ)ė + kσe = δ, so that
+
+    e = δ/((s + k)(s + σ)),   ė = sδ/(...),   u − ū = −((k + σ)s + kσ)δ/(...),   𝔯 = δ/(s + k).
+
+A filter with the impulse response g(t) takes |δ| ≤ 1 to at most ‖g‖₁ = ∫|g|, which the worst δ
+attains. So `Gains` are these four norms: of what is known of δ at every instant (`instant_gains`),
+and of what a sensor misses (`lagged_gains`).
+
+*What a sensor misses.* A force F goes through a first-order lag T and is sampled and held over a
+period h: F̂ = HF, at s in [tₖ, tₖ₊₁)
+
+    (HF)(s) = ∫_{−∞}^{tₖ} e^{−(tₖ−u)/T} F(u) du/T.
+
+A law that takes F̂ for F leaves δ = F̂ − F. However fast F changes, the row is pushed to
+
+    e(t) = −∫ K(t, u) F(u) du,   K(t, u) = g(t − u) − e^{−(t_j−u)/T} Σ_{k≥j} e^{−(tₖ−t_j)/T} I_k/T,
+
+t_j the first sample not before u, I_k = ∫g(t − s)ds over the k-th interval up to t: by at most
+sup_t ∫|K(t, u)|du for |F| ≤ 1. For h short beside T and T beside 1/k it is about (T + h/2)‖ġ‖₁, far
+less than the 2‖g‖₁ of somebody who knows of F̂ − F only how large it can be; a lag forgives a push
+that it sees, if late. The longer h is beside T, the more a force in step with the samples hides
+between them. A constant F leaves nothing.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.tube.loops.sampled_loop import PHASES, PeriodicLoop, Stretch
+from uvms_drake.tube.resolved.bounds import joint_rate_radius
+from uvms_drake.tube.resolved.image import input_gain
+
+MOMENT_POINTS, MOMENT_SPAN = 20_001, 40.0
+"""Points of the quadrature of a moment for each of its time constants, and its length in them."""
+FINENESS = 400
+"""Points of the quadrature of |K| in each of its time constants."""
+
+
+class Gains(NamedTuple):
+    """Largest values by |δ| ≤ 1."""
+
+    position: float
+    """Of e [s²]."""
+    velocity: float
+    """Of ė [s]."""
+    input: float
+    """Of u − ū [1]."""
+    error: float
+    """Of 𝔯 [s]."""
+
+
+def instant_gains(k: float, sigma: float) -> Gains:
+    """Returns the gains from a δ that may be anything, in closed form.
+
+    Args:
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+    """
+    return Gains(1.0 / (k * sigma), joint_rate_radius(k, sigma, 1.0), input_gain(k, sigma), 1.0 / k)
+
+
+def moments(k: float, sigma: float) -> Gains:
+    """Returns the first moments ∫t|g(t)|dt of the impulse responses, by quadrature.
+
+    Times a rate they bound what is lost by taking a factor of δ that changes at that rate out of
+    the convolution: |∫g(τ)(J(t − τ) − J(t))δ(t − τ)dτ| ≤ sup‖J̇‖ ∫τ|g(τ)|dτ sup|δ|.
+
+    Args:
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+    """
+    if abs(k - sigma) < 1e-6 * k:
+        sigma = k * (1.0 - 1e-6)
+    rates, span = np.array([k, sigma]), k - sigma
+    t = np.unique(np.linspace(0.0, MOMENT_SPAN / rates, MOMENT_POINTS))
+    decays = np.exp(-np.multiply.outer(t, rates))
+    return Gains(*(float(np.trapezoid(t * np.abs(decays @ np.array(parts)), t)) for parts in (
+        (-1.0 / span, 1.0 / span), (k / span, -sigma / span),
+        (k**2 / span, -sigma**2 / span), (1.0, 0.0))))
+
+
+def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
+    """Returns the gains from a force to what a sensor misses of it; see `PeriodicLoop`.
+
+    Args:
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+        lag: T [s]; zero for none: then between two samples all of F can be missed.
+        period: h > 0 [s].
+    """
+    if lag == 0.0:
+        return Gains(*(2.0 * gain for gain in instant_gains(k, sigma)))
+    # The states are e, ė, the lagged force, and what is held of it.
+    A = np.array([[0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 1.0],
+                  [0.0, 0.0, -1.0 / lag, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 0.0],
+                  [sigma, 1.0, 0.0, 0.0]])
+    needed = math.ceil(FINENESS * period * max(k, sigma, 1.0 / lag) / PHASES)
+    points = PHASES * max(2, needed)
+    loop = PeriodicLoop(A, C, (Stretch(period, np.eye(4)[[0, 1, 2, 2]]),), points)
+    return Gains(*map(float, loop.flow_gain(np.array([0.0, -1.0, 1.0 / lag, 0.0]))))

@@ -1,0 +1,92 @@
+"""What the law `resolved` makes of errors, beyond the linear parts of `tube_image` (1)."""
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import wrap_angle
+from uvms_drake.model.frames.spatial import cross, cross_motion, times
+from uvms_drake.model.uvms_model import Kinematics
+
+
+def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
+         nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
+         ) -> np.ndarray:
+    """Returns the rests of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
+
+    In the order ζ, (φ, θ), u, τ. The rest of τ is τ − τ̄ − M(𝔮)[−(k + σ)𝔯 + σ²𝔭]. Any argument may
+    be complex, for a derivative.
+
+    Args:
+        model: The prediction model.
+        nominal_config: 𝔮̄ (..., 6+n).
+        nominal_zeta: ζ̄ (..., 6+n).
+        nominal_u: ū (..., 6+n).
+        e_y: 𝔢_y (..., 6+n).
+        r: 𝔯 (..., 6+n).
+        k: Velocity gain [1/s].
+        sigma: σ [1/s].
+    """
+    # The nominal motion and its input.
+    nominal = model.kinematics(nominal_config)
+    J_bar = model.extended(nominal.J_chi)
+    f_bar, M_bar = drift_and_inertia(model, nominal, nominal_zeta)
+    y_bar = np.concatenate([nominal.chi, nominal_config[..., 6:]], axis=-1)
+    y_dot = times(J_bar, nominal_zeta)
+    y_ddot = jacobian_rate_times(nominal, nominal_zeta, nominal_zeta) + times(
+        J_bar, nominal_u + f_bar)
+
+    # The real state, and the input of the law in it.
+    config = model.configuration(y_bar + e_y)
+    real = model.kinematics(config)
+    J = model.extended(real.J_chi)
+    inverse = np.linalg.inv(J)
+    p, seen = times(inverse, e_y), times(inverse, y_dot)
+    zeta_ref = seen - sigma * p
+    zeta = zeta_ref + r
+    e_dot = times(J, zeta) - y_dot
+    zeta_ref_dot = times(inverse, y_ddot - sigma * e_dot - jacobian_rate_times(
+        real, zeta, zeta_ref))
+    f, M = drift_and_inertia(model, real, zeta)
+    u_rest = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
+    # Less the linear parts of (1).
+    attitude = wrap_angle(config[..., 3:5] - nominal_config[..., 3:5])
+    return np.concatenate([seen - nominal_zeta, attitude, u_rest,
+                           times(M, u_rest + nominal_u) - times(M_bar, nominal_u)], axis=-1)
+
+
+def jacobian_rate_times(kinematics: Kinematics, zeta: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Returns J̇_x w (..., 6+n) along 𝔮̇ = Γζ, of real or complex numbers.
+
+    As in `UvmsModel.task_jacobian_rate`, J = A X_E [I, s₁ … s_n], and a screw is carried along by
+    its link: d/dt(X_E s) = X_E (V − V_E) × s. With ȯ = T ω_E, Ṫ = −T Ė T for E = T⁻¹.
+    """
+    screw, A_E, X_E = kinematics.screw, kinematics.A_E, kinematics.J_links[..., -1, :, :6]
+    carried = np.cumsum(screw * zeta[..., 6:, None], axis=-2)  # Vⱼ − V₀ of the joints
+    V_E = zeta[..., :6] + (carried[..., -1, :] if screw.shape[-2] else 0.0)
+    tip = w[..., :6] + np.sum(screw * w[..., 6:, None], axis=-2)
+    moved = cross_motion(zeta[..., :6] - V_E, w[..., :6]) + np.sum(cross_motion(
+        zeta[..., None, :6] + carried - V_E[..., None, :], screw) * w[..., 6:, None], axis=-2)
+    own, along = times(X_E, V_E), times(X_E, tip)
+    o_zeta, o_w = times(A_E, own)[..., 3:], times(A_E, along)[..., 3:]
+    turned = np.concatenate([cross(own[..., 3:], along[..., :3]),
+                             -_rate_of_inverse(kinematics.chi[..., 3:], o_zeta, o_w)], axis=-1)
+    rate = times(A_E, turned + times(X_E, moved))
+    return np.concatenate([rate, np.zeros_like(w[..., 6:] * rate[..., :1])], axis=-1)
+
+
+def _rate_of_inverse(rpy: np.ndarray, rate: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Returns Ė w (..., 3), E = T⁻¹ of `euler.inverse_rate_matrix`, with `rate` = ȯ (..., 3)."""
+    sin, cos = np.sin(rpy), np.cos(rpy)
+    sf, st, cf, ct = sin[..., 0], sin[..., 1], cos[..., 0], cos[..., 1]
+    across = rate[..., 0] * w[..., 1] + rate[..., 1] * w[..., 2] * st
+    about = rate[..., 0] * w[..., 2] * ct
+    return np.stack([-rate[..., 1] * w[..., 2] * ct, cf * about - sf * across,
+                     -sf * about - cf * across], axis=-1)
+
+
+def drift_and_inertia(model: ContactModel, kinematics: Kinematics, zeta: np.ndarray
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns f and M."""
+    M = model.mass_matrix(kinematics)
+    bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))
+    return -np.linalg.solve(M, bias[..., None])[..., 0], M

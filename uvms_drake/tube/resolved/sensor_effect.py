@@ -1,0 +1,39 @@
+"""What the errors of a force sensor add to the radii of the law `resolved`; see `sensed`."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.tube.search.estimate import Check, no_estimates
+
+
+@dataclass(frozen=True)
+class Push:
+    """What the errors of a sensor add to the radii of the law `resolved`."""
+
+    depth: float = 0.0
+    """|n·𝔢_p| [m]."""
+    depth_speed: float = 0.0
+    """|n·𝔢̇_p| [m/s]."""
+    position: float = 0.0
+    """‖𝔢_p‖ [m]."""
+    orientation: float = 0.0
+    """‖𝔢_o‖ [rad]."""
+    tip_speed: float = 0.0
+    """‖𝔢̇_p‖ [m/s]."""
+    r: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """𝔯 of ν₁ [m/s], ν₂ and q̇ [rad/s] (3,), 2-norms; as the next two."""
+    p: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """𝔭₀ = J_x⁻¹𝔢_y, were J_x to stand still (3,) [m, rad]; its last is ‖𝔢_q‖."""
+    z: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """𝔯 − σ𝔭₀, the linear part of ζ − ζ̄ (3,) [m/s, rad/s]."""
+    u: np.ndarray | float = 0.0
+    """The linear part of uᵢ − ūᵢ, with the error of the reading (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    w: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """The same of the blocks of ν₁, ν₂ and q̇ (3,), 2-norms."""
+    proven: bool = False
+    """Whether all of it is proven but `u` and `w`."""
+    check: Check = no_estimates
+    """Returns what of it is estimated."""
+    budget: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Parts of `depth`, `position` [m] and `depth_speed` [m/s] by their source."""

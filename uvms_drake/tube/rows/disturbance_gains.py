@@ -1,0 +1,152 @@
+"""What pushes the rows of `tip first`, and how far: gain × bound, by block and by source.
+
+See (1) and (2) of `tube.laws.tip_first`.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.tube.contact.sensor_error import (
+    SOURCES,
+    by_source,
+    reading_input,
+    reading_off,
+)
+from uvms_drake.tube.contact.sensor_gains import Sizes, Suprema
+from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
+from uvms_drake.tube.law_tube import Basis
+from uvms_drake.tube.loops.row_gains import lagged_gains
+from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.rows.image import Arm
+from uvms_drake.tube.search.estimate import Check, largest_of, no_estimates, together
+
+VEHICLE, ATTITUDE, TIP, DEPTH, JOINTS = "vehicle", "attitude", "position", "depth", "joints"
+"""The blocks by their names in the budget; `DEPTH` is the row n·e_p, `JOINTS` x_q of (2)."""
+Parts = dict[str, np.ndarray]
+"""Bounds (4,) of e, ė, w and ë by source."""
+
+
+class LoopGains(NamedTuple):
+    """The gains of a loop, to e, ė, w and ë (4,)."""
+
+    known: np.ndarray
+    """From any δ."""
+    late: np.ndarray
+    """From a force to what comes of its being felt late."""
+    moment: np.ndarray
+    """∫t|g|."""
+    age: float
+    """Of what acts [s]."""
+
+
+def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
+    """Returns the gains of a row's loop; see `lagged_gains` for one with nothing in between."""
+    # ë is what the feedback does, behind what is late, and what pushes.
+    gains, moment, contact = loop.gains["disturbance"], loop.moment, basis.contact
+    known = np.array([*gains, 1.0 + gains.command])
+    late = 2.0 * known
+    if contact is not None and loop.at_once:
+        late[:3] = lagged_gains(loop.k, loop.sigma, contact.lag, contact.period)[:3]
+    return LoopGains(known, late, np.array([*moment, moment.command + age * gains.command]), age)
+
+
+def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
+    """Returns the gains of a loop whose states grow by e^(growth · t), which counts what turns."""
+    known = loop.grown(growth)
+    return LoopGains(known, 2.0 * known, np.zeros(4), age)
+
+
+class Pushes:
+    """What pushes the rows: d, and what a force sensor is off by, see (3) of `sensed`.
+
+    Without J̃‖𝔯‖ in (3): here the rows themselves are driven by A(q)(F̂ − F).
+
+    Args:
+        basis: The data.
+    """
+
+    reading: np.ndarray
+    """What the error of the reading adds to u and τ (2(6+n),), see `reading_input`."""
+    check: Check = no_estimates
+    turning = 0.0
+    """ω, how fast the tip's axes turn [rad/s]."""
+
+    def __init__(self, basis: Basis):
+        self._basis, contact = basis, basis.contact
+        self._found: Suprema | None = None
+        self.reading = np.zeros(2 * basis.model.size)
+        if contact is None:
+            return
+        declared, settings = basis.declared, basis.settings
+        claimed = claimed_suprema(basis.model, declared, contact.tool_angle,
+                                  safety_factor=settings.safety_factor, seed=settings.seed)
+        found, factor = claimed.suprema, settings.safety_factor
+        self._found = found
+        self.turning = declared.nu2 + found.turning * declared.qdot
+        each, second = reading_input(
+            basis.model, declared.q_lower, declared.q_upper,
+            reading_off(contact, self.turning), contact.torque_error, settings.seed)
+        self.reading = factor * each
+        self.check = together(claimed.check, lambda: (
+            largest_of("what a reading adds to u and τ", factor * each, second),))
+        stretch, sine = euler_stretch(declared.pitch), np.sin(declared.pitch)
+        turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
+        vehicle, attitude = self.zeta([0]), self.zeta([1])
+        tip_turned = self.turning * float(found.position.force)
+        self._rows: dict[str, tuple[Sizes, float]] = {
+            VEHICLE: (vehicle, declared.nu2 * float(vehicle.force)),
+            ATTITUDE: (Sizes(*(stretch * size for size in attitude)),
+                       float(declared.nu2 * turning * attitude.force)),
+            TIP: (found.position, tip_turned), DEPTH: (found.depth, tip_turned)}
+        """Suprema of A of each block, and how fast its axes turn A."""
+
+    def zeta(self, blocks: list[int]) -> Sizes:
+        """Returns suprema of the rows of ν₁, ν₂ and q̇ (0, 1, 2) of M⁻¹J_Eᵀ, some of them."""
+        assert self._found is not None
+        return Sizes(*(float(np.linalg.norm(np.asarray(size)[blocks]))
+                       for size in self._found.zeta))
+
+    def of(self, loop: LoopGains, norm: float, name: str) -> Parts:
+        """Returns the bounds of a block by source.
+
+        Args:
+            loop: Its loop.
+            norm: Bound of ‖J_bŴ‖.
+            name: Of the block.
+        """
+        by_d = {"d": self._basis.d_bound * norm * loop.known}
+        return by_d if self._found is None else by_d | self.felt(loop, *self._rows[name])
+
+    def felt(self, loop: LoopGains, A: Sizes, turned: float = 0.0) -> Parts:
+        """Returns what the sensor's errors make of rows with suprema A, by source."""
+        contact, basis = self._basis.contact, self._basis
+        assert contact is not None
+        contact = replace(contact, lag=contact.lag + loop.age)
+        terms = np.array([
+            by_source(contact, A, known, late, turning=self.turning, qdot=basis.declared.qdot,
+                      turned=turned)
+            for known, late in zip(loop.known, loop.late, strict=True)])
+        return dict(zip(SOURCES, terms.T, strict=True))
+
+
+def in_joints(basis: Basis, arm: Arm, tip: LoopGains, pushes: Pushes) -> Parts:
+    """Returns the bounds of x_q by source, by (2)."""
+    J_dot, weights = basis.value("J_dot_max"), basis.weights
+    lost = J_dot / arm.regular * tip.moment
+    carried = arm.carried * float(np.max(weights[:6]))
+    out = {"d": basis.d_bound * ((float(np.max(weights[6:])) + carried) * tip.known
+                                 + lost)}
+    if basis.contact is None:
+        return out
+    own, moved = (pushes.felt(tip, pushes.zeta(blocks)) for blocks in ([2], [0, 1]))
+    whole = pushes.felt(tip._replace(known=np.ones(4), late=np.full(4, 2.0)),
+                        pushes.zeta([0, 1, 2]))
+    return out | {source: own[source] + arm.carried * moved[source] + lost * whole[source]
+                  for source in SOURCES}
+
+
+def euler_stretch(angle: float) -> float:
+    """Returns (1 − sin θ)^−½, the norm of what makes Euler rates of an angular velocity."""
+    return float((1.0 - np.sin(angle)) ** -0.5)

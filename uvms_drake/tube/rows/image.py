@@ -1,0 +1,281 @@
+"""The tube of the law `tip first` in joints, attitude of the tool, velocities, inputs and forces.
+
+Given a nominal state, a nominal input and errors e = y − ȳ, ė of the outputs y = (η, s), the real
+state and input follow by algebra:
+
+    𝔮 = 𝔮(ȳ + e),   ζ = J_y(𝔮)⁻¹(J_y(𝔮̄)ζ̄ + ė),   u = J_y⁻¹(ÿ̄ + w − J̇_yζ) − f(𝔮, ζ),
+    w = −(K + Σ)ė − KΣe,        u − ū = J_y(𝔮)⁻¹w + rest.                                      (1)
+
+e, ė and w come from the same δ, row by row: each has a bound of its own, by block of rows that
+share gains (`row_gains`), and the three are taken as if they had nothing to do with each other. The
+joints make up for what the vehicle is off by, δq = J_sq⁻¹(e_s − J_sη e_η) to first order: the price
+of letting the vehicle go.
+
+Joints, tool and velocities are searched whole. Of u and τ the first part of (1) is the largest sum
+of operator norms over the postures, and the rest is searched. Plans are slower than the robot may
+be by the radii of velocities, of which the first-order part at the worst posture that was found is
+known beforehand. All of that is *estimated*, see `ascent` and `estimate`.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.tube.rows.remainders import output_jacobian, tip_first_rests
+from uvms_drake.tube.search.ascent import first_order, supremum
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, no_estimates, together
+from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
+from uvms_drake.tube.search.search_memo import once
+from uvms_drake.tube.search.search_problem import Part, SearchProblem, input_within
+from uvms_drake.tube.search.second_search import second_search
+from uvms_drake.tube.settings import CertificateSettings
+
+LEADERS = 12
+"""Climbers for each channel: near a singular posture there are many hills."""
+
+
+@dataclass(frozen=True)
+class TipFirstProblem(SearchProblem):
+    """What errors (e, ė) make of the rest; see `tip_first_rests`."""
+
+    rows: np.ndarray
+    """The tip's task in (χ, q) (n,)."""
+    u_limits: np.ndarray
+    """|ūᵢ| (6+n,)."""
+    forces: bool = False
+    """Whether the rests of τ count, too."""
+    largest_rate: np.ndarray | float = field(default=np.inf)
+    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+
+    @property
+    def channels(self) -> list[slice]:
+        """Those of ν₁, ν₂, q̇, q, 𝔬, uᵢ and τᵢ."""
+        size = self.size
+        n, first = size - 6, 2 * size - 3
+        return [slice(0, 3), slice(3, 6), slice(6, size), slice(size, size + n),
+                slice(size + n, first), *(slice(i, i + 1) for i in range(
+                    first, first + (2 if self.forces else 1) * size))]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the rests (..., 4(6+n) − 3)."""
+        pose, zeta, share = np.split(x, 3, axis=-1)
+        config = self.config(pose)
+        u = input_within(
+            self.model, config, zeta, share, self.u_limits, self.largest_rate)
+        return tip_first_rests(self.model, self.rows, config, zeta, u, error[..., : self.size],
+                               error[..., self.size:])
+
+
+class BlockBounds(NamedTuple):
+    """Bounds of the 2-norms of a block of e, ė and w, or of what they are in joint angles."""
+
+    rows: np.ndarray
+    """Indices in y = (η, s)."""
+    e: float
+    """[m, rad]."""
+    e_dot: float
+    """[m/s, rad/s]."""
+    w: float
+    """[m/s², rad/s²]."""
+
+
+@dataclass(frozen=True)
+class TipFirstImage:
+    """Largest deviation of the real from the nominal, per channel."""
+
+    nu1: float
+    """Largest ‖ν₁ − ν̄₁‖₂ [m/s]."""
+    nu2: float
+    """Largest ‖ν₂ − ν̄₂‖₂ [rad/s]."""
+    qdot: float
+    """Largest ‖q̇ − q̄̇‖₂ [rad/s]."""
+    joints: float
+    """Largest ‖q − q̄‖₂ [rad]."""
+    orientation: float
+    """Largest ‖𝔬 − 𝔬̄‖₂ of the end-effector [rad]."""
+    u: np.ndarray
+    """Largest |𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
+    tau: np.ndarray | None
+    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], if it was asked for."""
+    check: Check
+    """Makes the second search: all of it is estimated."""
+
+
+def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+                    blocks: list[BlockBounds], u_limits: np.ndarray,
+                    settings: CertificateSettings, *, forces: bool,
+                    largest_rate: np.ndarray | float = np.inf) -> TipFirstImage:
+    """Returns the deviations over the declared set, in which J_sq is regular.
+
+    Args:
+        model: The prediction model.
+        declared: Where nominal and real state are.
+        rows: The tip's task in (χ, q) (n,).
+        blocks: Bounds of x_η, and of x_q of the tip's rows; see `tip_first_rests`.
+        u_limits: |ūᵢ| (6+n,).
+        settings: How hard to search.
+        forces: Whether τ is wanted.
+        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,) beside those that |ūᵢ| gives.
+    """
+    size, factor = model.size, settings.safety_factor
+    linear, check = _linear(model, declared, rows, blocks, settings)
+    least = least_speeds(model, declared, rows, blocks, settings.seed)
+    limits = np.array([declared.nu1, declared.nu2, declared.qdot])
+    if np.any(least >= limits):  # Nothing is left to a plan.
+        none = np.full(size, np.inf)
+        return TipFirstImage(
+            nu1=float(least[0]), nu2=float(least[1]), qdot=float(least[2]), joints=np.inf,
+            orientation=np.inf, u=none, tau=none if forces else None, check=check)
+    nu1, nu2, qdot = limits - least
+    declared = replace(declared, nu1=nu1, nu2=nu2, qdot=qdot)
+    eye = np.eye(2 * size)
+    parts: list[Part] = [(eye[:, block.rows + shift], radius) for block in blocks
+                         for shift, radius in ((0, block.e), (size, block.e_dot))
+                         if radius > 0.0 and len(block.rows) > 0]
+    problem = TipFirstProblem(model, declared, parts, rows, u_limits, forces, largest_rate)
+    x = once("draw", lambda: problem.draw(
+        settings.tube_samples, np.random.default_rng(settings.seed)))
+    values = once("samples", lambda: first_order(problem, x))
+    claim = factor * supremum(problem, x, values, leaders=LEADERS)
+    names = ["ν₁", "ν₂", "q̇", "q", "𝔬", *(f"rest of {name}[{i}]" for name in (
+        ("u", "τ") if forces else ("u",)) for i in range(size))]
+    wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
+    claim[:3] = np.maximum(claim[:3], least)
+
+    def check_search() -> tuple[Estimate, ...]:
+        second = second_search(problem, wanted, np.random.default_rng([settings.seed, 1]))
+        return tuple(Estimate(names[i], float(claim[i]), float(each))
+                     for i, each in zip(wanted, second, strict=True))
+
+    u, tau = claim[5: 5 + size] + linear[:size], None
+    if forces:
+        tau = claim[5 + size:] + linear[size:]
+    return TipFirstImage(
+        nu1=float(claim[0]), nu2=float(claim[1]), qdot=float(claim[2]), joints=float(claim[3]),
+        orientation=float(claim[4]), u=u, tau=tau, check=together(check, check_search))
+
+
+class Arm(NamedTuple):
+    """What the arm can do about its tip's task, at its worst over the declared set."""
+
+    regular: float
+    """Smallest singular value of J_sq; not positive if its determinant changes its sign."""
+    carried: float
+    """Largest ‖J_sq⁻¹J_sv‖, how the joints have to move with the vehicle [1/m]."""
+    check: Check = no_estimates
+    """Makes the second search for both."""
+
+
+def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+           settings: CertificateSettings) -> Arm:
+    """Returns what the arm can do over the declared set, estimated."""
+    lower, upper = _postures(declared)
+    middle = np.linalg.slogdet(_task(model, rows, 0.5 * (lower + upper)[None])[..., 6:])[0]
+
+    def values(x: np.ndarray) -> np.ndarray:
+        J_s = _task(model, rows, x)
+        J_sq = J_s[..., 6:]
+        sign = np.linalg.slogdet(J_sq)[0] * middle
+        least = sign * np.linalg.svd(J_sq, compute_uv=False)[:, -1]
+        carried = np.linalg.norm(np.linalg.pinv(J_sq) @ J_s[..., :6], 2, axis=(1, 2))
+        return np.stack([-least, carried], axis=1)
+
+    found = supremum_over_joints(values, lower, upper, settings.seed)
+    least, factor = -float(found[0]), settings.safety_factor
+    if least <= 0.0:
+        return Arm(least, np.inf)
+    carried = factor * float(found[1])
+
+    def check() -> tuple[Estimate, ...]:
+        second = second_over_joints(values, lower, upper, settings.seed)
+        other = -float(second[0])
+        return (Estimate("‖J_sq⁻¹‖", factor / least, 1.0 / other if other > 0.0 else np.inf),
+                Estimate("‖J_sq⁻¹J_sv‖", carried, float(second[1])))
+
+    return Arm(least / factor, carried, check)
+
+
+def free_arm(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+             settings: CertificateSettings) -> tuple[float, Check]:
+    """Returns the least det J_g / det J_sq over the declared set, estimated, and the other search.
+
+    Positive where the arm can hold its tip's task with the vehicle free as it can with it held:
+    det(1 − M_vv⁻¹M_vqJ_sq⁻¹J_sv), by the lemma of Sylvester. 1 for a vehicle of infinite mass.
+    """
+    def missing(x: np.ndarray) -> np.ndarray:
+        J_s, M = _task(model, rows, x), model.mass_matrix(model.kinematics(_config(x)))
+        moved = np.linalg.solve(J_s[..., 6:], J_s[..., :6])
+        carried = np.linalg.solve(M[..., :6, :6], M[..., :6, 6:])
+        out: np.ndarray = 1.0 - np.linalg.det(np.eye(6) - carried @ moved)
+        return out[:, None]
+
+    lower, upper = _postures(declared)
+    claim = max(0.0, settings.safety_factor * float(
+        supremum_over_joints(missing, lower, upper, settings.seed)[0]))
+    return 1.0 - claim, lambda: (Estimate("1 − det J_g / det J_sq", claim, max(0.0, float(
+        second_over_joints(missing, lower, upper, settings.seed)[0]))),)
+
+
+def _postures(declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the box of joint angles, roll and pitch; where a vehicle is makes no difference."""
+    return (np.append(declared.q_lower, [-declared.roll, -declared.pitch]),
+            np.append(declared.q_upper, [declared.roll, declared.pitch]))
+
+
+def _config(x: np.ndarray) -> np.ndarray:
+    """Returns 𝔮 (m, 6+n) of postures (m, n+2)."""
+    config = np.zeros((len(x), x.shape[1] + 4))
+    config[:, 3:5], config[:, 6:] = x[:, -2:], x[:, :-2]
+    return config
+
+
+def _task(model: ContactModel, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Returns J_s (m, n, 6+n) of postures."""
+    return model.task_jacobian(_config(x))[:, rows]
+
+
+def least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+                  blocks: list[BlockBounds], seed: int) -> np.ndarray:
+    """Returns deviations of ν₁, ν₂ and q̇ (3,) that there are: those of ė to first order."""
+    parts = slice(0, 3), slice(3, 6), slice(6, model.size)
+
+    def values(x: np.ndarray) -> np.ndarray:
+        inverse = _by_outputs(model, rows, _config(x))
+        return np.stack([np.sum([
+            np.linalg.norm(inverse[:, part][:, :, block.rows], 2, axis=(1, 2)) * block.e_dot
+            for block in blocks], axis=0) for part in parts], axis=1)
+
+    return supremum_over_joints(values, *_postures(declared), seed)
+
+
+def _by_outputs(model: ContactModel, rows: np.ndarray, config: np.ndarray) -> np.ndarray:
+    """Returns J_y⁻¹ diag(I, J_sq) (m, 6+n, 6+n), which takes (x_η, x_q) to ζ."""
+    J = output_jacobian(model, config, model.kinematics(config), rows)
+    right = np.zeros_like(J)
+    right[:, :6, :6] = np.eye(6)
+    right[:, 6:, 6:] = J[:, 6:, 6:]
+    inverse: np.ndarray = np.linalg.solve(J, right)
+    return inverse
+
+
+def _linear(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+            blocks: list[BlockBounds], settings: CertificateSettings
+            ) -> tuple[np.ndarray, Check]:
+    """Returns the largest J_y⁻¹w and MJ_y⁻¹w (2(6+n),), w = (w_η, J_sq w_q)."""
+
+    def values(x: np.ndarray) -> np.ndarray:
+        config = _config(x)
+        inverse = _by_outputs(model, rows, config)
+        M = model.mass_matrix(model.kinematics(config))
+        both = np.concatenate([inverse, M @ inverse], axis=1)
+        sizes: np.ndarray = np.sum([np.linalg.norm(both[:, :, block.rows], axis=2) * block.w
+                                    for block in blocks], axis=0)
+        return sizes
+
+    lower, upper = _postures(declared)
+    claim = settings.safety_factor * supremum_over_joints(values, lower, upper, settings.seed)
+    return claim, lambda: (largest_of(
+        "J_y⁻¹w and MJ_y⁻¹w", claim, second_over_joints(values, lower, upper, settings.seed)),)

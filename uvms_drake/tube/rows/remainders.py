@@ -1,0 +1,89 @@
+"""What the law `tip first` makes of errors, beyond the linear parts of `tip_first_image` (1)."""
+
+import numpy as np
+
+from uvms_drake.control.laws.outputs import vehicle_motion
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.euler import pose_difference
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.uvms_model import Kinematics, configuration_rate_matrix
+from uvms_drake.tube.resolved.remainders import drift_and_inertia, jacobian_rate_times
+
+ITERATIONS = 6
+"""Newton's steps to the joint angles of outputs."""
+
+
+def tip_first_rests(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
+                    nominal_zeta: np.ndarray, nominal_u: np.ndarray, x: np.ndarray,
+                    x_dot: np.ndarray) -> np.ndarray:
+    """Returns what follows from errors of the outputs y = (η, s) (..., 4(6+n) − 3).
+
+    The errors are e = (x_η, J_sq x_q) and ė = (x_η', J_sq x_q'), J_sq that of the real robot: what
+    is off in s is said in joint angles. In the order ζ − ζ̄; q − q̄ (n) and 𝔬 − 𝔬̄ of the
+    end-effector; the rests of u and of τ = Mu, u − ū − J_y⁻¹w and τ − τ̄ − MJ_y⁻¹w for the
+    w = −(K + Σ)ė − KΣe of the law, J_y and M those of the real robot. Any argument may be complex,
+    for a derivative.
+
+    Args:
+        model: The prediction model.
+        rows: The tip's task in (χ, q) (n,).
+        nominal_config: 𝔮̄ (..., 6+n).
+        nominal_zeta: ζ̄ (..., 6+n).
+        nominal_u: ū (..., 6+n).
+        x: (x_η, x_q) (..., 6+n).
+        x_dot: (x_η', x_q') (..., 6+n).
+    """
+    # The nominal motion and its input.
+    nominal = model.kinematics(nominal_config)
+    f_bar, M_bar = drift_and_inertia(model, nominal, nominal_zeta)
+    J_bar = output_jacobian(model, nominal_config, nominal, rows)
+    y_dot = times(J_bar, nominal_zeta)
+    y_ddot = (times(J_bar, nominal_u + f_bar)
+              + output_bias(nominal_config, nominal, nominal_zeta, rows))
+
+    # The real state, and the acceleration of the law in it but for w.
+    config = configuration_of(model, rows, nominal_config, nominal, x)
+    real = model.kinematics(config)
+    J = output_jacobian(model, config, real, rows)
+    inverse = np.linalg.inv(J)
+    x_dot = np.broadcast_to(x_dot, config.shape)
+    e_dot = np.concatenate([x_dot[..., :6], times(J[..., 6:, 6:], x_dot[..., 6:])], axis=-1)
+    zeta = times(inverse, y_dot + e_dot)
+    zeta_dot = times(inverse, y_ddot - output_bias(config, real, zeta, rows))
+    f, M = drift_and_inertia(model, real, zeta)
+    u_rest = zeta_dot - f - nominal_u
+    turned = pose_difference(real.chi, nominal.chi + 0.0 * real.chi)[..., 3:]
+    return np.concatenate([
+        zeta - nominal_zeta, config[..., 6:] - nominal_config[..., 6:], turned, u_rest,
+        times(M, u_rest + nominal_u) - times(M_bar, nominal_u)], axis=-1)
+
+
+def output_jacobian(model: ContactModel, config: np.ndarray, kinematics: Kinematics,
+                    rows: np.ndarray) -> np.ndarray:
+    """Returns J_y (..., 6+n, 6+n), ẏ = J_y ζ."""
+    J_eta = configuration_rate_matrix(config)[..., :6, :]
+    return np.concatenate([J_eta, model.extended(kinematics.J_chi)[..., rows, :]], axis=-2)
+
+
+def output_bias(config: np.ndarray, kinematics: Kinematics, zeta: np.ndarray, rows: np.ndarray
+                ) -> np.ndarray:
+    """Returns J̇_y ζ (..., 6+n)."""
+    return np.concatenate([vehicle_motion(config, zeta)[2],
+                           jacobian_rate_times(kinematics, zeta, zeta)[..., rows]], axis=-1)
+
+
+def configuration_of(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
+                     nominal: Kinematics, x: np.ndarray) -> np.ndarray:
+    """Returns 𝔮 (..., 6+n) with the outputs ȳ + (x_η, J_sq(𝔮)x_q), by Newton's method from q̄."""
+    s_bar = np.concatenate([nominal.chi, nominal_config[..., 6:]], axis=-1)[..., rows]
+    config = nominal_config + 0.0 * x
+    config[..., :6] += x[..., :6]
+    for _ in range(ITERATIONS):
+        kinematics = model.kinematics(config)
+        y = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)
+        whole = y + 0.0
+        whole[..., rows] = s_bar
+        missing = pose_difference(whole, y)[..., rows]
+        J_sq = model.extended(kinematics.J_chi)[..., rows, :][..., 6:]
+        config[..., 6:] += np.linalg.solve(J_sq, missing[..., None])[..., 0] + x[..., 6:]
+    return config

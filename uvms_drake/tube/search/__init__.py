@@ -1,0 +1,1 @@
+"""Global search for the suprema that a certificate estimates."""

@@ -1,0 +1,262 @@
+"""The largest values of a `SearchProblem`, searched for by ascent from samples.
+
+The rests of `tube_image` are functions of where the nominal motion is, 𝔮̄ by the tip's position, the
+vehicle's attitude and the joints; of ζ̄, in balls; of ū, in a box; and of the errors, sums of
+ellipsoids. In ū they are affine, in ζ̄ and the errors nearly linear or quadratic: there the point
+of the set that is furthest up the gradient is soon the maximum. So a step goes some of the way to
+that point, and in 𝔮̄ some way along the gradient, in units of the set's widths, bent along limits
+of tip pitch and contact that are active, with and without some of the last step's direction.
+Several lengths are tried at once, the best counts, if it is better. All climbers, a few for each
+channel from the worst samples, go side by side in one batch, and the better of them go on.
+
+A value that is found is reached, so it is a bound from below; `second_search` looks for the same by
+other means.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from uvms_drake.model.frames.euler import COMPLEX_STEP
+from uvms_drake.tube.search.search_memo import held
+from uvms_drake.tube.search.search_problem import SearchProblem
+
+LEADERS, ROUNDS, STEPS = 8, 3, 4
+"""Climbers for each channel, from its worst samples; rounds, after each of which the better half of
+them goes on; and steps in a round."""
+BATCH = 400
+"""States evaluated at a time."""
+REACHES = (1.0, 0.3, 0.1, 0.0)
+"""Steps in 𝔮̄ that are tried, over a climber's reach."""
+JUMPS = (1.0, 0.3)
+"""Fractions of the way in ζ̄, ū and the errors that are tried."""
+MOMENTUM = 0.7
+"""Share of the last step's direction that is tried in the next one, too: ridges are bent."""
+WIDENED, NARROWED = 2.5, 0.3
+"""Factors of a climber's reach after its best step and after none."""
+ACTIVE = 0.97
+"""Share of a bound from which on it bends a step."""
+DIFFERENCE = 1e-6
+"""Step of the differences of what is bounded."""
+PULLS = 5
+"""Halvings of a step that leaves the set."""
+EDGE = 1e-9
+"""Allowance for rounding at a bound."""
+
+
+def first_order(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
+    """Returns the largest values to first order in the errors (m, channels)."""
+    return by_part(problem, x) @ np.array([radius for _, radius in problem.parts])
+
+
+def by_part(problem: SearchProblem, x: np.ndarray) -> np.ndarray:
+    """Returns the largest values to first order by each part of radius 1 (m, channels, parts)."""
+    size, channels = problem.size, problem.channels
+    steps = 1j * COMPLEX_STEP * np.eye(problem.errors)
+    out = np.empty((len(x), len(channels), len(problem.parts)))
+    for i in range(0, len(x), BATCH // size):
+        some = slice(i, i + BATCH // size)
+        moved = problem.values(x[some, None] + 0j, steps)
+        G = np.swapaxes(moved.imag / COMPLEX_STEP, 1, 2)  # (m, c, errors)
+        out[some] = np.stack([np.stack([
+            np.linalg.norm(G[:, row] @ matrix, 2, axis=(1, 2)) for row in channels], axis=1)
+            for matrix, _ in problem.parts], axis=2)
+    return out
+
+
+def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int = 1,
+             leaders: int | None = None) -> np.ndarray:
+    """Returns the largest values that were found, by channel; zero where there are no errors.
+
+    Args:
+        problem: What to search.
+        x: Samples of motions (m, 3(6+n)).
+        values: What `first_order` makes of them, but for channels that are not wanted (m, c);
+            those are zero.
+        patience: How many times as many steps the climbers take.
+        leaders: How many climbers there are for each channel; `LEADERS`, if left out.
+    """
+    def search() -> tuple[np.ndarray, np.ndarray]:
+        return _search(problem, x, values, patience, leaders or LEADERS)
+
+    def search_to_hold() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        best, where = search()
+        first = np.max(first_order(problem, where), axis=0, initial=0.0)
+        return best, where, best / np.maximum(first, 1e-300)
+
+    searches = held()
+    if searches is None:
+        return search()[0]
+    (best, where, beyond), new = searches.get("ascent", search_to_hold)
+    if new or len(where) == 0:
+        return best
+    # At the same motions, with errors that may be others: to first order, and by as much beyond.
+    again: np.ndarray = beyond * np.max(first_order(problem, where), axis=0)
+    return again
+
+
+def _search(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int, leaders: int
+            ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest values (c,), and the motions where those that are wanted are."""
+    out = np.max(values, axis=0)
+    wanted = np.nonzero(out > 0.0)[0]
+    if len(wanted) == 0:
+        return out, x[:0]
+    worst = np.argsort(-values[:, wanted], axis=0, kind="stable")[:leaders].T
+    climb = Climb(problem, x[worst.ravel()],
+                  [problem.channels[i] for i in wanted for _ in range(worst.shape[1])])
+    first = np.arange(len(wanted))[:, None]
+    for _ in range(ROUNDS):
+        for _ in range(patience * STEPS):
+            climb.step()
+        value = climb.value.reshape(len(wanted), -1)
+        better = np.argsort(-value, axis=1, kind="stable")[:, : max(1, value.shape[1] // 2)]
+        climb.keep((first * value.shape[1] + better).ravel())
+    climb.keep(first[:, 0] * (len(climb.x) // len(wanted)))  # The best for each channel.
+    out[wanted] = climb.value
+    return out, climb.x
+
+
+class Climb:
+    """Climbers side by side, each for one channel.
+
+    Args:
+        problem: What to search.
+        x: Where they start, motions of the set (m, 3(6+n)).
+        channels: What each climbs for.
+    """
+
+    def __init__(self, problem: SearchProblem, x: np.ndarray, channels: list[slice]):
+        self._problem = problem
+        width = problem.values(x[0], np.zeros(problem.errors)).shape[-1]
+        self._mask = np.zeros((len(x), width))
+        for row, channel in zip(self._mask, channels, strict=True):
+            row[channel] = 1.0
+        declared, size = problem.declared, problem.size
+        lower, upper = declared.box
+        free = np.full(3, np.inf)
+        self._box = np.concatenate([-free, lower]), np.concatenate([free, upper])
+        self._scale = declared.scale(problem.model)[:size]
+        self._balls = ((slice(size, size + 3), declared.nu1), (slice(size + 3, size + 6),
+                       declared.nu2), (slice(size + 6, 2 * size), declared.qdot))
+        self.x, self.error = x, np.zeros((len(x), problem.errors))
+        self.value = np.zeros(len(x))
+        self._reach = np.ones(len(x))
+        self._last = np.zeros((len(x), size))
+
+    def keep(self, which: np.ndarray) -> None:
+        """Keeps the climbers of these indices."""
+        self.x, self.error, self.value = self.x[which], self.error[which], self.value[which]
+        self._mask, self._reach, self._last = (
+            self._mask[which], self._reach[which], self._last[which])
+
+    def step(self) -> None:
+        """Takes one step."""
+        by_x, by_error = self._gradients()
+        size = self._problem.size
+        toward = self._furthest_motion(by_x), self._furthest_error(by_error)
+        pose, toward_pose = self.x[:, :size], self._way(by_x[:, :size])
+        ways = (toward_pose, toward_pose + MOMENTUM * self._last)
+        tried = []
+        for reach in REACHES:
+            for jump, way in product(JUMPS, ways if reach > 0.0 else ways[:1]):
+                x = self.x + jump * (toward[0] - self.x)
+                x[:, :size] = self._kept(pose + (reach * self._reach)[:, None] * way)
+                error = self.error + jump * (toward[1] - self.error)
+                tried.append((self._values(x, error), x, error, np.full(len(x), reach)))
+        values, motions, errors, reaches = (np.stack(each) for each in zip(*tried, strict=True))
+        best = np.argmax(values, axis=0), np.arange(len(self.x))
+        better = values[best] > self.value
+        self.value = np.where(better, values[best], self.value)
+        gone = np.where(better[:, None], motions[best], self.x)
+        moved = (gone - self.x)[:, :size]
+        length = np.max(np.abs(moved / self._scale), axis=1, keepdims=True)
+        self._last = moved / np.maximum(length, 1e-300)
+        self.x = gone
+        self.error = np.where(better[:, None], errors[best], self.error)
+        self._reach = np.clip(self._reach * np.where(
+            better & (reaches[best] > 0.0), WIDENED * reaches[best], NARROWED), 1e-4, 1.0)
+
+    def _values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the sizes of the climbers' channels (m,)."""
+        return np.concatenate([np.linalg.norm(
+            self._problem.values(x[i: i + BATCH], error[i: i + BATCH]) * self._mask[i: i + BATCH],
+            axis=1) for i in range(0, len(x), BATCH)])
+
+    def _gradients(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the derivatives of the climbers' channels by motion and by error.
+
+        At no errors all is zero: there the channel counts along its leading direction.
+        """
+        problem, size = self._problem, self._problem.size
+        by_x, by_error = np.empty((len(self.x), 3 * size)), np.empty(self.error.shape)
+        some = max(1, BATCH // (3 * size))
+        for i in range(0, len(self.x), some):
+            x, error, mask = (each[i: i + some, None] for each in (self.x, self.error, self._mask))
+            value = problem.values(x, error) * mask
+            moved = problem.values(x + 0j, error + 1j * COMPLEX_STEP * np.eye(problem.errors))
+            slope = moved.imag / COMPLEX_STEP * mask
+            leading = np.linalg.svd(slope, full_matrices=False)[2][:, :1]
+            length = np.linalg.norm(value, axis=-1, keepdims=True)
+            unit = np.where(np.any(error != 0.0, axis=-1, keepdims=True),
+                            value / np.maximum(length, 1e-300), leading).swapaxes(-1, -2)
+            by_error[i: i + some] = (slope @ unit)[..., 0]
+            moved = problem.values(x + 1j * COMPLEX_STEP * np.eye(3 * size), error + 0j)
+            by_x[i: i + some] = (moved.imag / COMPLEX_STEP @ unit)[..., 0]
+        return by_x, by_error
+
+    def _furthest_motion(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the ζ̄ and ū furthest up the gradient, and the poses as they are."""
+        size, out = self._problem.size, self.x.copy()
+        for ball, radius in self._balls:
+            out[:, ball] = radius * _unit(gradient[:, ball], out[:, ball] / radius)
+        by_u = gradient[:, 2 * size:]
+        out[:, 2 * size:] = np.where(by_u == 0.0, out[:, 2 * size:], np.sign(by_u))
+        return out
+
+    def _furthest_error(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the error furthest up the gradient."""
+        out = np.zeros_like(gradient)
+        for matrix, radius in self._problem.parts:
+            out += radius * _unit(gradient @ matrix, 0.0) @ matrix.T
+        return out
+
+    def _way(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the poses' way up (m, 6+n), its largest part as long as the set is wide."""
+        pose, scale = self.x[:, : self._problem.size], self._scale
+        up = gradient * scale
+        up[:, 3:] = np.where(((pose >= self._box[1]) & (up > 0.0)
+                              | (pose <= self._box[0]) & (up < 0.0))[:, 3:], 0.0, up[:, 3:])
+        # Along active limits.
+        steps = DIFFERENCE * np.diag(scale)
+        sides = (pose[:, None] + np.concatenate([steps, -steps])).reshape(-1, len(scale))
+        plus, minus = np.split(self._problem.bounded(sides).reshape(len(pose), -1, 3), 2, axis=1)
+        level = self._problem.bounded(pose)
+        for i in range(3):
+            slope = (plus - minus)[..., i] * (np.abs(up) > 0.0)
+            slope = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+            along = np.sum(up * slope, axis=1)
+            leaves = (np.abs(level[:, i]) > ACTIVE) & (along * level[:, i] > 0.0)
+            up -= np.where(leaves, along, 0.0)[:, None] * slope
+        return scale * up / np.maximum(np.max(np.abs(up), axis=1, keepdims=True), 1e-300)
+
+    def _kept(self, pose: np.ndarray) -> np.ndarray:
+        """Returns poses (m, 6+n), pulled towards where the climbers are until they are inside."""
+        pose = np.clip(pose, *self._box)
+        here = self.x[:, : self._problem.size]
+        low, high = np.zeros((len(pose), 1)), np.ones((len(pose), 1))
+        share = high
+        for _ in range(PULLS):
+            inside = np.all(np.abs(self._problem.bounded(here + share * (pose - here)))
+                            <= 1.0 + EDGE, axis=1)[:, None]
+            if np.all(inside & (share == 1.0)):
+                break
+            low, high = np.where(inside, share, low), np.where(inside, high, share)
+            share = np.where(low == 1.0, 1.0, 0.5 * (low + high))
+        return here + low * (pose - here)
+
+
+def _unit(vectors: np.ndarray, otherwise: np.ndarray | float) -> np.ndarray:
+    """Returns unit vectors (m, j), `otherwise` where one is zero."""
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(size > 0.0, vectors / np.maximum(size, 1e-300), otherwise)

@@ -1,0 +1,166 @@
+"""What is searched for its largest values: functions of a nominal motion and of errors.
+
+A motion x is a pose (the tip's position, the vehicle's attitude, the joints), ζ̄ and ū over its
+limits; an error is in a sum of ellipsoids. `ascent` and `second_search` look for the largest value
+of each channel, the norm of some components, over all motions of the declared set and all errors.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.frames.spatial import times
+from uvms_drake.tube.resolved.remainders import jacobian_rate_times, rests
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+
+Part = tuple[np.ndarray, float]
+"""Matrix (errors, j) and radius: the errors are the sum of matrix · ball of the radius."""
+
+
+@dataclass(frozen=True)
+class SearchProblem(ABC):
+    """The sets; a derived class has the function."""
+
+    model: ContactModel
+    declared: ConstraintSet
+    parts: list[Part]
+    """The errors (errors,), a sum."""
+
+    @property
+    def size(self) -> int:
+        """6 + n."""
+        return self.model.size
+
+    @property
+    def errors(self) -> int:
+        """Number of components of the errors, 2(6+n) if it is not another one."""
+        return 2 * self.size
+
+    @property
+    @abstractmethod
+    def channels(self) -> list[slice]:
+        """Components of the values whose norm is looked at."""
+
+    @abstractmethod
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the values (..., c) of motions (..., 3(6+n)) and errors (..., errors).
+
+        Real or complex; zero where there are no errors.
+        """
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Returns random motions (count, 3(6+n)), ū a third of the time on each of its bounds."""
+        poses, speeds = np.empty((0, self.size)), np.empty((0, self.size))
+        while len(poses) < count:
+            config, zeta = self.declared.sample(self.model, count, rng)
+            pose = config.copy()
+            pose[:, :3] = self.model.task_pose(config)[:, :3]
+            inside = np.all(np.abs(self.bounded(pose)) <= 1.0 + 1e-7, axis=1)
+            poses = np.concatenate([poses, pose[inside]])
+            speeds = np.concatenate([speeds, zeta[inside]])
+        u = np.clip(1.5 * rng.uniform(-1.0, 1.0, (count, self.size)), -1.0, 1.0)
+        return np.concatenate([poses[:count], speeds[:count], u], axis=1)
+
+    def config(self, pose: np.ndarray) -> np.ndarray:
+        """Returns 𝔮 (..., 6+n) with the tip at the first three numbers of `pose`."""
+        config = pose.copy()
+        config[..., :3] = 0.0
+        config[..., :3] = pose[..., :3] - self.model.task_pose(config)[..., :3]
+        return config
+
+    def bounded(self, pose: np.ndarray) -> np.ndarray:
+        """Returns what has to be in [−1, 1] of poses (m, 6+n) beside their box (m, 3).
+
+        Tip pitch, contact, and how near the attitude is to where the contact's law jumps.
+        """
+        config, still = self.config(pose), np.zeros((len(pose), self.size))
+        chi = self.model.task_pose(config)[:, :6]
+        turned = self.model.surface.turned(chi) / NEAREST_TO_A_JUMP
+        kept = self.declared.normalised(self.model, config, still)[:, :2]
+        return np.concatenate([kept, turned[:, None]], axis=1)
+
+
+NEAREST_TO_A_JUMP = 0.9
+"""Share of the angle at which a contact's law jumps up to which attitudes count."""
+
+
+def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, share: np.ndarray,
+                 u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
+    """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both.
+
+    A share of the looser one alone, cut to the tighter, is the same set; but of the light joints,
+    whose ζ̄̇ is cut long before, a search would have no slope to climb by.
+    """
+    rates = largest_rate * np.ones(model.size)
+    slow = rates < u_limits
+    u = u_limits * share
+    if np.any(slow):
+        f = model.drift(config, zeta)
+        u = _within(np.where(slow, np.where(slow, rates, 0.0) * share - f, u), u_limits)
+        u = _within(u + f, rates) - f
+    return u
+
+
+def _within(x: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Returns real or complex x, cut to ± limit."""
+    return np.where(np.abs(x.real) > limit, np.sign(x.real) * limit, x)
+
+
+@dataclass(frozen=True)
+class RestProblem(SearchProblem):
+    """The rests of the law `resolved`; see `rests`."""
+
+    u_limits: np.ndarray
+    """|ūᵢ| (6+n,)."""
+    k: float
+    sigma: float
+    preimage: bool = False
+    """Whether the errors are (𝔭, 𝔯), 𝔢_y = J_x(𝔮)𝔭, instead of (𝔢_y, 𝔯)."""
+    forces: bool = False
+    """Whether the rests of τ count, too."""
+    largest_rate: np.ndarray | float = field(default=np.inf)
+    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+
+    @property
+    def channels(self) -> list[slice]:
+        """Those of ν₁, ν₂, φ, θ, uᵢ and τᵢ."""
+        last = (3 if self.forces else 2) * self.size + 2
+        return [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(self.size, last))]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns the rests (..., 3(6+n) + 2)."""
+        pose, zeta, share = np.split(x, 3, axis=-1)
+        config = self.config(pose)
+        u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
+        e_y, r = error[..., : self.size], error[..., self.size:]
+        if self.preimage:  # J_x at the real configuration, to second order.
+            y, J = self.model.task_pose(config), self.model.task_jacobian(config)
+            real = self.model.configuration(y + times(J, e_y))
+            e_y = times(self.model.task_jacobian(real), e_y)
+        return rests(self.model, config, zeta, u, e_y, r, self.k, self.sigma)
+
+
+@dataclass(frozen=True)
+class TurningProblem(SearchProblem):
+    """J_x⁻¹J̇_x w for an error (0, w): with w in the unit ball, its largest norm is ω."""
+
+    @property
+    def channels(self) -> list[slice]:
+        """All of it."""
+        return [slice(0, self.size)]
+
+    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Returns J_x⁻¹J̇_x w (..., 6+n) [1/s]."""
+        pose, zeta, _ = np.split(x, 3, axis=-1)
+        kinematics = self.model.kinematics(self.config(pose))
+        rate = jacobian_rate_times(kinematics, zeta, error[..., self.size:])
+        return times(np.linalg.inv(self.model.extended(kinematics.J_chi)), rate)
+
+
+def turning_problem(model: ContactModel, declared: ConstraintSet, weights: np.ndarray
+                    ) -> TurningProblem:
+    """Returns the problem whose largest value is sup‖J_x⁻¹J̇_xŴ‖₂."""
+    matrix = np.concatenate([np.zeros((model.size, model.size)), np.diag(weights)])
+    return TurningProblem(model, declared, [(matrix, 1.0)])

@@ -1,0 +1,192 @@
+"""What a controller does not know of robot and water, as a disturbance: its size, estimated.
+
+For an acceleration ζ̇_c the law asks for τ = Mζ̇_c + b + Jᵀ𝔉, of the robot that it knows. Another
+robot, whose joints stick, does M′ζ̇ + b′ + Jᵀ𝔉 = τ + τ_f, so that with ζ̇ = ζ̇_c + d
+
+    d = M′⁻¹[(M − M′)ζ̇_c + b − b′ + τ_f].                                                    (1)
+
+Axes that move with the water see still water, and gravity g − v̇_c. With ν_c = Rᵀv_c of a uniform
+current or wave, ζ less ν_c is M(ζ̇ + ω × ν_c − Rᵀv̇_c) + b(𝔮, ζ − ν_c; g − v̇_c) + Jᵀ𝔉 = τ, and
+
+    d = M⁻¹[b(𝔮, ζ; g) − b(𝔮, ζ − ν_c; g − v̇_c)] − ω × ν_c + Rᵀv̇_c.                          (2)
+
+At a state each of them is d = c + As, s what may be anything in [−1, 1]: ζ̇_c in its box, friction
+of either sign. A component's largest value over s is |cᵢ| + Σⱼ|Aᵢⱼ|; a norm's, which is convex, is
+at a corner, and the step from s to sign(Aᵀ(c + As)) never makes it smaller. Over postures and
+velocities of the declared set the search is that of `joint_search`: an estimate from below.
+"""
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_drake.model.frames.spatial import cross, times
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
+from uvms_drake.tube.search.constraint_set import ConstraintSet
+from uvms_drake.tube.search.joint_search import supremum_over_joints
+
+ASCENT = 3
+"""Steps from corner to corner."""
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Stacks of motions."""
+
+    config: np.ndarray
+    """𝔮 (m, 6+n)."""
+    zeta: np.ndarray
+    """ζ (m, 6+n)."""
+    heading: np.ndarray
+    """Where the water goes, from x of Σ_I about z (m,) [rad]."""
+    phase: np.ndarray
+    """Of a wave (m,) [rad]."""
+    kinematics: Kinematics
+    """At 𝔮."""
+
+
+Affine = tuple[np.ndarray, np.ndarray]
+"""c (m, 6+n) and A (m, 6+n, j) of d = c + As."""
+Load = Callable[[Motions], Affine]
+"""What an error of the model makes of motions."""
+
+
+def by_robot(known: UvmsModel, true: UvmsModel, rate: np.ndarray) -> Load:
+    """Returns (1) of a robot that is another one; `rate` bounds |ζ̇_c| (6+n,)."""
+    def load(at: Motions) -> Affine:
+        M, M_true = (model.mass_matrix(at.kinematics) for model in (known, true))
+        b, b_true = (_bias(model, at.kinematics, at.zeta) for model in (known, true))
+        inverse = np.linalg.inv(M_true)
+        return times(inverse, b - b_true), inverse @ (M - M_true) * rate
+
+    return load
+
+
+def by_forces(model: UvmsModel, forces: np.ndarray) -> Load:
+    """Returns M⁻¹τ_f of generalised forces of either sign, |τ_f| ≤ `forces` (6+n,)."""
+    def load(at: Motions) -> Affine:
+        return np.zeros_like(at.zeta), np.linalg.inv(model.mass_matrix(at.kinematics)) * forces
+
+    return load
+
+
+def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) -> Load:
+    """Returns M⁻¹τ_f of a vehicle whose wrench is off by a share, on each axis of either sign.
+
+    Args:
+        model: The robot.
+        share: By how much of what is asked for.
+        rate: Bounds of |ζ̇_c| (6+n,).
+        force: Of ‖𝔉‖, on the tip [N].
+    """
+    def load(at: Motions) -> Affine:
+        M = model.mass_matrix(at.kinematics)
+        pressed = np.linalg.norm(at.kinematics.J_links[:, -1, :3, :6], axis=1)
+        asked = (np.abs(_bias(model, at.kinematics, at.zeta)[:, :6]) + force * pressed
+                 + np.abs(M[:, :6]) @ rate)
+        return np.zeros_like(at.zeta), np.linalg.inv(M)[..., :6] * (share * asked[:, None])
+
+    return load
+
+
+def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0.0) -> Load:
+    """Returns (2) of water that goes along a heading, or to and fro, as of `plant.waves`.
+
+    Args:
+        model: The robot.
+        speeds: Horizontal and vertical, the amplitudes of a wave [m/s].
+        frequency: ω of the wave [rad/s]; zero for a current.
+    """
+    along, down = speeds
+    weights = [_with_gravity(model, axis) for axis in np.eye(3)]
+
+    def load(at: Motions) -> Affine:
+        e = np.stack([np.cos(at.heading), np.sin(at.heading), np.zeros_like(at.heading)], axis=1)
+        e_z, (c, s) = np.array([0.0, 0.0, 1.0]), (
+            f(at.phase if frequency else 0.0 * at.phase)[:, None] for f in (np.cos, np.sin))
+        R = at.kinematics.R_WB.swapaxes(-1, -2)
+        v = times(R, along * c * e + down * s * e_z)
+        acceleration = frequency * (down * c * e_z - along * s * e)
+        relative, none = at.zeta.copy(), np.zeros_like(at.zeta)
+        relative[:, :3] -= v
+        b = _bias(model, at.kinematics, at.zeta) - _bias(model, at.kinematics, relative)
+        if frequency:
+            # −τ of weight and buoyancy is linear in g.
+            b += sum(_bias(each, at.kinematics, none) * a[:, None]
+                     for each, a in zip(weights, acceleration.T, strict=True))
+        out = np.linalg.solve(model.mass_matrix(at.kinematics), b[..., None])[..., 0]
+        out[:, :3] += times(R, acceleration) - cross(at.zeta[:, 3:6], v)
+        return out, np.zeros((*out.shape, 1))
+
+    return load
+
+
+def _bias(model: UvmsModel, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
+    """Returns b (m, 6+n), without contact."""
+    return model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta),
+                                  np.zeros((*zeta.shape[:-1], 6)))
+
+
+def _with_gravity(model: UvmsModel, gravity: np.ndarray) -> UvmsModel:
+    """Returns the robot where gravity is another one (3,)."""
+    out = copy.copy(model)
+    out.gravity = gravity
+    return out
+
+
+def largest(loads: Sequence[Load], model: UvmsModel, declared: ConstraintSet,
+            weights: np.ndarray | float = 1.0, seed: int = 0) -> np.ndarray:
+    """Returns the largest |dᵢ| of any of several loads, and their largest ‖Ŵ⁻¹d‖₂ (6+n+1,).
+
+    Args:
+        loads: Such as an error of both signs.
+        model: The robot, for its geometry.
+        declared: The set.
+        weights: Diagonal of Ŵ (6+n,), or 1.
+        seed: Of the search.
+    """
+    def values(points: np.ndarray) -> np.ndarray:
+        at = motions(points, model, declared)
+        return np.max([sizes(load(at), weights) for load in loads], axis=0)
+
+    lower, upper = box(model, declared)
+    return supremum_over_joints(values, lower, upper, seed)
+
+
+def box(model: UvmsModel, declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the bounds of the points that `motions` takes (6+2n+4,)."""
+    size = model.size
+    upper = np.concatenate([
+        declared.q_upper, [declared.roll, declared.pitch], np.ones(size), [np.pi, np.pi]])
+    lower = -upper
+    lower[: model.num_joints] = declared.q_lower
+    return lower, upper
+
+
+def motions(points: np.ndarray, model: UvmsModel, declared: ConstraintSet) -> Motions:
+    """Returns the motions of points (m, 6+2n+4): (q, roll, pitch), ζ in balls, heading, phase."""
+    n, size = model.num_joints, model.size
+    config = np.zeros((len(points), size))
+    config[:, 6:], config[:, 3:5] = points[:, :n], points[:, n: n + 2]
+    blocks = np.split(points[:, n + 2: n + 2 + size], [3, 6], axis=1)
+    zeta = np.concatenate([
+        radius * block / np.maximum(np.linalg.norm(block, axis=1, keepdims=True), 1.0)
+        for block, radius in zip(
+            blocks, (declared.nu1, declared.nu2, declared.qdot), strict=True)], axis=1)
+    return Motions(config, zeta, points[:, -2], points[:, -1], model.kinematics(config))
+
+
+def sizes(affine: Affine, weights: np.ndarray | float) -> np.ndarray:
+    """Returns the largest |dᵢ| and ‖Ŵ⁻¹d‖₂ over s (m, 6+n+1); the last one climbed for."""
+    c, A = affine
+    each = np.abs(c) + np.sum(np.abs(A), axis=2)
+    w = np.broadcast_to(1.0 / np.asarray(weights), c.shape[1:])
+    c, A = c * w, A * w[:, None]
+    sign = np.where(c < 0.0, -1.0, 1.0)
+    s = np.sign(A.swapaxes(1, 2) * sign[:, None])  # (m, j, 6+n), a corner for each component
+    for _ in range(ASCENT):
+        s = np.sign(A.swapaxes(1, 2) @ (c[..., None] + A @ s))
+    norm = np.max(np.linalg.norm(c[..., None] + A @ s, axis=1), axis=1)
+    return np.column_stack([each, norm])

@@ -1,0 +1,1 @@
+"""The objects of the picture, one a file: robot, surface, tube, arrows, texts."""
