@@ -13,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.order import ToPaperOrder

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from uvms_drake.actuation import LaggedWrench
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.allocation import Allocation
+from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.sensor_actuator import ON_TIME, VEHICLE_WRENCH, Signals
 from uvms_drake.station.scenario.scenario import load_scenario
 

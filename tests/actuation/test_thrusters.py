@@ -14,9 +14,9 @@ from uvms_drake.actuation.thruster_allocation import ThrusterAllocation
 from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.allocation import Allocation
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Signals
-from uvms_drake.model.thrusters import ThrusterModel
 
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
 

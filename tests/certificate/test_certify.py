@@ -16,9 +16,9 @@ from uvms_drake.certificate.certify import (
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.surface.plane import UnilateralPlane
-from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.report.robot.robot_sheet import largest_wrench
 from uvms_drake.report.summary import summarise

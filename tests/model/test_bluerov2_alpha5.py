@@ -7,7 +7,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from support.dh import rotation, translation
 
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import middle_posture, trim_of
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms

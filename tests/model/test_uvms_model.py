@@ -15,7 +15,7 @@ from support import dh
 from support.tiny_robots import drill, oblique, telescope, turret
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.robot_folder.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,

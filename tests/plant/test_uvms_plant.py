@@ -18,7 +18,7 @@ from support.meshcat import packed_transform
 from support.surfaces import Sphere
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import add_uvms

@@ -14,7 +14,7 @@ from support.scripts import Script, use_fixed_steps
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.uvms import add_uvms

@@ -15,7 +15,7 @@ from uvms_drake.control.limits.approach_speed import ToolAngle
 from uvms_drake.control.plan.points import Points
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
 
 from uvms_drake.common.wiring import added
-from uvms_drake.model.allocation import Allocation
+from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.wiring import added
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 
 
 class ThrusterDynamics(LeafSystem):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uvms_drake.model.frames.end_effector import tip_force_gradients
+from uvms_drake.model.end_effector import tip_force_gradients
 from uvms_drake.model.frames.euler import WORLD
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import Surface

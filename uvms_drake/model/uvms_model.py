@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from uvms_drake.model.frames.end_effector import pose_rate_matrix, pose_rate_matrix_rate
+from uvms_drake.model.end_effector import pose_rate_matrix, pose_rate_matrix_rate
 from uvms_drake.model.frames.euler import (
     WORLD,
     euler_angles,

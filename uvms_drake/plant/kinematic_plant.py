@@ -26,7 +26,7 @@ from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.common.errors import RunFailed, require, vector, within
 from uvms_drake.common.wiring import added
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
 from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.model.uvms_model import configuration_rate

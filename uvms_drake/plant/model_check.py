@@ -12,7 +12,7 @@ from pydrake.multibody.tree import JacobianWrtVariable, RigidBody
 from pydrake.systems.framework import Context
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.robot_folder.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.uvms import Uvms

@@ -1,11 +1,11 @@
-"""Between the orders of `MultibodyPlant` and of the paper; see `model.frames.coordinates`."""
+"""Between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.wiring import added
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 
 
 class ToPaperOrder(LeafSystem):

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, PassThrough
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uvms_drake.actuation import Thrusters
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.report.figure_style import BLACK, LIMIT, NOMINAL, REAL, legend_above, panels
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario

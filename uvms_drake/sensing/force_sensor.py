@@ -41,7 +41,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import require, require_rate, vector, within
 from uvms_drake.common.wiring import added
-from uvms_drake.model.frames.end_effector import force_in_tip, force_of_tip
+from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.frames.euler import rotated_back
 from uvms_drake.model.frames.spatial import block_diagonal
 from uvms_drake.model.sensor_actuator import MEASURED_FORCE, ForceReading, Part, Signals

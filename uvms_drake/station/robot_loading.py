@@ -1,7 +1,7 @@
 """The robot of a scenario, refused unless controller and plant can both be it."""
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.robot_folder.robot_check import robot_complaints
+from uvms_drake.model.robot_check import robot_complaints
 from uvms_drake.model.uvms import Uvms, model_dir
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.model_check import model_complaints

@@ -14,8 +14,8 @@ from uvms_drake.control.limits.inputs import Forces
 from uvms_drake.control.limits.thrusters import ThrusterForces
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.points import Points, slopes
-from uvms_drake.model.allocation import Allocation
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
 

@@ -8,13 +8,13 @@ import pytest
 from support.robots import TEMPLATE, altered
 
 from uvms_drake.control.laws.tip_rows import POSE
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.robot_folder.thruster_file import (
     CurveData,
     ThrusterData,
     ThrusterKind,
     ThrusterParameters,
 )
-from uvms_drake.model.thrusters import ThrusterModel
 from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms import model_dir
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms

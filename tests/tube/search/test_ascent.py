@@ -5,9 +5,9 @@ import pytest
 
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.tube.resolved.remainders import jacobian_rate_times
+from uvms_drake.tube.resolved.search_problems import RestProblem, turning_problem
 from uvms_drake.tube.search.ascent import Climb, first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
-from uvms_drake.tube.search.search_problem import RestProblem, turning_problem
 from uvms_drake.tube.search.second_search import second_search
 
 U_LIMITS = np.array([0.4, 0.3, 0.35, 0.4, 0.5, 0.4, 6.0, 8.0, 8.0, 6.0])

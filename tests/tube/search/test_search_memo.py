@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
+from uvms_drake.tube.resolved.search_problems import RestProblem
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.search.search_memo import held, holding
-from uvms_drake.tube.search.search_problem import RestProblem
 
 LOWER, UPPER = np.array([-1.0, 0.0]), np.array([1.0, 2.0])
 

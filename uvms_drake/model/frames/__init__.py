@@ -1,1 +1,1 @@
-"""Coordinates, frames and spatial algebra: 𝔮 and ζ, Euler angles, Σ_E, Fossen's 6-vectors."""
+"""Euler angles and spatial algebra: attitude, rotations, Fossen's 6-vectors."""

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import trim_of
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel

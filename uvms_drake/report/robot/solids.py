@@ -17,7 +17,7 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import add_uvms
 
 SIDES = 36

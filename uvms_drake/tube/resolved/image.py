@@ -38,13 +38,14 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.resolved.bounds import attitude_radii, joint_rate_radius, preimage_shift
+from uvms_drake.tube.resolved.search_problems import RestProblem, turning_problem
 from uvms_drake.tube.resolved.sensor_effect import Push
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, together
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 from uvms_drake.tube.search.search_memo import once
-from uvms_drake.tube.search.search_problem import Part, RestProblem, SearchProblem, turning_problem
+from uvms_drake.tube.search.search_problem import Part, SearchProblem
 from uvms_drake.tube.search.second_search import second_search
 
 PATIENCE = 2

@@ -6,13 +6,11 @@ of each channel, the norm of some components, over all motions of the declared s
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.frames.spatial import times
-from uvms_drake.tube.resolved.remainders import jacobian_rate_times, rests
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 Part = tuple[np.ndarray, float]
@@ -106,61 +104,3 @@ def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, shar
 def _within(x: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """Returns real or complex x, cut to ± limit."""
     return np.where(np.abs(x.real) > limit, np.sign(x.real) * limit, x)
-
-
-@dataclass(frozen=True)
-class RestProblem(SearchProblem):
-    """The rests of the law `resolved`; see `rests`."""
-
-    u_limits: np.ndarray
-    """|ūᵢ| (6+n,)."""
-    k: float
-    sigma: float
-    preimage: bool = False
-    """Whether the errors are (𝔭, 𝔯), 𝔢_y = J_x(𝔮)𝔭, instead of (𝔢_y, 𝔯)."""
-    forces: bool = False
-    """Whether the rests of τ count, too."""
-    largest_rate: np.ndarray | float = field(default=np.inf)
-    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
-
-    @property
-    def channels(self) -> list[slice]:
-        """Those of ν₁, ν₂, φ, θ, uᵢ and τᵢ."""
-        last = (3 if self.forces else 2) * self.size + 2
-        return [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(self.size, last))]
-
-    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns the rests (..., 3(6+n) + 2)."""
-        pose, zeta, share = np.split(x, 3, axis=-1)
-        config = self.config(pose)
-        u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
-        e_y, r = error[..., : self.size], error[..., self.size:]
-        if self.preimage:  # J_x at the real configuration, to second order.
-            y, J = self.model.task_pose(config), self.model.task_jacobian(config)
-            real = self.model.configuration(y + times(J, e_y))
-            e_y = times(self.model.task_jacobian(real), e_y)
-        return rests(self.model, config, zeta, u, e_y, r, self.k, self.sigma)
-
-
-@dataclass(frozen=True)
-class TurningProblem(SearchProblem):
-    """J_x⁻¹J̇_x w for an error (0, w): with w in the unit ball, its largest norm is ω."""
-
-    @property
-    def channels(self) -> list[slice]:
-        """All of it."""
-        return [slice(0, self.size)]
-
-    def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns J_x⁻¹J̇_x w (..., 6+n) [1/s]."""
-        pose, zeta, _ = np.split(x, 3, axis=-1)
-        kinematics = self.model.kinematics(self.config(pose))
-        rate = jacobian_rate_times(kinematics, zeta, error[..., self.size:])
-        return times(np.linalg.inv(self.model.extended(kinematics.J_chi)), rate)
-
-
-def turning_problem(model: ContactModel, declared: ConstraintSet, weights: np.ndarray
-                    ) -> TurningProblem:
-    """Returns the problem whose largest value is sup‖J_x⁻¹J̇_xŴ‖₂."""
-    matrix = np.concatenate([np.zeros((model.size, model.size)), np.diag(weights)])
-    return TurningProblem(model, declared, [(matrix, 1.0)])

@@ -6,7 +6,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.visual.stage import NED, Stage
 

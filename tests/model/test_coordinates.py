@@ -1,10 +1,10 @@
-"""Tests of `uvms_drake.model.frames.coordinates`."""
+"""Tests of `uvms_drake.model.coordinates`."""
 
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
 
-from uvms_drake.model.frames.coordinates import Coordinates
+from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import rate_matrix, rotation_matrix
 from uvms_drake.model.uvms import Uvms, add_uvms
 

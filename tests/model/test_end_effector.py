@@ -1,10 +1,10 @@
-"""Tests of `uvms_drake.model.frames.end_effector`."""
+"""Tests of `uvms_drake.model.end_effector`."""
 
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw, RotationMatrix
 
-from uvms_drake.model.frames.end_effector import (
+from uvms_drake.model.end_effector import (
     complex_step,
     force_in_tip,
     force_of_tip,

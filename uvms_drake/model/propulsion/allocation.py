@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 
 RIDGE = 1e-4
 """ε of (1) in units of the largest force, where W B_d of that force is one."""

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.model.allocation`, against pseudo-inverse, enumeration and null space."""
+"""Tests of `model.propulsion.allocation`, against brute force and geometry by hand."""
 
 from dataclasses import replace
 from itertools import product
@@ -8,12 +8,12 @@ import pytest
 from support.thrusters import eight_thrusters
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.allocation import (
+from uvms_drake.model.propulsion.allocation import (
     Allocation,
     bias_against_dead_bands,
     bounded_least_squares,
 )
-from uvms_drake.model.thrusters import ThrusterModel
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 
 
 @pytest.fixture(scope="module")

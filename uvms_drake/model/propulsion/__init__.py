@@ -1,0 +1,1 @@
+"""Thrusters: curves, wrench, and allocation."""
