@@ -38,7 +38,7 @@ def main() -> None:
     builder = DiagramBuilder()
     station = builder.AddSystem(make_station(scenario))
     felt = {name: station.GetOutputPort(name)
-            for name in ("state", "felt_force", "touched", "force_lost")}
+            for name in ("state", "force_last_valid", "touched", "force_lost")}
     mission = MissionControl.AddToBuilder(
         builder, JOB, load_model(scenario), walls, PLACE, **felt)
     for name in ("desired_force", "place", "deepest"):

@@ -43,10 +43,10 @@ def test_the_wrench_follows_on_every_axis_and_the_torques_at_once(model):
 
 def test_how_late_it_is_is_known_and_asked_for_ahead_or_not(model):
     path = LaggedWrench(period=0.01, lag=0.06, dead_time=0.02).command_path(model)
-    assert path.lateness.vehicle == pytest.approx(0.085)
-    assert path.lateness.joints == 0.0
+    assert path.actuation_delay.vehicle == pytest.approx(0.085)
+    assert path.actuation_delay.joints == 0.0
     assert path.undriven == ()
-    assert LaggedWrench(foreseen=False).command_path(model).lateness == ON_TIME
+    assert LaggedWrench(foreseen=False).command_path(model).actuation_delay == ON_TIME
 
 
 @pytest.mark.parametrize("wrench", [

@@ -14,7 +14,7 @@ from uvms_drake.campaign.contact_kinds import (
     PART,
     SETTLING,
     SPARE,
-    FeltContact,
+    SensedContactKind,
     contact_of,
     pace,
     steepest_friction,
@@ -52,7 +52,7 @@ def ocp(base):
 @pytest.fixture(scope="module")
 def drawn(base, ocp):
     """Scenarios with walls of their own, from the start of the file."""
-    return [FeltContact().drawn(base, ocp, np.random.default_rng(seed)) for seed in range(40)]
+    return [SensedContactKind().drawn(base, ocp, np.random.default_rng(seed)) for seed in range(40)]
 
 
 def test_a_wall_that_is_known_is_not_drawn_anew():
@@ -78,7 +78,7 @@ def test_every_wall_is_of_the_class_and_stands_in_front_of_the_tip(drawn, base, 
 
 def test_a_drawn_wall_has_no_error_of_the_scenarios_own_wall(base, ocp):
     wrong = replace(base, surface_error=SurfaceError(shift=[0.05, 0.0, 0.0], stiffness=1.4))
-    error = FeltContact().drawn(wrong, ocp, np.random.default_rng(0)).surface_error
+    error = SensedContactKind().drawn(wrong, ocp, np.random.default_rng(0)).surface_error
     assert error.stiffness == 1.0
     assert not np.any(error.shift)
 
@@ -98,7 +98,7 @@ def test_what_is_asked_for_can_be_given_in_the_time(drawn, base, ocp):
 
 
 def test_a_wall_is_near_where_the_time_is_short(base, ocp):
-    drawn = FeltContact().drawn(replace(base, duration=2.0), ocp, np.random.default_rng(0))
+    drawn = SensedContactKind().drawn(replace(base, duration=2.0), ocp, np.random.default_rng(0))
     start, _ = tips(base, ocp)
     way = (drawn.surface.anchor - start) @ sensed_contact(base).direction
     assert way == pytest.approx(sensed_contact(base).clearance + SPARE)

@@ -43,7 +43,7 @@ def simulator(mission=MISSION, **signals):
         "stop": lambda time: [0.0], **signals}))
     system = MissionControl.AddToBuilder(
         builder, mission, drill(), SURFACE, ORIGIN, state=script.GetOutputPort("state"),
-        felt_force=script.GetOutputPort("force"), touched=script.GetOutputPort("touched"),
+        force_last_valid=script.GetOutputPort("force"), touched=script.GetOutputPort("touched"),
         force_lost=script.GetOutputPort("lost"), period=PERIOD)
     builder.Connect(script.GetOutputPort("stop"), system.GetInputPort("stop"))
     return Simulator(builder.Build()), system

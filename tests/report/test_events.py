@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.synthetic import synthetic_felt_record, synthetic_record
+from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.campaign import run
 from uvms_drake.campaign.campaign import make_campaign
@@ -167,7 +167,7 @@ def test_another_desired_force_is_an_event_when_it_comes():
 
 
 def test_another_place_across_the_wall_is_an_event_and_another_depth_is_none():
-    record = synthetic_felt_record(4.0)
+    record = synthetic_sensed_record(4.0)
     assert of_kind(record, "retarget") == []
     target = record.signals["target"].copy()
     target[100:, 1] = 0.05

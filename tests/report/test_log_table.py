@@ -5,19 +5,19 @@ import io
 
 import numpy as np
 import pytest
-from support.synthetic import synthetic_felt_record, synthetic_record
+from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.report.log_table import format_log, log_columns
 
 
 def test_it_is_a_line_a_sample_under_names_that_differ():
-    record = synthetic_felt_record(2.0)
+    record = synthetic_sensed_record(2.0)
     header, *rows = csv.reader(io.StringIO(format_log(record)))
     assert header[0] == "time"
     assert len(set(header)) == len(header)
     table = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
     known = {"time": record.time, "tip/z": record.chi[:, 2], "tip/yaw": record.chi[:, 5],
-             "force/x": record.force[:, 0], "felt_force/y": record.signals["felt_force"][:, 1],
+             "force/x": record.force[:, 0], "force_last_valid/y": record.signals["force_last_valid"][:, 1],
              "joints/q4": record.config[:, 9], "vehicle_velocity/p": record.zeta[:, 3],
              "joint_velocity/q1": record.zeta[:, 6], "slope": record.signals["slope"][:, 0]}
     for name, values in known.items():
@@ -29,4 +29,4 @@ def test_it_is_a_line_a_sample_under_names_that_differ():
 def test_what_a_run_does_not_have_is_no_column():
     columns = log_columns(synthetic_record(0.5))
     assert "tip/x" in columns
-    assert not any(name.startswith(("felt_force", "mission")) for name in columns)
+    assert not any(name.startswith(("force_last_valid", "mission")) for name in columns)

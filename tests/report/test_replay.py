@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.synthetic import synthetic_felt_record, synthetic_record
+from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report import replay
@@ -57,20 +57,20 @@ def test_twenty_seconds_are_less_than_six_megabytes(tmp_path):
 
 
 @pytest.mark.parametrize(("record", "there"), [
-    (synthetic_felt_record(0.5), True), (synthetic_record(0.5), False)])
+    (synthetic_sensed_record(0.5), True), (synthetic_record(0.5), False)])
 def test_the_front_and_the_believed_wall_can_be_found_in_a_replay_of_a_felt_contact(
         record, there, tmp_path):
     write_replay(record, tmp_path / "replay.html")
     packed = re.findall("base64,([A-Za-z0-9+/=]+)", (tmp_path / "replay.html").read_text("utf-8"))
     messages = b"".join(b64decode(each) for each in packed)
     assert b"ned/uvms" in messages
-    assert (b"ned/explored_front" in messages) == (b"ned/believed_wall" in messages) == there
+    assert (b"ned/contact_estimator" in messages) == (b"ned/believed_wall" in messages) == there
 
 
 def test_what_is_known_at_an_instant_is_what_was_logged():
-    record = synthetic_felt_record(4.0)
+    record = synthetic_sensed_record(4.0)
     known = moment_of(record, 150).known
-    np.testing.assert_array_equal(known.felt_force, record.signals["felt_force"][150])
+    np.testing.assert_array_equal(known.force_last_valid, record.signals["force_last_valid"][150])
     assert known.safe_depth == record.chi_nominal[150, 0] + 0.025
     assert known.contact_depth == 0.003
     assert known.slope == pytest.approx(910.0)

@@ -12,7 +12,7 @@ from support.tiny_robots import drill
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.sensing.force_fault_detector import ForceWatch, Looks, looked
+from uvms_drake.sensing.force_fault_detector import ForceFaultDetector, RepeatCount, counted
 
 T = 0.1  # s
 
@@ -31,9 +31,9 @@ def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
     """Returns instants and what a reader gets that looks when the watch does."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
-    watch = ForceWatch.AddToBuilder(
+    watch = ForceFaultDetector.AddToBuilder(
         builder, model or drill(), T, state=script.GetOutputPort("state"),
-        measured_force=script.GetOutputPort("force"), **options)
+        force_measured=script.GetOutputPort("force"), **options)
     log = LogVectorOutput(watch.get_output_port(), builder, T)
     simulator = Simulator(builder.Build())
     simulator.get_mutable_context().SetTime(start)
@@ -43,10 +43,10 @@ def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
 
 
 def test_it_counts_how_often_in_a_row_each_component_is_the_same():
-    looks = Looks(np.full(2, np.nan), np.zeros(2))
+    looks = RepeatCount(np.full(2, np.nan), np.zeros(2))
     for force, times in (([1.0, 2.0], [1, 1]), ([1.0, 3.0], [2, 1]), ([np.nan, 3.0], [2, 1]),
                          ([1.0, 4.0], [3, 1]), ([1.1, 4.0], [1, 2])):
-        looks = looked(looks, np.array(force))
+        looks = counted(looks, np.array(force))
         np.testing.assert_array_equal(looks.times, times)
     np.testing.assert_array_equal(looks.last, [1.1, 4.0])
 
@@ -150,8 +150,8 @@ def test_a_gap_is_no_look(lost):
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))
-    watch = ForceWatch.AddToBuilder(builder, drill(), T, state=script.GetOutputPort("state"),
-                                    measured_force=script.GetOutputPort("force"))
+    watch = ForceFaultDetector.AddToBuilder(builder, drill(), T, state=script.GetOutputPort("state"),
+                                    force_measured=script.GetOutputPort("force"))
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.15)
@@ -166,4 +166,4 @@ def test_a_clone_goes_on_as_the_run_does():
 @pytest.mark.parametrize("bad", [{"repeats": 1}, {"period": 0.0}])
 def test_what_has_no_meaning_is_refused(bad):
     with pytest.raises(InvalidParameter, match=next(iter(bad))):
-        ForceWatch(drill(), **{"period": T, **bad})
+        ForceFaultDetector(drill(), **{"period": T, **bad})

@@ -105,7 +105,7 @@ class Bench:
     def error(self, time):
         """A(𝔬)ᵀ(𝔉_s − 𝔉) (6,) at a time to which it advances."""
         self.simulator.AdvanceTo(time)
-        return (self.port("measured_force") - self.force(time)) @ self.A_E(time)
+        return (self.port("force_measured") - self.force(time)) @ self.A_E(time)
 
 
 # Frames ------------------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_the_reading_does_the_power_of_the_force_on_the_surface(any_model):
         bench = Bench(model, replace(PERFECT, mounting=MOUNTING), wrench=lambda t, w=wrench: w,
                       state=lambda t, state=state: state)
         bench.simulator.AdvanceTo(0.01)
-        reading, felt = bench.port("reading"), bench.port("measured_force")
+        reading, felt = bench.port("reading"), bench.port("force_measured")
         chi_dot = model.kinematics(config).J_chi @ zeta
         power = reading[:3] @ V.translational() + reading[3:] @ V.rotational()
         assert power == pytest.approx(felt @ chi_dot, rel=1e-10)
@@ -144,7 +144,7 @@ def test_a_wrong_attitude_is_not_in_what_the_inverse_dynamics_ask_for(model):
     bench = Bench(model, PERFECT, wrench=lambda t: wrench, measured=lambda t: wrong)
     bench.simulator.AdvanceTo(0.01)
     A_E = model.kinematics(wrong[:10]).A_E
-    np.testing.assert_allclose(bench.port("measured_force") @ A_E, wrench, rtol=1e-12)
+    np.testing.assert_allclose(bench.port("force_measured") @ A_E, wrench, rtol=1e-12)
 
 
 # The tool ----------------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ def test_without_an_attitude_the_last_sample_goes_on(model):
     for time, expected in ((0.295, 0.03), (0.395, 0.04), (0.415, 0.15)):
         bench.simulator.AdvanceTo(time)
         np.testing.assert_allclose(bench.port("reading"), expected, atol=1e-9)
-        assert np.all(np.isnan(bench.port("measured_force"))) == (0.3 < time < 0.4)
+        assert np.all(np.isnan(bench.port("force_measured"))) == (0.3 < time < 0.4)
 
 
 # Errors ------------------------------------------------------------------------------------------
@@ -365,7 +365,7 @@ def test_a_cloned_context_goes_on_identically(model):
         use_fixed_steps(other)
         for simulator in (bench.simulator, other):
             simulator.AdvanceTo(0.9)
-        for name in ("reading", "measured_force"):
+        for name in ("reading", "force_measured"):
             assert np.all(bench.port(name) != 0.0)
             np.testing.assert_array_equal(bench.port(name), bench.port(name, other))
 

@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 from support.scripts import Script, use_fixed_steps
 
-from uvms_drake.sensing.hold_last_value import LastFinite
+from uvms_drake.sensing.hold_last_value import HoldLastValue
 
 
 def measured(time):
@@ -17,7 +17,7 @@ def measured(time):
 def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(measured=measured))
-    last = LastFinite.AddToBuilder(builder, measured=script.get_output_port())
+    last = HoldLastValue.AddToBuilder(builder, measured=script.get_output_port())
     moving = builder.AddSystem(Integrator(1))  # What moves is simulated in steps.
     one = builder.AddSystem(ConstantVectorSource([1.0]))
     builder.Connect(one.get_output_port(), moving.get_input_port())
@@ -41,9 +41,9 @@ def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
 
 def test_in_a_gap_it_lets_go_of_the_last_vector_if_it_is_told_to():
     builder = DiagramBuilder()
-    script = builder.AddSystem(Script(measured=measured, let_go=lambda time: [time > 0.55]))
-    last = LastFinite.AddToBuilder(builder, measured=script.GetOutputPort("measured"),
-                                   let_go=script.GetOutputPort("let_go"))
+    script = builder.AddSystem(Script(measured=measured, release=lambda time: [time > 0.55]))
+    last = HoldLastValue.AddToBuilder(builder, measured=script.GetOutputPort("measured"),
+                                   release=script.GetOutputPort("release"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     own = last.GetMyMutableContextFromRoot(context)

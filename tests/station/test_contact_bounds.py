@@ -56,4 +56,4 @@ def test_limits_of_angles_leave_room_for_plans_between_their_knots():
     for name, taken in zip(left, (0.01, 0.02, 0.02, 0.03, tool, 0.0), strict=True):
         np.testing.assert_allclose(left[name], taken, atol=1e-12)
         assert limits[name].tightened(tube).beyond == pytest.approx(taken)
-        assert all(radius == pytest.approx(taken) for _, radius, _ in limits[name].rooms(tube))
+        assert all(radius == pytest.approx(taken) for _, radius, _ in limits[name].margins(tube))

@@ -179,7 +179,7 @@ def test_inside_of_the_theory_the_input_limits_change_nothing(monkeypatch):
     scenario = load_scenario("girona500_ideal", [CLOSE])
     told = []
 
-    def without_limits(ocp, ancillary, targets, limits, lateness):
+    def without_limits(ocp, ancillary, targets, limits, actuation_delay):
         told.append(limits)
         return make_tube_mpc(ocp, ancillary, targets)
 

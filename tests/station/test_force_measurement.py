@@ -41,7 +41,7 @@ class TrueForce(Part):
     def add_to(self, builder, model, port, signals, seed):
         force = builder.AddNamedSystem("force", PassThrough(6))
         builder.Connect(signals["force"], force.get_input_port())
-        signals["measured_force"] = force.get_output_port()
+        signals["force_measured"] = force.get_output_port()
         return port
 
 
@@ -53,7 +53,7 @@ class NoForce(Part):
 
     def add_to(self, builder, model, port, signals, seed):
         force = builder.AddNamedSystem("force", ConstantVectorSource(np.full(6, self.value)))
-        signals["measured_force"] = force.get_output_port()
+        signals["force_measured"] = force.get_output_port()
         return port
 
 
@@ -70,7 +70,7 @@ def test_a_perfect_sensor_of_a_known_wall_changes_nothing():
     plain, felt = (simulate(scenario_of(1.5, sensing=parts)) for parts in ([], [TrueForce()]))
     assert np.max(plain.force[:, 0]) > 15.0
     np.testing.assert_allclose(felt.state, plain.state, atol=1e-6)
-    np.testing.assert_array_equal(felt.signals["felt_force"], felt.force)
+    np.testing.assert_array_equal(felt.signals["force_last_valid"], felt.force)
 
 
 def on_another_wall(duration: float, **changes):
@@ -103,8 +103,8 @@ def test_a_wall_that_is_felt_keeps_the_tube_and_a_wall_that_is_believed_in_does_
 
 
 def test_the_error_of_the_sensor_is_all_that_the_wall_adds_to_the_disturbance(run):
-    felt = run.signals["felt_force"]
-    np.testing.assert_array_equal(felt, run.signals["measured_force"])
+    felt = run.signals["force_last_valid"]
+    np.testing.assert_array_equal(felt, run.signals["force_measured"])
     assert np.max(np.abs(felt - run.force)[:, :3]) < 3.0 < np.max(run.force[:, 0])
     np.testing.assert_allclose(
         run.effective_disturbance,
@@ -124,15 +124,15 @@ def test_the_reading_is_the_felt_force_in_the_tips_axes(run):
     """As of this sensor, which is mounted there; after the tare, which reads zero."""
     model = ContactModel.load(run.scenario.model, check_surface(run.scenario.surface))
     A_E = model.kinematics(run.config).A_E
-    in_tip = (run.signals["measured_force"][:, None] @ A_E)[:, 0]
-    np.testing.assert_allclose(run.signals["force_reading"], in_tip, atol=1e-9)
+    in_tip = (run.signals["force_measured"][:, None] @ A_E)[:, 0]
+    np.testing.assert_allclose(run.signals["force_raw"], in_tip, atol=1e-9)
     tared = run.time < 0.195
     assert not np.any(in_tip[tared])
     assert np.all(np.any(in_tip[run.time > 0.21], axis=1))
 
 
 def test_a_scenarios_seed_is_that_of_the_sensor():
-    readings = [simulate(replace(scenario_of(0.4), seed=seed)).signals["force_reading"]
+    readings = [simulate(replace(scenario_of(0.4), seed=seed)).signals["force_raw"]
                 for seed in (1, 1, 2)]
     np.testing.assert_array_equal(*readings[:2])
     assert np.max(np.abs(readings[0] - readings[2])) > 0.1
@@ -142,7 +142,7 @@ def test_the_attitude_is_that_which_is_measured_before_it():
     """Behind a navigation; the state passes through unchanged."""
     record = simulate(scenario_of(0.4, sensing=[Navigation(), SENSOR]))
     assert set(record.signals) == {
-        "measured_state", "measured_force", "force_reading", "felt_force"}
+        "measured_state", "force_measured", "force_raw", "force_last_valid"}
 
 
 def test_a_sensor_comes_from_a_file_and_voids_the_certificate(tmp_path):
@@ -170,7 +170,7 @@ START, END = 1.5, 2.0
     (SaturatedForce(START, largest=4.0), "cut"), (JumpedForce(START), "jumped")])
 def test_a_fault_of_the_sensor_changes_what_is_felt_while_it_lasts(fault, expected):
     record = simulate(scenario_of(2.5, "log_period=0.01", faults=[fault]))
-    felt, measured = (record.signals[name] for name in ("felt_force", "measured_force"))
+    felt, measured = (record.signals[name] for name in ("force_last_valid", "force_measured"))
     faulty = (record.time > START + 1e-6) & (record.time < END - 1e-6)
     right = (record.time < START - 1e-6) | (record.time > END + 1e-6)
     np.testing.assert_array_equal(felt[right], measured[right])
@@ -201,7 +201,7 @@ def test_a_lost_state_does_not_take_the_force_along():
         "duration=2", CLOSE, "sensing=[!ForceSensor {tare: 0.2}]",
         "faults=[!LostState {start: 1.2, duration: 0.3}]"]))
     lost = record.state_lost > 0.0
-    felt = record.signals["felt_force"]
+    felt = record.signals["force_last_valid"]
     assert np.all(np.isfinite(felt))
     assert np.all(felt[lost] == felt[lost][0])
     assert felt[lost][0, 0] > 5.0

@@ -23,7 +23,7 @@ def test_it_retreats_presses_no_harder_and_goes_on_by_itself(fault, start, end):
     scenario = close_to_the_wall(
         WALL, "duration=8.5", "log_period=0.01", f"faults=[{fault}]")
     record = simulate(scenario)
-    contact, felt = sensed_contact(scenario), record.signals["felt_force"]
+    contact, felt = sensed_contact(scenario), record.signals["force_last_valid"]
     static = true_surface(scenario).static_force(record.chi)
     assert static.max() <= contact.force
     assert np.all(record.mpc_status == 0.0)
@@ -48,8 +48,8 @@ def test_who_feels_nothing_any_more_has_no_force_in_the_law_and_goes_back():
     at = np.argmax(lost)
     assert record.time[at] == pytest.approx(0.6 + 0.01 * (3 + 10), abs=0.021)
     assert np.all(lost[at:])
-    assert not np.any(record.signals["felt_force"][lost])
-    held = record.signals["felt_force"][(record.time > 0.61) & ~lost]
+    assert not np.any(record.signals["force_last_valid"][lost])
+    held = record.signals["force_last_valid"][(record.time > 0.61) & ~lost]
     assert np.all(held == held[0]) and np.all(held[0] != 0.0)
     y, tilt = record.chi[lost, 1:3], sensed_contact(scenario).walls.tilt
     aside = np.max(np.sum(np.abs(y - y[0]), axis=1))  # The front is a pyramid.

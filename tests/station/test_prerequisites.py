@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from uvms_drake.control.contact.contact_estimator import ExploredFront
-from uvms_drake.control.contact.contact_state import ForceSensing
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
+from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.contact.desired_force import DesiredForce
 from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.plant.adversary import TaskAdversary
-from uvms_drake.sensing.hold_last_value import LastFinite
+from uvms_drake.sensing.hold_last_value import HoldLastValue
 
 N = np.array([1.0, 0.0, 0.0])
 MADE = {
     "desired_force": lambda model: DesiredForce(N, 5.0, 20.0),
     "target": lambda model: PressTarget(N, np.zeros(3)),
-    "front": lambda model: ExploredFront(
-        model, SurfaceClass(), ForceSensing(45.0, 1.0), margin=0.01),
-    "last_finite": lambda model: LastFinite(6),
+    "front": lambda model: ContactEstimator(
+        model, SurfaceClass(), ForceSensorModel(45.0, 1.0), margin=0.01),
+    "last_finite": lambda model: HoldLastValue(6),
     "adversary": lambda model: TaskAdversary(0.1),
 }
 

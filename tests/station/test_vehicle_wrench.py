@@ -34,7 +34,7 @@ class Slow(Part):
 
 
 @dataclass
-class Told(Resolved):
+class ContactSpecification(Resolved):
     """It commands the joints to ten times what the vehicle is given, and so shows that."""
 
     takes_wrench = True
@@ -50,7 +50,7 @@ def station_of(law, part):
 
 
 def test_the_law_takes_what_the_thrusters_give_now():
-    station = station_of(Told(), Slow())
+    station = station_of(ContactSpecification(), Slow())
     simulator = Simulator(station)
     simulator.get_mutable_integrator().set_maximum_step_size(0.02)
     simulator.Initialize()
@@ -73,7 +73,7 @@ def test_a_law_that_does_not_take_it_does_not_see_it():
 
 def test_what_follows_at_once_from_the_command_is_an_algebraic_loop():
     with pytest.raises(RuntimeError, match="algebraic loop"):
-        station_of(Told(), Slow(early=True))
+        station_of(ContactSpecification(), Slow(early=True))
 
 
 def test_an_observer_is_told_what_known_actuators_give_and_of_no_fault():

@@ -9,28 +9,28 @@ from support.quick import FEW
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved, TipFirst, Transpose
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.studies.pareto_front import format_front, front
+from uvms_drake.studies.pareto_front import format_pareto_front, pareto_front
 
 pytestmark = pytest.mark.usefixtures("few_searches")
 
 @pytest.mark.long
 def test_larger_gains_certify_a_smaller_force_error(model):
-    points = front(load_scenario("girona500_ideal", FEW), model, disturbances=(1.0,),
+    points = pareto_front(load_scenario("girona500_ideal", FEW), model, disturbances=(1.0,),
                    gains=(0.5, 1.0))
     assert points[1].force < points[0].force
     assert points[0].emptied
     assert not points[1].emptied
-    assert format_front(points).count("void") == 1
+    assert format_pareto_front(points).count("void") == 1
 
 
 def test_where_a_law_has_no_tube_the_front_says_why(model):
     """The paper's law feeds back χ, which does not determine the joints of an arm."""
     scenario = replace(load_scenario("girona500_ideal", FEW),
                        ancillary=Transpose(k=40.0, sigma=5.0))
-    (point,) = front(scenario, model, disturbances=(1.0,), gains=(1.0,))
+    (point,) = pareto_front(scenario, model, disturbances=(1.0,), gains=(1.0,))
     assert point.force == np.inf
     assert point.emptied
-    assert f"void: {point.emptied}" in format_front([point])
+    assert f"void: {point.emptied}" in format_pareto_front([point])
 
 
 def test_a_law_without_a_certificate_has_no_front(model):
@@ -40,10 +40,10 @@ def test_a_law_without_a_certificate_has_no_front(model):
 
     scenario = replace(load_scenario("girona500_ideal", FEW), ancillary=Derived())
     with pytest.raises(InvalidParameter, match="ancillary = 'Derived': must be a law with a cert"):
-        front(scenario, model)
+        pareto_front(scenario, model)
 
 
 def test_a_law_with_gains_by_the_row_has_no_front(model):
     scenario = replace(load_scenario("girona500_ideal", FEW), ancillary=TipFirst())
     with pytest.raises(InvalidParameter, match="must be a law with one k and one σ, for a front"):
-        front(scenario, model)
+        pareto_front(scenario, model)

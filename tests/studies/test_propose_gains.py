@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.quick import FEW
 
-from uvms_drake.certificate.certify import basis_of, room_of
+from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import InvalidParameter, RunFailed
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.propose_gains import propose_gains
@@ -19,7 +19,7 @@ def test_the_proposal_keeps_the_bandwidth_and_leaves_something_of_every_limit(mo
     assert max(law.k, law.sigma) <= 15.0
     scenario.ancillary = law
     tube = resolved_law_tube(law, basis_of(scenario, model)).radii
-    assert all(item.holds for item in room_of(scenario, tube, model))
+    assert all(item.holds for item in tightening_margins(scenario, tube, model))
     chi_des = scenario.surface.pose_for(np.asarray(scenario.task.force), scenario.task.pose)
     bounds = ultimate_bounds(
         tube, scenario.surface, chi_des, np.asarray(scenario.task.force))

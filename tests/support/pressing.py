@@ -12,7 +12,7 @@ from uvms_drake.control.contact.press_target import target_depth
 from uvms_drake.control.contact.safe_region import apex, replaces, safe_depth
 from uvms_drake.control.contact.stiffness_estimate import (
     NOTHING,
-    Belief,
+    StiffnessEstimate,
     slope,
     surface_depth,
     with_reading,
@@ -94,7 +94,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
     count = len(walls.place)
     x, v, a, begun = np.zeros((4, count))
     tip = np.full((count, 3), np.nan)
-    belief = Belief(*(np.broadcast_to(part, (count, *part.shape)) for part in NOTHING))
+    belief = StiffnessEstimate(*(np.broadcast_to(part, (count, *part.shape)) for part in NOTHING))
     first, late, largest = np.full(count, np.nan), np.zeros(count), np.zeros(count)
     slack, was_touched = np.full(count, np.inf), np.zeros(count, dtype=bool)
     for time in PERIOD * np.arange(round(duration / PERIOD)):

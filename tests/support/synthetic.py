@@ -72,7 +72,7 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
     return replace(Record(scenario=scenario, wall_time_s=10.0, **arrays), **changes)
 
 
-def synthetic_felt_record(duration: float = 4.0, **changes: object) -> Record:
+def synthetic_sensed_record(duration: float = 4.0, **changes: object) -> Record:
     """Returns the record as one of a wall at x = 0 that is felt: 25 mm ahead of the tip is safe.
 
     It is believed to begin at x = 3 mm from 2.1 s on, and to be of 1000 N/m less 100 N/m each
@@ -84,7 +84,7 @@ def synthetic_felt_record(duration: float = 4.0, **changes: object) -> Record:
     record = synthetic_record(duration)
     known = record.time > 2.09
     signals = {
-        "felt_force": record.force + 0.3 * np.sin(40.0 * record.time)[:, None],
+        "force_last_valid": record.force + 0.3 * np.sin(40.0 * record.time)[:, None],
         "target": np.column_stack([2.0 * record.chi[:, 0], np.zeros((len(record.time), 2))]),
         "safe_depth": record.chi_nominal[:, :1] + 0.025,
         "contact_depth": np.where(known, 0.003, np.nan)[:, None],

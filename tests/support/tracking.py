@@ -8,7 +8,7 @@ from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.limits import make_limits, tighten
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -45,7 +45,7 @@ def at_rest(ocp: TrackingOcp, position: np.ndarray) -> np.ndarray:
     return np.concatenate([ocp.model.configuration(y), np.zeros(len(y))])
 
 
-def follow(ocp: TrackingOcp, aims: Iterable[Aim], plan: TrackingPlan, iterations: int = 1
+def follow(ocp: TrackingOcp, aims: Iterable[TrackingTarget], plan: TrackingPlan, iterations: int = 1
            ) -> Iterator[tuple[TrackingOcp, TrackingPlan, TrackingPlan]]:
     """Yields problem, guess and plan of every sample: the nominal state is where the last one went.
 

@@ -231,16 +231,16 @@ def test_the_vehicle_is_moved_by_what_is_listed_and_by_nothing_else(model):
 
 def test_behind_a_lag_the_tip_stays_where_resolved_lets_it_swing(model):
     """`resolved` with k = 20, σ = 5 is unstable beyond a lag of (k + σ)/(kσ) = 0.25 s."""
-    def push(time, J):
+    def sensor_effect(time, J):
         return np.repeat([0.05, 0.0], [6, 4]) * (time < 0.3)
 
     def tip(motion, start, end):
         when = (motion.time >= start) & (motion.time < end)
         return np.max(np.linalg.norm(motion.error[when, 6:9], axis=1))
 
-    swing = run(model, Resolved(), push, 2.4, lag=0.4)
+    swing = run(model, Resolved(), sensor_effect, 2.4, lag=0.4)
     assert tip(swing, 1.6, 2.4) > 1.5 * tip(swing, 0.4, 1.2)
-    held = {lag: run(model, TipFirst(), push, 1.6, lag=lag) for lag in (0.0, 0.4)}
+    held = {lag: run(model, TipFirst(), sensor_effect, 1.6, lag=lag) for lag in (0.0, 0.4)}
     assert tip(held[0.4], 0.0, 1.6) == pytest.approx(tip(held[0.0], 0.0, 1.6), rel=0.01)
     assert tip(held[0.4], 1.2, 1.6) < 0.01 * tip(held[0.4], 0.0, 1.2)
     moved = [np.max(np.abs(held[lag].error[:, :3])) for lag in (0.0, 0.4)]

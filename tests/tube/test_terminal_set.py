@@ -17,7 +17,7 @@ from uvms_drake.control.limits.speeds import Speed
 from uvms_drake.control.ocp import dynamic_ocp
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import TERMINAL_PENALTY
-from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.plan.terminal import INFLATION, terminal_ingredients
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
@@ -365,7 +365,7 @@ def test_there_is_a_terminal_set_for_all_places_and_forces(tracking, found_anywh
     there.y_des = tracking.y_des + np.pad([-50.0, 20.0, 7.0], (0, 7))
     np.testing.assert_allclose(TerminalLoop(there).margins(states), loop.margins(states),
                                rtol=1e-6, atol=1e-6)
-    aimed = tracking.aimed(Aim(np.zeros(3), 1.0))
+    aimed = tracking.aimed(TrackingTarget(np.zeros(3), 1.0))
     np.testing.assert_array_equal(TerminalLoop(aimed).margins(states), loop.margins(states))
 
 
@@ -383,7 +383,7 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs(tracking, found_a
         size = np.sqrt(xi @ tracking.terminal.P @ xi)
         a = rng.uniform(-5.0, 5.0, 3)
         y = tracking.y_des + np.pad(a, (0, 7))
-        aim = Aim(rng.uniform(-5.0, 5.0, 3), DIRECTION @ y[:3] + size * tracking.depth_reach)
+        aim = TrackingTarget(rng.uniform(-5.0, 5.0, 3), DIRECTION @ y[:3] + size * tracking.depth_reach)
         one = tracking.aimed(aim)
         one.horizon, one.terminal = 1, dataclasses.replace(one.terminal, radius=radius)
         start = np.concatenate([one.model.configuration(y + xi[:10]), xi[10:]])

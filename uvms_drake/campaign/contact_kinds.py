@@ -16,7 +16,7 @@ from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.model.surface import ShapedSurface
 from uvms_drake.plant.surface_error import SurfaceError
 from uvms_drake.station.contact_bounds import largest_force, sensed_contact, sensing_of
-from uvms_drake.station.motions.dynamic import lateness_of
+from uvms_drake.station.motions.dynamic import actuation_delay_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.step_size import friction_rate, largest_rate
@@ -35,7 +35,7 @@ LEAST_CREEP = 0.005
 ATTEMPTS = 1000
 
 
-class Contact(ABC):
+class ContactKind(ABC):
     """A kind of contact, for a campaign."""
 
     @abstractmethod
@@ -57,7 +57,7 @@ class Contact(ABC):
         """Returns what is told of a run beside, or in place of, what is told of all."""
 
 
-class KnownContact(Contact):
+class KnownContactKind(ContactKind):
     """A surface that the controller knows: one of the certified, drawn with its desired force."""
 
     def turned(self, scenario: Scenario, R: np.ndarray) -> Scenario:
@@ -73,7 +73,7 @@ class KnownContact(Contact):
         return {}
 
 
-class FeltContact(Contact):
+class SensedContactKind(ContactKind):
     """A wall of the class that the controller is told of, and any force that may be asked for.
 
     It stands no farther away than lets it be reached and pressed in time; a very soft one, or one
@@ -129,10 +129,10 @@ class FeltContact(Contact):
                 "settling_time_s": wall["settling_time_s"]}
 
 
-CONTACTS: dict[bool, Contact] = {False: KnownContact(), True: FeltContact()}
+CONTACTS: dict[bool, ContactKind] = {False: KnownContactKind(), True: SensedContactKind()}
 
 
-def contact_of(scenario: Scenario) -> Contact:
+def contact_of(scenario: Scenario) -> ContactKind:
     """Returns the kind of contact of a scenario."""
     return CONTACTS[scenario.contact.felt]
 
@@ -159,7 +159,7 @@ def pace(scenario: Scenario, ocp: TrackingOcp, wall: ShapedSurface, force: float
     taken to be slower than they come out.
     """
     committed = committed_intervals(
-        scenario.ancillary, lateness_of(scenario, ocp.model), ocp.time_step)
+        scenario.ancillary, actuation_delay_of(scenario, ocp.model), ocp.time_step)
     contact, late = sensed_contact(scenario), ocp.following_lag(committed)
     room = float(ocp.direction @ (ocp.aim.target - tips(scenario, ocp)[0])) - AHEAD
     fastest = contact.speed - (scenario.tube.depth_speed or 0.0)

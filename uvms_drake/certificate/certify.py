@@ -32,7 +32,7 @@ from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.mission_legs import legs_of
-from uvms_drake.station.motions.dynamic import command_paths, lateness_of
+from uvms_drake.station.motions.dynamic import actuation_delay_of, command_paths
 from uvms_drake.station.motions.motions import limits_of, make_ocp, motion_of
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.faults import uncovered
@@ -85,7 +85,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
             tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
-            room=rooms_of_budget(scenario, found, model),
+            room=budget_margins(scenario, found, model),
             conditions=(*found.conditions, *assumptions(scenario)))
         if scenario.mission.steps and np.size(found.radii.u):
             draft = replace(draft, legs=tuple(legs_of(
@@ -94,7 +94,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
         if not draft.certified:
             return draft
         tightening, proven = how_many_are_proven(scenario, found, model)
-        draft = replace(draft.adding(room_of(scenario, found.radii, model)),
+        draft = replace(draft.adding(tightening_margins(scenario, found.radii, model)),
                         tightening=tightening, proven=proven)
         if not draft.certified:
             return draft
@@ -124,8 +124,8 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
     if scenario.contact.felt:
-        given_up.append(("contact.aside_lag, friction that the law is told of late",
-                         sensed_contact(scenario).aside_lag))
+        given_up.append(("contact.tangential_lag, friction that the law is told of late",
+                         sensed_contact(scenario).tangential_lag))
     given_up += motion_of(scenario).given_up(mpc)
     given_up += [(f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
                  for i, term in enumerate(mpc.terms)]
@@ -149,7 +149,7 @@ def is_counted(scenario: Scenario, part: Component) -> bool:
     if not isinstance(part, LaggedWrench):
         return isinstance(part, SampledCommand)
     model = load_model(scenario)
-    actuators = actuators_of(command_paths(scenario, model), lateness_of(scenario, model))
+    actuators = actuators_of(command_paths(scenario, model), actuation_delay_of(scenario, model))
     return lag_is_proven(law, actuators, scenario.mpc.time_step)
 
 
@@ -244,10 +244,10 @@ def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),
         largest_rate=2.0 * speeds / scenario.mpc.time_step, time_step=scenario.mpc.time_step,
-        actuators=actuators_of(command_paths(scenario, model), lateness_of(scenario, model)))
+        actuators=actuators_of(command_paths(scenario, model), actuation_delay_of(scenario, model)))
 
 
-def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
+def tightening_margins(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Condition]:
     """Returns a condition for every limit: the tube must leave something of it.
 
     Limits of one number come first, as they do among the settings.
@@ -260,19 +260,19 @@ def room_of(scenario: Scenario, tube: TubeRadii, model: ContactModel) -> list[Co
                 f"limits.{limit.name}, of which nobody says what the tube takes", 1.0, "<=", 0.0))
         else:
             conditions += [Condition(f"tube in limits.{label}", radius, "<", room)
-                           for label, radius, room in limit.rooms(tube)]
+                           for label, radius, room in limit.margins(tube)]
     share = min((each.right / each.left for each in conditions if each.left > 0.0), default=1.0)
     advice = roomier(scenario, share)
     return [each if each.holds else replace(each, advice=advice) for each in conditions]
 
 
-def rooms_of_budget(scenario: Scenario, found: LawTube, model: ContactModel) -> dict[str, float]:
+def budget_margins(scenario: Scenario, found: LawTube, model: ContactModel) -> dict[str, float]:
     """Returns what limits there are of the radii of a budget: the least of each kind."""
     limits = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed[0]",),
               "joints": tuple(f"q{j + 1}" for j in range(model.num_joints))}
     none = resolved_radii(TubeRadii(u=np.zeros(model.size), tau=np.zeros(model.size)))
     room = {label: size for limit in limits_of(scenario, model).values()
-            for label, _, size in limit.rooms(none)}
+            for label, _, size in limit.margins(none)}
     return {name: min(known) for name in found.budget
             if (known := [room[label] for label in limits.get(name, ()) if label in room])}
 
@@ -285,9 +285,9 @@ def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel
     """
     doubled = {name: 2.0 * getattr(found.radii, name) for name in found.estimated
                if getattr(found.radii, name) is not None}
-    rooms = [room_of(scenario, radii, model)
+    margins = [tightening_margins(scenario, radii, model)
              for radii in (found.radii, replace(found.radii, **doubled))]
-    pairs = [(old, new) for old, new in zip(*rooms, strict=True) if old.left > 0.0]
+    pairs = [(old, new) for old, new in zip(*margins, strict=True) if old.left > 0.0]
     return len(pairs), sum(old.left == new.left for old, new in pairs)
 
 
@@ -346,7 +346,7 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
                   longer(ocp.horizon) if slack > REACHED else "")]
 
 
-class Bulge(NamedTuple):
+class KnotOvershoot(NamedTuple):
     """Where a plan is furthest beyond a limit between its knots."""
 
     excess: float = 0.0
@@ -359,7 +359,7 @@ class Bulge(NamedTuple):
     """What to set, if it is known."""
 
 
-def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
+def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> KnotOvershoot:
     """Returns where and by how much a plan exceeds a limit on the configuration between its knots.
 
     Looked at is every limit that bulges, but those of the input: roll, pitch, tip pitch, joints,
@@ -371,9 +371,9 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
     config, zeta = (np.array(each) for each in zip(
         *(plan.at(float(time))[:2] for time in times.ravel()), strict=True))
     at = Points(ocp.model, config, ocp.model.task_pose(config), zeta)
-    worst = Bulge()
+    worst = KnotOvershoot()
     for limit in ocp.limits.values():
-        if not limit.bulges or limit.about == "input":
+        if not limit.overshoots or limit.about == "input":
             continue
         excess, values = limit.excess(at) - limit.beyond, limit.values(at)
         if excess.size == 0:  # Joints, of a robot that has none.
@@ -382,6 +382,6 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> Bulge:
         largest = float(excess[point, i])
         if largest > worst.excess:
             above = bool(2.0 * values[point, i] > limit.lower[i] + limit.upper[i])
-            worst = Bulge(largest, limit.labels[i], float(times.ravel()[point]),
+            worst = KnotOvershoot(largest, limit.labels[i], float(times.ravel()[point]),
                           wider(limit, int(i), above, largest, ocp.model))
     return worst

@@ -57,7 +57,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.station.step_size import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
     from uvms_drake.studies.margins.margins import format_margins, margins
-    from uvms_drake.studies.pareto_front import format_front, front
+    from uvms_drake.studies.pareto_front import format_pareto_front, pareto_front
     from uvms_drake.studies.propose_gains import propose_gains
 
     scenario = load_scenario(args.scenario, args.overrides)
@@ -92,8 +92,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
         print(f"written to {path}: {MARGINS_FILE}", file=sys.stderr)
     if args.front:
         with closing(Bar("computing what other gains give", stream_of(args))) as progress:
-            points = front(scenario, model, progress=progress)
-        print(f"\n{format_front(points)}")
+            points = pareto_front(scenario, model, progress=progress)
+        print(f"\n{format_pareto_front(points)}")
     if args.propose is not None:
         with reported_in(source):
             law, error = propose_gains(scenario, model, args.propose)
@@ -125,10 +125,10 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
     """Raises `InvalidParameter` for the first study that is asked for and has no meaning."""
-    from uvms_drake.studies.pareto_front import check_front
+    from uvms_drake.studies.pareto_front import check_pareto_front
 
     if args.front:
-        check_front(scenario)
+        check_pareto_front(scenario)
     for option in ("propose", "laws", "margins"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
                 "motion", scenario.motion, f"dynamic, for --{option}")

@@ -5,7 +5,7 @@ from pydrake.systems.primitives import PassThrough
 
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.feedback.disturbance_observer import add_observer, export_inputs
-from uvms_drake.control.feedback.feedforward_preview import add_forces_ahead
+from uvms_drake.control.feedback.feedforward_preview import add_feedforward_preview
 from uvms_drake.control.feedback.kinematic_feedback import KinematicFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.limits import Limits
@@ -15,12 +15,12 @@ from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.commitment import committed_intervals
-from uvms_drake.model.sensor_actuator import ON_TIME, Lateness
+from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay
 
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
                   targets: Targets | None = None, limits: Limits | None = None,
-                  lateness: Lateness = ON_TIME) -> Diagram:
+                  actuation_delay: ActuationDelay = ON_TIME) -> Diagram:
     """Returns the tube-based NMPC of a task, as a Diagram named "tube_mpc".
 
     ::
@@ -29,14 +29,14 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         state ─┬─▶│ nominal_mpc │──────────────┐
                │  └─────────────┘        ┌─────▼─────┐
                └────────────────────────▶│ ancillary │──▶ tau, u
-        measured_force, vehicle_wrench ─▶└───────────┘
+        force_measured, vehicle_wrench ─▶└───────────┘
 
     .. pydrake_system::
 
         name: tube_mpc
         input_ports:
         - state
-        - measured_force (optional)
+        - force_measured (optional)
         - vehicle_wrench (optional)
         - applied (optional, with an observer)
         - fault (optional)
@@ -55,7 +55,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         - accepted_force (with targets)
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
-    - `measured_force`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
+    - `force_measured`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
     - `vehicle_wrench`: τ_v (6) [N, N m], likewise.
     - `applied`: τ (6+n) as known actuators give it, for the observer that the law asks for; see
       `RowObserver`.
@@ -72,7 +72,7 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
         targets: Makes the problem of another desired force; None if it stays as it is.
         limits: Those of the real robot, which `u` and `tau` keep to; None: the law's command is
             passed on as it is.
-        lateness: Of the commands: a law that knows of actuators asks for the plan's forces ahead,
+        actuation_delay: Of the commands: a law that knows of actuators asks for the plan's forces ahead,
             and its plans keep what was asked for; see `control.feedback.feedforward_preview` and
             `control.plan.commitment`.
     """
@@ -81,10 +81,10 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     measured = state.get_output_port()
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured, targets=targets,
-        committed=committed_intervals(law, lateness, ocp.time_step))
+        committed=committed_intervals(law, actuation_delay, ocp.time_step))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
-    add_forces_ahead(builder, ocp.model, law, feedback, lateness, nominal=mpc)
+    add_feedforward_preview(builder, ocp.model, law, feedback, actuation_delay, nominal=mpc)
 
     builder.ExportInput(state.get_input_port(), "state")
     export_inputs(builder, feedback, add_observer(

@@ -33,7 +33,7 @@ class MissionControl(LeafSystem):
         name: MissionControl
         input_ports:
         - state
-        - felt_force
+        - force_last_valid
         - touched
         - force_lost
         - stop (optional)
@@ -46,8 +46,8 @@ class MissionControl(LeafSystem):
         - progress
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, for the tip; one that is not finite is not seen.
-    - `felt_force`: 𝔉_s (6) [N, N m], as a law takes it.
-    - `touched`, `force_lost` (1): those of an `ExploredFront`.
+    - `force_last_valid`: 𝔉_s (6) [N, N m], as a law takes it.
+    - `touched`, `force_lost` (1): those of an `ContactEstimator`.
     - `stop` (1): above zero, the mission goes home.
     - `desired_force` (6): 𝔉_des along n [N].
     - `place` (3): where across n to press, in Σ_I [m]; it moves along a line while it slides.
@@ -75,7 +75,7 @@ class MissionControl(LeafSystem):
         self._mission, self._model, self._axes = mission.checked(), model, surface.axes
         self._origin = vector("origin", origin, 3)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        self._force_port = self.DeclareVectorInputPort("felt_force", 6)
+        self._force_port = self.DeclareVectorInputPort("force_last_valid", 6)
         self._touched_port = self.DeclareVectorInputPort("touched", 1)
         self._lost_port = self.DeclareVectorInputPort("force_lost", 1)
         self._stop_port = self.DeclareVectorInputPort("stop", 1)
@@ -132,9 +132,9 @@ class MissionControl(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, mission: Mission, model: UvmsModel,
                      surface: SurfaceClass, origin: np.ndarray, *, state: OutputPort,
-                     felt_force: OutputPort, touched: OutputPort, force_lost: OutputPort,
+                     force_last_valid: OutputPort, touched: OutputPort, force_lost: OutputPort,
                      period: float = 0.05, name: str = "mission") -> "MissionControl":
         """Adds the mission and connects its inputs, but for `stop`; see the constructor."""
         system = MissionControl(mission, model, surface, origin, period=period)
-        return added(builder, name, system, state=state, felt_force=felt_force, touched=touched,
+        return added(builder, name, system, state=state, force_last_valid=force_last_valid, touched=touched,
                      force_lost=force_lost)

@@ -16,7 +16,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 ONLY_ONCE = 1e9
 """Period [s] of an event that comes once in a run; Drake's systems have none without a period."""
 
-MEASURED_FORCE = "measured_force"
+MEASURED_FORCE = "force_measured"
 """Name of the signal 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates. If a part
 of sensing gives it, the law takes it in place of the force by the law of the surface."""
 
@@ -80,7 +80,7 @@ class ForceReading(NamedTuple):
         return float(np.exp(-max(delay - self.period, 0.0) / self.lag))
 
 
-class Lateness(NamedTuple):
+class ActuationDelay(NamedTuple):
     """How much later than it is commanded a force acts, as the controller believes [s].
 
     The delay of what changes slowly: a dead time, half a period of a hold, the constant of a lag.
@@ -90,7 +90,7 @@ class Lateness(NamedTuple):
     joints: float = 0.0
 
 
-ON_TIME = Lateness()
+ON_TIME = ActuationDelay()
 """Forces that act at once."""
 
 
@@ -115,12 +115,12 @@ class CommandPath(NamedTuple):
     """Whether the plan's forces are asked for ahead, see `control.feedback.feedforward_preview`."""
 
     @property
-    def lateness(self) -> Lateness:
+    def actuation_delay(self) -> ActuationDelay:
         """How late a force is behind it, as far as a plan is asked for ahead."""
         if not self.foreseen:
             return ON_TIME
         late = self.delay + 0.5 * self.period + self.lag
-        return Lateness(late, late if self.whole else 0.0)
+        return ActuationDelay(late, late if self.whole else 0.0)
 
 
 class Part(Component, ABC):

@@ -28,7 +28,7 @@ AIM_FROM = 1e-6
 
 AHEAD = 0.2
 """Time that `ahead` looks into the future [s]."""
-AHEAD_ITERATIONS = 12
+PREVIEW_ITERATIONS = 12
 
 KINDS = ("along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
          "per_channel")
@@ -195,7 +195,7 @@ class Adversary(LeafSystem):
         drift = drift + AHEAD * (J @ (self._r_port.Eval(context) / self._weights))
         reach = 0.5 * AHEAD**2 * self._settings.d_bound * J
         e = toward(J.T @ drift, self._direction)
-        for _ in range(AHEAD_ITERATIONS):
+        for _ in range(PREVIEW_ITERATIONS):
             e = toward(J.T @ (drift + reach @ e), self._direction)
         return e
 

@@ -96,7 +96,7 @@ def real_and_nominal(axis: Axes, time: np.ndarray, real: np.ndarray, nominal: np
     axis.plot(time, nominal, **NOMINAL)
 
 
-def room_above_zero(axis: Axes) -> None:
+def margin_above_zero(axis: Axes) -> None:
     """Lets the y axis start at zero and leaves a little room above the highest line."""
     highest = max(float(np.max(np.asarray(line.get_ydata()))) for line in axis.get_lines())
     axis.set_ylim(0.0, 1.12 * highest if highest > 0.0 else 1.0)

@@ -13,7 +13,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.inputs import input_names
 from uvms_drake.control.mpc.planner import HOVERED, KEPT, SOLVED
 from uvms_drake.model.frames.euler import pose_difference
-from uvms_drake.report.figure.contact_estimate_figure import draw_felt
+from uvms_drake.report.figure.contact_estimate_figure import draw_contact_estimate
 from uvms_drake.report.figure.force_figure import draw_force
 from uvms_drake.report.figure.kinematic_figures import (
     draw_input_norms,
@@ -32,10 +32,10 @@ from uvms_drake.report.figure_style import (
     legend_above,
     legend_over,
     log_ticks,
+    margin_above_zero,
     panels,
     real_and_nominal,
     real_nominal_tube_above,
-    room_above_zero,
     tube_label,
 )
 from uvms_drake.report.mission.coverage_figure import draw_coverage
@@ -93,7 +93,7 @@ def figures_of(scenario: Scenario) -> list[str]:
 
 def draw_contact(record: Record, certified: float | None = None) -> Figure:
     """Draws the force on a surface; with what is known of the surface, if it is felt."""
-    draw = draw_felt if record.scenario.contact.felt else draw_force
+    draw = draw_contact_estimate if record.scenario.contact.felt else draw_force
     return draw(record, certified)
 
 
@@ -136,7 +136,7 @@ def draw_velocities(record: Record) -> Figure:
         axis.axhline(limits[key].upper[0], **LIMIT)
         axis.axhline(nominal[key].upper[0], **TIGHTENED)
         axis.set_ylabel(label)
-        room_above_zero(axis)
+        margin_above_zero(axis)
     _name_tube(axes[0], record)
     legend_above(figure, axes[0])
     return figure
@@ -211,7 +211,7 @@ def draw_disturbance(record: Record) -> Figure:
     axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
     scaled = rf"\hat{{W}}^{{-1}}{symbol}" if np.size(declared.weights) else symbol
     axes[1].set_ylabel(rf"$\|{scaled}\|_2$ [{unit}]")
-    room_above_zero(axes[1])
+    margin_above_zero(axes[1])
     legend_over(axes[1], 3)
     legend_above(figure, axes[0])
     return figure
@@ -234,7 +234,7 @@ def draw_mpc(record: Record) -> Figure:
                                 (axes[2], record.mpc_terminal_slack, "terminal slack [-]")):
         axis.plot(record.mpc_time, values, ".-", markersize=3.5)
         axis.set_ylabel(label)
-        room_above_zero(axis)
+        margin_above_zero(axis)
         if not np.any(values):
             axis.set_title("zero at every step")
             axis.set_yticks([0.0])
@@ -265,7 +265,7 @@ def draw_deviation(record: Record) -> Figure:
             axis.set_yscale("log")
             axis.set_ylim(1e-4 * bound, 2.0 * bound)
         else:
-            room_above_zero(axis)
+            margin_above_zero(axis)
     legend_above(figure, axes[0])
     return figure
 

@@ -7,7 +7,7 @@ from pydrake.geometry import Meshcat
 
 from uvms_drake.station.record import Record
 from uvms_drake.station.scene_setting import setting_of
-from uvms_drake.visual.objects.contact_knowledge import known_from
+from uvms_drake.visual.objects.contact_knowledge import contact_knowledge_from
 from uvms_drake.visual.scene import Moment, Scene
 
 MOST_FRAMES = 1800
@@ -65,7 +65,7 @@ def moment_of(record: Record, index: int) -> Moment:
                   u=record.u[index], nominal_input=record.nominal_input[index],
                   desired_force=record.desired_force[index], path=path,
                   force=record.force[index],
-                  known=known_from({name: x[index] for name, x in record.signals.items()}))
+                  known=contact_knowledge_from({name: x[index] for name, x in record.signals.items()}))
 
 
 def frame_indices(time: np.ndarray, rate: float) -> np.ndarray:

@@ -47,7 +47,7 @@ SAME = 1e-9
 """Largest difference of two equal forces, by the rounding of a rotation there and back [N]."""
 
 
-class Looks(NamedTuple):
+class RepeatCount(NamedTuple):
     """What a watch remembers."""
 
     last: np.ndarray
@@ -56,30 +56,30 @@ class Looks(NamedTuple):
     """How often in a row each of them has been seen (6,)."""
 
 
-def looked(before: Looks, force: np.ndarray) -> Looks:
+def counted(before: RepeatCount, force: np.ndarray) -> RepeatCount:
     """Returns what is remembered after a look at a force (6,) [N]; a gap is none."""
     if not np.all(np.isfinite(force)):
         return before
     same = np.abs(force - before.last) <= SAME
-    return Looks(force, np.where(same, before.times + 1.0, 1.0))
+    return RepeatCount(force, np.where(same, before.times + 1.0, 1.0))
 
 
-class ForceWatch(LeafSystem):
+class ForceFaultDetector(LeafSystem):
     """Passes the measured force on while it is a reading, and else NaN; see the module.
 
     .. pydrake_system::
 
-        name: ForceWatch
+        name: ForceFaultDetector
         input_ports:
         - state
-        - measured_force
+        - force_measured
         output_ports:
-        - fresh_force
+        - force_valid
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, for the attitude of the tip.
-    - `measured_force`, `fresh_force`: 𝔉_s (6), force in Σ_I [N, N m].
+    - `force_measured`, `force_valid`: 𝔉_s (6), force in Σ_I [N, N m].
 
-    The discrete state is that of `Looks` (12), and how often it has been its turn to look (1).
+    The discrete state is that of `RepeatCount` (12), and how often it has been its turn to look (1).
 
     Args:
         model: The controller's model.
@@ -98,18 +98,18 @@ class ForceWatch(LeafSystem):
         self._model, self._repeats, self._largest = model, repeats, largest
         self._passed = math.ceil(tare / period - 1e-6)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        self._port = self.DeclareVectorInputPort("measured_force", 6)
+        self._port = self.DeclareVectorInputPort("force_measured", 6)
         self.DeclareDiscreteState(np.append(np.full(6, np.nan), np.zeros(6)))
         self.DeclareDiscreteState(1)
         if repeats:
             self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
-        self.DeclareVectorOutputPort("fresh_force", 6, self._calc, {
+        self.DeclareVectorOutputPort("force_valid", 6, self._calc, {
             self.xd_ticket(), self._port.ticket()})
 
     @staticmethod
-    def _remembered(context: Context) -> Looks:
+    def _remembered(context: Context) -> RepeatCount:
         state = context.get_discrete_state(0).value()
-        return Looks(state[:6], state[6:])
+        return RepeatCount(state[:6], state[6:])
 
     def _look(self, context: Context, state: DiscreteValues) -> EventStatus:
         turns = context.get_discrete_state(1).value()
@@ -122,7 +122,7 @@ class ForceWatch(LeafSystem):
         attitude = self._model.task_pose(config)[3:6]
         R_WE = self._model.R_WT @ rotation_matrix(attitude)
         both = np.concatenate([force[:3], force[:3] @ R_WE])
-        state.set_value(0, np.concatenate(looked(self._remembered(context), both)))
+        state.set_value(0, np.concatenate(counted(self._remembered(context), both)))
         return EventStatus.Succeeded()
 
     def _calc(self, context: Context, output: BasicVector) -> None:
@@ -134,8 +134,8 @@ class ForceWatch(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, period: float, *,
                      repeats: int = 3, tare: float = 0.0, largest: float = np.inf,
-                     state: OutputPort, measured_force: OutputPort | None = None,
-                     name: str = "force_watch") -> "ForceWatch":
-        """Adds the watch of the force that `measured_force` gives; left to the caller if None."""
-        watch = ForceWatch(model, period, repeats=repeats, tare=tare, largest=largest)
-        return added(builder, name, watch, state=state, measured_force=measured_force)
+                     state: OutputPort, force_measured: OutputPort | None = None,
+                     name: str = "force_watch") -> "ForceFaultDetector":
+        """Adds the watch of the force that `force_measured` gives; left to the caller if None."""
+        watch = ForceFaultDetector(model, period, repeats=repeats, tare=tare, largest=largest)
+        return added(builder, name, watch, state=state, force_measured=force_measured)

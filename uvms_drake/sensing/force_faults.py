@@ -39,7 +39,7 @@ class FrozenForce(ForceFault):
     """The measured force stays what it was at `start`.
 
     Pressing by what it feels, this deceives: a force from before the touch, taken for new, lets the
-    tip press without end. After as many equal readings as a `ForceWatch` has `repeats`, it is
+    tip press without end. After as many equal readings as a `ForceFaultDetector` has `repeats`, it is
     no reading any more, as if it were lost. Those before it are older than they look by less than
     what the window W of the front is wider for them.
     """
@@ -53,7 +53,7 @@ class FrozenForce(ForceFault):
 class SaturatedForce(ForceFault):
     """No component of the measured force is larger than `largest`.
 
-    A `ForceWatch` notices, as with a sensor that froze: a component stands at the end of its range.
+    A `ForceFaultDetector` notices, as with a sensor that froze: a component stands at the end of its range.
     Where the range is declared, a force that long is no reading from the first one on.
     """
 

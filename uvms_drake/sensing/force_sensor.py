@@ -105,7 +105,7 @@ class Samples(NamedTuple):
 class ForceSensor(Part):
     """A wrist sensor measures the contact force, which the law takes instead of the surface's.
 
-    Logged are `force_reading`, F̂ in its own axes, and `measured_force`, 𝔉_s. Rate, noise and range
+    Logged are `force_raw`, F̂ in its own axes, and `force_measured`, 𝔉_s. Rate, noise and range
     are those of the wrist sensor in the Girona 1000's own scenario for Stonefish (CIRS,
     `girona1000_vectorial.scn`); nobody has published the others, which are assumed: the lag is that
     of a low-pass of 8 Hz (one of 5 Hz is in use), and a bias of newtons is why such a sensor "must
@@ -177,8 +177,8 @@ class ForceSensor(Part):
         sensor = WristSensor.AddToBuilder(
             builder, model, self, self.imperfection(seed), force=signals["force"],
             chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals))
-        signals[MEASURED_FORCE] = sensor.GetOutputPort("measured_force")
-        signals["force_reading"] = sensor.GetOutputPort("reading")
+        signals[MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
+        signals["force_raw"] = sensor.GetOutputPort("reading")
         return port
 
 
@@ -193,13 +193,13 @@ class WristSensor(LeafSystem):
         - chi
         - measured_chi
         output_ports:
-        - measured_force
+        - force_measured
         - reading
 
     - `force`: 𝔉 (6), the true one, from the plant's port `force`.
     - `chi`: χ (6), the true pose of the end-effector; its attitude is read [m, rad].
     - `measured_chi`: χ (6) as it is measured.
-    - `measured_force`: 𝔉_s (6), force in Σ_I and torque conjugate to Euler rates [N, N m].
+    - `force_measured`: 𝔉_s (6), force in Σ_I and torque conjugate to Euler rates [N, N m].
     - `reading`: F̂ (6) in the sensor's axes, about its origin [N, N m]; zero during the tare.
 
     The continuous state is x (6), if there is a lag; the discrete state is that of `Samples` (13).
@@ -233,7 +233,7 @@ class WristSensor(LeafSystem):
         self.DeclareDiscreteState(13)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / settings.rate, 0.0, self._sample)
         samples, measured = self.xd_ticket(), self._measured_port.ticket()
-        self.DeclareVectorOutputPort("measured_force", 6, self._calc_force, {samples, measured})
+        self.DeclareVectorOutputPort("force_measured", 6, self._calc_force, {samples, measured})
         self.DeclareVectorOutputPort("reading", 6, self._calc_reading, {samples})
 
     def _hold(self, chi: np.ndarray) -> np.ndarray:

@@ -13,23 +13,23 @@ from pydrake.systems.framework import (
 from uvms_drake.common.wiring import added
 
 
-class LastFinite(LeafSystem):
+class HoldLastValue(LeafSystem):
     """Passes a vector on while it is finite, and else the last one that was.
 
     A gap of a sensor is so a longer hold, whose error is what the vector changes by meanwhile. Its
-    age has no bound: nothing for an `ExploredFront`, which has to know how old a force may be.
+    age has no bound: nothing for an `ContactEstimator`, which has to know how old a force may be.
 
     .. pydrake_system::
 
-        name: LastFinite
+        name: HoldLastValue
         input_ports:
         - measured
-        - let_go (optional)
+        - release (optional)
         output_ports:
         - finite
 
     - `measured`, `finite` (size).
-    - `let_go` (1): in a gap, zeros take the place of the last vector while it is above zero.
+    - `release` (1): in a gap, zeros take the place of the last vector while it is above zero.
 
     The discrete state is the vector at the beginning of the last step of the simulation at which it
     was finite (size); NaN before there is one. Of a vector that is sampled and held, as that of a
@@ -43,7 +43,7 @@ class LastFinite(LeafSystem):
     def __init__(self, size: int):
         super().__init__()
         self._port = self.DeclareVectorInputPort("measured", size)
-        self._let_go_port = self.DeclareVectorInputPort("let_go", 1)
+        self._let_go_port = self.DeclareVectorInputPort("release", 1)
         self.DeclareDiscreteState(np.full(size, np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._remember)
         self.DeclareVectorOutputPort(
@@ -65,6 +65,6 @@ class LastFinite(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
-                     let_go: OutputPort | None = None, name: str = "last_finite") -> "LastFinite":
-        """Adds the system behind the vector that `measured` gives; `let_go` may be None."""
-        return added(builder, name, LastFinite(measured.size()), measured=measured, let_go=let_go)
+                     release: OutputPort | None = None, name: str = "last_finite") -> "HoldLastValue":
+        """Adds the system behind the vector that `measured` gives; `release` may be None."""
+        return added(builder, name, HoldLastValue(measured.size()), measured=measured, release=release)

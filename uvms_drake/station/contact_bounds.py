@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, within
-from uvms_drake.control.contact.contact_state import ForceSensing
+from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.limits import TubeRadii, resolved_radii
 from uvms_drake.model.sensor_actuator import ForceReading
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.contact.sensor_error import FeltForce
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 BETWEEN_KNOTS = 0.12
@@ -45,7 +45,7 @@ def _known_reading(scenario: Scenario) -> ForceReading | None:
     return next((reading for reading in readings if reading is not None), None)
 
 
-def largest_reading_error(scenario: Scenario, felt: FeltForce) -> float:
+def largest_reading_error(scenario: Scenario, felt: MeasuredForceBounds) -> float:
     """Returns how far the normal force of a reading may be off those of the last `delay` [N].
 
     What the front does not see between two readings comes to it: damping by a velocity v off the
@@ -73,7 +73,7 @@ def turning_of(scenario: Scenario) -> float:
     return scenario.limits.nu2 + float(np.sqrt(joints)) * scenario.limits.qdot
 
 
-def sensing_of(scenario: Scenario) -> ForceSensing:
+def sensing_of(scenario: Scenario) -> ForceSensorModel:
     """Returns what front and watch are told of the sensor.
 
     Readings that repeat are looked for only where noise forbids that they do; a sensor that is
@@ -85,7 +85,7 @@ def sensing_of(scenario: Scenario) -> ForceSensing:
         tare, largest = reading.tare, reading.largest
         if reading.noisy:
             repeats = 2 + math.ceil(reading.period / contact.period - 1e-9)
-    return ForceSensing(force_max=contact.force, noise=contact.force_error, period=contact.period,
+    return ForceSensorModel(force_max=contact.force, noise=contact.force_error, period=contact.period,
                         window=contact.delay, repeats=repeats, tare=tare, largest=largest)
 
 
@@ -99,7 +99,7 @@ def largest_normal_force(contact: SensedContact) -> float:
     return contact.peak(contact.force, fastest_advance(contact)) + contact.force_error
 
 
-def front_margin(scenario: Scenario) -> float:
+def safe_depth_margin(scenario: Scenario) -> float:
     """Returns E = E_n + √2 αE_t [m], how far the real tip may be beyond the planned one."""
     tube, walls = resolved_radii(scenario.tube), sensed_contact(scenario).walls
     parts = tube.depth, np.sqrt(2.0) * walls.tilt * (tube.position or 0.0), tube.between_knots
@@ -120,7 +120,7 @@ def largest_force(scenario: Scenario) -> float:
     """
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
     aside = contact.walls.tilt * 2.0 * float(np.sqrt(2.0)) * (tube.position or 0.0)
-    lost = 2.0 * front_margin(scenario) + aside
+    lost = 2.0 * safe_depth_margin(scenario) + aside
     left = contact.force - contact.stiffness * lost
     return contact.walls.share * left - 2.0 * contact.force_error
 

@@ -17,7 +17,7 @@ from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Signals
 from uvms_drake.plant.disturbance import Disturbance
-from uvms_drake.station.force_measurement import add_felt_force
+from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.mission import add_mission
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import load_model, start_state
@@ -61,12 +61,12 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
     Sensing and actuation are chains of parts, none by default: the scenario's, and its faults of
     the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
     true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
-    signal `measured_force`, the law takes it, its last finite value in a gap; that is `felt_force`.
-    Where the contact has an `aside_lag`, a `SlowAside` stands between.
+    signal `force_measured`, the law takes it, its last finite value in a gap; that is `force_last_valid`.
+    Where the contact has an `tangential_lag`, a `TangentialFilter` stands between.
     If a part of actuation gives the signal `vehicle_wrench`, a law that `takes_wrench` takes it.
     An observer knows the parts of actuation, and takes what comes out of them for applied, with
     this wrench; it does not know of faults.
-    Where the contact is felt, a `ForceWatch` looks at it first, and while it is lost it is zero.
+    Where the contact is felt, a `ForceFaultDetector` looks at it first, and while it is lost it is zero.
 
     .. pydrake_system::
 
@@ -131,7 +131,7 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         builder, model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
-    add_felt_force(builder, scenario, model, controller, measured, signals)
+    add_force_measurement(builder, scenario, model, controller, measured, signals)
     if scenario.contact.felt:
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     command = controller.GetOutputPort(motion.command)

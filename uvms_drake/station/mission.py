@@ -37,7 +37,7 @@ def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel
         return
     mission = MissionControl.AddToBuilder(
         builder, scenario.mission, model, sensed_contact(scenario).walls, task_place(scenario),
-        state=state, felt_force=signals["felt_force"], touched=signals["touched"],
+        state=state, force_last_valid=signals["force_last_valid"], touched=signals["touched"],
         force_lost=signals["force_lost"])
     for name in (*asked, "desired_force"):
         builder.Connect(mission.GetOutputPort(name), controller.GetInputPort(name))

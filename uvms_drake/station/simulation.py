@@ -67,12 +67,12 @@ def simulate(
             station.ForcedPublish(context)  # The period does not go into the duration.
         logs = read_logs(station, context)
     finally:
-        let_go(station)
+        release(station)
     require_finite(logs)
     return make_record(scenario, model, logs, wall_time, certified)
 
 
-def let_go(system: System) -> None:
+def release(system: System) -> None:
     """Empties a system that nobody is going to use any more, with all that is in it.
 
     Drake's Python bindings never free a LeafSystem that is written in Python, because its callbacks
@@ -81,7 +81,7 @@ def let_go(system: System) -> None:
     """
     if isinstance(system, Diagram):
         for part in system.GetSystems():
-            let_go(part)
+            release(part)
     vars(system).clear()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_drake.certificate.certify import basis_of, room_of
+from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.model.contact_model import ContactModel
@@ -26,7 +26,7 @@ GAINS = (0.5, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
-class FrontPoint:
+class ParetoPoint:
     """One choice of d̃ and gains, and what is certified with it."""
 
     d_bound: float
@@ -43,7 +43,7 @@ class FrontPoint:
     """First condition on the tube or on a limit that fails, or an empty string."""
 
 
-def check_front(scenario: Scenario) -> None:
+def check_pareto_front(scenario: Scenario) -> None:
     """Raises `InvalidParameter` if a scenario has no front."""
     motion, law = motion_of(scenario), type(scenario.ancillary)
     require(motion.has_forces, "motion", scenario.motion, "dynamic, for a front")
@@ -52,20 +52,20 @@ def check_front(scenario: Scenario) -> None:
             "a law with one k and one σ, for a front")
 
 
-def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float] = DISTURBANCES,
-          gains: Iterable[float] = GAINS, progress: Progress = silent) -> list[FrontPoint]:
+def pareto_front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float] = DISTURBANCES,
+          gains: Iterable[float] = GAINS, progress: Progress = silent) -> list[ParetoPoint]:
     """Returns the points for all combinations of factors on d̃ and on (k, σ).
 
     The model is the controller's.
     """
-    check_front(scenario)
+    check_pareto_front(scenario)
     law: Any = scenario.ancillary
     tube_of, surface = motion_of(scenario).tubes[type(law)], model.surface
     wrench = np.asarray(scenario.task.force, dtype=float)
     chi_des = surface.pose_for(wrench, scenario.task.pose)
     basis = basis_of(scenario, model)
     disturbances, gains = tuple(disturbances), tuple(gains)
-    points: list[FrontPoint] = []
+    points: list[ParetoPoint] = []
     for d_factor in disturbances:
         for factor in gains:
             progress("tubes", len(points) / (len(disturbances) * len(gains)))
@@ -77,21 +77,21 @@ def front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float]
                     scenario.disturbance, bound=d_factor * scenario.disturbance.bound))
             tube = tube_of(scaled, replace(basis, d_bound=at.disturbance.d_bound))
             # The limits, tightened by its tube, if there is one.
-            rooms, bounds = [], {"force": np.inf}
+            margins, bounds = [], {"force": np.inf}
             if all(item.holds for item in tube.conditions):
-                rooms = room_of(at, tube.radii, model)
+                margins = tightening_margins(at, tube.radii, model)
                 bounds = ultimate_bounds(tube.radii, surface, chi_des, wrench)
-            points.append(FrontPoint(
+            points.append(ParetoPoint(
                 d_bound=at.disturbance.d_bound, k=scaled.k, sigma=scaled.sigma,
                 force=bounds["force"],
-                input_left=min((item.margin / item.right for item in rooms
+                input_left=min((item.margin / item.right for item in margins
                                 if item.name.startswith("tube in limits.u")), default=-np.inf),
                 emptied=next(
-                    (item.name for item in (*tube.conditions, *rooms) if not item.holds), "")))
+                    (item.name for item in (*tube.conditions, *margins) if not item.holds), "")))
     return points
 
 
-def format_front(points: list[FrontPoint]) -> str:
+def format_pareto_front(points: list[ParetoPoint]) -> str:
     """Returns the points as a table."""
     head = f"{'d̃':>8}{'k [1/s]':>10}{'σ [1/s]':>10}{'force [N]':>12}{'input left':>12}"
     return "\n".join([head, *(

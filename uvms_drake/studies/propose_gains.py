@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from uvms_drake.certificate.certify import basis_of, room_of
+from uvms_drake.certificate.certify import basis_of, tightening_margins
 from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.control.laws import Resolved
 from uvms_drake.model.contact_model import ContactModel
@@ -59,7 +59,7 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
             continue  # The linear part alone takes all of an input.
         at = replace(scenario, ancillary=law)
         tube = resolved_law_tube(law, basis)
-        if all(item.holds for item in (*tube.conditions, *room_of(at, tube.radii, model))):
+        if all(item.holds for item in (*tube.conditions, *tightening_margins(at, tube.radii, model))):
             return law, force_error(law)
     raise RunFailed(f"no gains up to {bandwidth:g} 1/s leave something of every limit; what would "
                     "help: a smaller disturbance.bound or wider limits")

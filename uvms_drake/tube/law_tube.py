@@ -11,7 +11,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.contact.sensor_error import FeltForce
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.loops.actuator_path import Actuators
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, no_estimates
@@ -41,7 +41,7 @@ class Basis:
     """Limits of |uᵢ| (6+n,); empty with kinematic motion."""
     settings: CertificateSettings
     """Numbers of samples, safety factor and seed."""
-    contact: FeltForce | None = None
+    contact: MeasuredForceBounds | None = None
     """The forces of a contact that is felt, which are not in the model."""
     largest_rate: np.ndarray | float = np.inf
     """Bounds of |ζ̄̇ᵢ| of a plan (6+n,), of which |ūᵢ| leaves too much: a contact pushes light joints

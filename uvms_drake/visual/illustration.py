@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from uvms_drake.common.wiring import added
-from uvms_drake.visual.objects.contact_knowledge import KNOWN, known_from
+from uvms_drake.visual.objects.contact_knowledge import KNOWN, contact_knowledge_from
 from uvms_drake.visual.scene import Moment, Scene, Setting
 
 
@@ -32,14 +32,14 @@ class Illustration(LeafSystem):
         - plan
         - force (optional)
         - desired_force (optional)
-        - felt_force, safe_depth, contact_depth, slope (optional)
+        - force_last_valid, safe_depth, contact_depth, slope (optional)
 
     - `state`, `nominal_state` (2(6+n)), `u`, `nominal_input` (6+n): as from a station.
     - `plan`: the current `Plan` (abstract).
     - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
     - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
-    - `felt_force` (6), `safe_depth`, `contact_depth`, `slope` (1): what is known of a wall that is
-      felt, see `Known`; nothing, unless all of them are connected.
+    - `force_last_valid` (6), `safe_depth`, `contact_depth`, `slope` (1): what is known of a wall that is
+      felt, see `ContactKnowledge`; nothing, unless all of them are connected.
 
     A picture is drawn at the end of the first step of the simulation in each period of the rate: an
     event of its own period would end an integration step, and so change the run that is watched.
@@ -89,7 +89,7 @@ class Illustration(LeafSystem):
             desired_force=value("desired_force") if given("desired_force") else self._task_force,
             path=self._model.task_pose(plan.config[: self._knots])[:, :3],
             force=value("force") if given("force") else None,
-            known=known_from({name: value(name) for name in KNOWN if given(name)})),
+            known=contact_knowledge_from({name: value(name) for name in KNOWN if given(name)})),
             self._last_time)
         return EventStatus.Succeeded()
 

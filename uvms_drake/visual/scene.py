@@ -10,7 +10,11 @@ from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.config import VisualConfig
 from uvms_drake.visual.limit_use import ACTIVE, LimitUse
-from uvms_drake.visual.objects.contact_knowledge import DrawnKnowledge, Known, Told
+from uvms_drake.visual.objects.contact_knowledge import (
+    ContactKnowledge,
+    ContactSpecification,
+    DrawnKnowledge,
+)
 from uvms_drake.visual.objects.coverage import Coverage
 from uvms_drake.visual.objects.drawn_robot import DrawnRobot
 from uvms_drake.visual.objects.floor import Floor
@@ -53,7 +57,7 @@ class Moment:
     """Points of the nominal end-effector's way from here on (N+1, 3) [m]."""
     force: np.ndarray | None = None
     """Force 𝔉 (6,) [N, N m]; None: the one that the surface's law gives for the pose at rest."""
-    known: Known = field(default_factory=Known)
+    known: ContactKnowledge = field(default_factory=ContactKnowledge)
     """Knowledge of a wall that is felt."""
 
 
@@ -85,7 +89,7 @@ class Setting:
     """Whether the tube is that of a certificate that holds."""
     has_forces: bool = True
     """Whether anything is touched and pressed."""
-    told: Told | None = None
+    specification: ContactSpecification | None = None
     """What the robot is told of a wall that it feels; None: it does not go by feeling."""
     painted: float | None = None
     """Force at the end of the scale with which a mission's places are painted [N]; None: none."""
@@ -142,12 +146,12 @@ class Scene:
         self._pressing = Pressing(stage, self._law, self._goal, setting.force, unit,
                                   self._hud.facing) if setting.has_forces else None
         self._knowledge = DrawnKnowledge(
-            stage, self._hud.board, setting.told, self._tip
-        ) if setting.told is not None else None
+            stage, self._hud.board, setting.specification, self._tip
+        ) if setting.specification is not None else None
         self._coverage = Coverage(
             stage, f"{NED}/coverage", f"{self._hud.board}/painted", setting.painted,
-            -setting.told.direction
-        ) if setting.told is not None and setting.painted is not None else None
+            -setting.specification.direction
+        ) if setting.specification is not None and setting.painted is not None else None
         self._time = np.inf
 
     def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
@@ -184,7 +188,7 @@ class Scene:
         walls = ", 0.1 m on the wall" if has_forces and is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
         felt = ("green: up to here it is explored     yellow frame: here the wall should begin, by "
-                "what was felt\n" if setting.told is not None else "")
+                "what was felt\n" if setting.specification is not None else "")
         return (f"{felt}red: real {forces[0]}path{forces[1]}     white: {forces[2]}planned path, "
                 f"outline of the nominal robot{size}\n"
                 "bars: part of a limit that real or planned motion uses, red at the limit     "
@@ -212,6 +216,6 @@ class Scene:
         if self._knowledge is not None:
             self._knowledge.show(moment.known, tip)
         if self._coverage is not None:
-            self._coverage.show(chi, moment.known.felt_force, self._law)
+            self._coverage.show(chi, moment.known.force_last_valid, self._law)
         used = self._use(moment.state, moment.u, moment.nominal_state, moment.nominal_input)
         self._hud.show(time, used, used >= ACTIVE)

@@ -10,14 +10,18 @@ from support.scripts import Script
 from support.tiny_robots import drill
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.contact_estimator import ExploredFront
-from uvms_drake.control.contact.contact_state import ForceSensing, felt, nothing
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
+from uvms_drake.control.contact.contact_state import (
+    ForceSensorModel,
+    initial_contact_state,
+    updated_contact_state,
+)
 from uvms_drake.control.contact.press_target import AHEAD, PressTarget
-from uvms_drake.control.contact.stiffness_estimate import NOTHING, Belief, slope
+from uvms_drake.control.contact.stiffness_estimate import NOTHING, StiffnessEstimate, slope
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
-SENSING = ForceSensing(force_max=45.0, noise=1.0, period=0.1)
+SENSING = ForceSensorModel(force_max=45.0, noise=1.0, period=0.1)
 HERE = np.zeros((2, 2))
 """Where plans go: at the first place, across n."""
 MARGIN = 1e-3
@@ -47,9 +51,9 @@ def force(time, load=wall):
 def pressing(measured=force, true=state, sensing=SENSING, **options):
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(state=true, force=measured, desired=lambda time: [20.0]))
-    front = ExploredFront.AddToBuilder(
+    front = ContactEstimator.AddToBuilder(
         builder, drill(), SURFACE, sensing, margin=MARGIN, state=script.GetOutputPort("state"),
-        measured_force=script.GetOutputPort("force"), **options)
+        force_measured=script.GetOutputPort("force"), **options)
     target = PressTarget.AddToBuilder(builder, front, SURFACE.direction, PLACE,
                                       desired_force=script.GetOutputPort("desired"))
     return Simulator(builder.Build()), front, target
@@ -145,7 +149,7 @@ def test_where_it_presses_can_be_said_while_it_runs():
 
 
 def test_readings_of_a_watched_sensor_may_be_older():
-    sensing = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.2, repeats=3)
+    sensing = ForceSensorModel(force_max=45.0, noise=1.0, period=0.1, window=0.2, repeats=3)
     assert sensing.watched.window == pytest.approx(0.5)
     assert sensing.watched.readings == 6
 
@@ -163,7 +167,7 @@ def test_a_wall_that_went_away_is_searched_for_again():
     assert values(simulator, target, "target")[0][1] == pytest.approx(safe + AHEAD)
 
 
-LATE = ForceSensing(force_max=45.0, noise=1.0, period=0.1, window=0.3)
+LATE = ForceSensorModel(force_max=45.0, noise=1.0, period=0.1, window=0.3)
 
 
 def out_and_in(time):
@@ -199,12 +203,12 @@ def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
     By the last reading alone, the force there is F_max less ν, and less the 9 N by which the mean
     is above the first of four forces that are 6 N apart.
     """
-    speed, known = 0.03, nothing(LATE)
+    speed, known = 0.03, initial_contact_state(LATE)
     true = np.maximum(2000.0 * speed * 0.1 * np.arange(-3, 8), 0.0)
     for i in range(8):
         load = np.dot(kernel, true[i: i + 4])
         tip = np.array([0.0, speed * 0.1 * i, 0.0, 0.0, speed, 0.0])
-        known = felt(SURFACE, LATE, HERE, known, tip, np.array([0.0, load, 0.0]))
+        known = updated_contact_state(SURFACE, LATE, HERE, known, tip, np.array([0.0, load, 0.0]))
         assert 2000.0 * known.apex[1] <= 45.0 + 1e-9
         if i == 6:
             known = known._replace(apex=np.full(3, np.nan))
@@ -213,19 +217,19 @@ def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
 
 def test_a_late_sensor_makes_no_wall_look_much_softer():
     """A tip that goes in and out, and a force that is 0.3 s behind it: a press would converge."""
-    known, lowest = nothing(LATE), np.inf
+    known, lowest = initial_contact_state(LATE), np.inf
     for time in np.arange(0.0, 30.0, 0.1):
         x, old = 0.02 + 0.01 * np.sin(2.0 * np.array([time, time - 0.3]))
         tip = np.array([0.0, x, 0.0, 0.0, 0.02 * np.cos(2.0 * time), 0.0])
-        known = felt(SURFACE, LATE, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
-        lowest = min(lowest, slope(Belief.of(known.belief), SURFACE))
+        known = updated_contact_state(SURFACE, LATE, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
+        lowest = min(lowest, slope(StiffnessEstimate.of(known.belief), SURFACE))
     assert lowest > 600.0
 
 
 def test_a_tip_that_retreats_too_fast_feels_nothing():
     surface = SurfaceClass(SURFACE.direction, 2000.0, dissipation=2.0)
     tip = np.array([0.0, 0.3, 0.0, 0.0, -0.6, 0.0])
-    known = felt(surface, SENSING, HERE, nothing(SENSING), tip, np.zeros(3))
+    known = updated_contact_state(surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
     assert np.all(np.isnan(known.apex))
     np.testing.assert_array_equal(known.belief, NOTHING.state)
 
@@ -233,7 +237,7 @@ def test_a_tip_that_retreats_too_fast_feels_nothing():
 @pytest.mark.parametrize("margin", [-1.0, np.inf])
 def test_a_margin_of_no_meaning_is_refused(margin):
     with pytest.raises(InvalidParameter, match="margin"):
-        ExploredFront(drill(), SURFACE, SENSING, margin=margin)
+        ContactEstimator(drill(), SURFACE, SENSING, margin=margin)
 
 
 @pytest.mark.parametrize("bad", [{"noise": 0.0}, {"period": -1.0}, {"window": -0.1},
@@ -241,7 +245,7 @@ def test_a_margin_of_no_meaning_is_refused(margin):
                                  {"repeats": 1}, {"tare": -1.0}, {"largest": 0.0}])
 def test_no_sensor_is_like_that(bad):
     with pytest.raises(InvalidParameter, match=next(iter(bad))):
-        ForceSensing(**{"force_max": 45.0, "noise": 1.0, **bad})
+        ForceSensorModel(**{"force_max": 45.0, "noise": 1.0, **bad})
 
 
 def test_it_steers_no_deeper_than_it_is_told():

@@ -11,7 +11,7 @@ from support.pressing import (
     random_walls_in_line,
 )
 
-from uvms_drake.control.contact.contact_state import ForceSensing
+from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.contact.press_target import (
     AHEAD,
     retreat_depth,
@@ -21,7 +21,7 @@ from uvms_drake.control.contact.press_target import (
 )
 
 NOWHERE = np.nan
-SENSING = ForceSensing(force_max=45.0, noise=4.2, window=0.11)
+SENSING = ForceSensorModel(force_max=45.0, noise=4.2, window=0.11)
 
 
 def aimed(force, slope, *, x=0.5, desired=20.0):

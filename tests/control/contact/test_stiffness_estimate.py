@@ -7,8 +7,8 @@ from uvms_drake.control.contact.press_target import target_depth
 from uvms_drake.control.contact.stiffness_estimate import (
     NOTHING,
     SCATTER,
-    Belief,
-    first_belief,
+    StiffnessEstimate,
+    initial_estimate,
     moved,
     slope,
     surface_depth,
@@ -73,7 +73,7 @@ def test_it_is_the_least_squares_fit_of_a_wall_that_is_straight():
 
 
 def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
-    belief = first_belief(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
+    belief = initial_estimate(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
         mean=np.array([9.0, 600.0, 0.03, -0.05]))
     tip = np.array([0.01, 0.03, -0.02])
 
@@ -197,7 +197,7 @@ def test_walls_can_be_stacked():
     rng = np.random.default_rng(5)
     tips = path(np.cumsum(rng.uniform(0, 3e-3, (30, 4)), axis=0), rng.uniform(0.0, 0.1, (30, 4)))
     forces, touched = rng.uniform(0, 20, (30, 4)), rng.random((30, 4)) < 0.8
-    together = Belief(*(np.broadcast_to(part, (4, *part.shape)) for part in NOTHING))
+    together = StiffnessEstimate(*(np.broadcast_to(part, (4, *part.shape)) for part in NOTHING))
     alone = [NOTHING] * 4
     for tip, force, touch in zip(tips, forces, touched, strict=True):
         together = with_reading(together, WALLS, tip, force, touch, NOISE, MEMORY, PERIOD)
@@ -210,7 +210,7 @@ def test_walls_can_be_stacked():
 
 def test_the_state_has_all_of_it():
     before = pressed(500.0)
-    for part, other in zip(before, Belief.of(before.state), strict=True):
+    for part, other in zip(before, StiffnessEstimate.of(before.state), strict=True):
         np.testing.assert_array_equal(part, other)
 
 

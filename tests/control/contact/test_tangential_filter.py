@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.tangential_filter import SlowAside, followed
+from uvms_drake.control.contact.tangential_filter import TangentialFilter, followed
 
 N = np.array([0.6, 0.0, 0.8])
 ACROSS = np.array([0.8, 2.0, -0.6])
@@ -21,7 +21,7 @@ class Setup:
     def __init__(self, force: np.ndarray):
         builder = DiagramBuilder()
         self.source = builder.AddSystem(ConstantVectorSource(force))
-        self.system = SlowAside.AddToBuilder(
+        self.system = TangentialFilter.AddToBuilder(
             builder, N, LAG, PERIOD, measured=self.source.get_output_port())
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
@@ -76,10 +76,10 @@ def test_all_that_changes_is_in_the_context():
 @pytest.mark.parametrize(("lag", "period", "key"), [(0.0, 0.01, "lag"), (1.0, -1.0, "period")])
 def test_times_are_positive(lag, period, key):
     with pytest.raises(InvalidParameter, match=key):
-        SlowAside(N, lag, period)
+        TangentialFilter(N, lag, period)
 
 
-def swing(slow_aside: bool, m: float = 1.5, c: float = 64.0, tau: float = 0.03) -> float:
+def swing(tangential_filter: bool, m: float = 1.5, c: float = 64.0, tau: float = 0.03) -> float:
     """Returns the acceleration of a tip over the one that a law means, at 0.7 Hz.
 
     The tip of inertia m is held by friction cv, and the law cancels what it measures τ late.
@@ -91,7 +91,7 @@ def swing(slow_aside: bool, m: float = 1.5, c: float = 64.0, tau: float = 0.03) 
         forces.append(c * v)
         force = np.array([0.0, forces[-1 - late], 0.0])
         slow = followed(slow, force, np.array([1.0, 0.0, 0.0]), h / lag)
-        cancelled = slow[1] if slow_aside else force[1]
+        cancelled = slow[1] if tangential_filter else force[1]
         rate = (m * np.sin(omega * i * h) - c * v + cancelled) / m
         v += h * rate
         found.append(rate)
@@ -100,7 +100,7 @@ def swing(slow_aside: bool, m: float = 1.5, c: float = 64.0, tau: float = 0.03) 
 
 def test_friction_that_is_cancelled_late_makes_a_tip_heavier():
     """By cτ; and that is for slow friction the same as none: the tip is damped instead."""
-    assert swing(slow_aside=False) == pytest.approx(1.5 / (1.5 + 64.0 * 0.03), rel=0.05)
+    assert swing(tangential_filter=False) == pytest.approx(1.5 / (1.5 + 64.0 * 0.03), rel=0.05)
     omega = 2.0 * np.pi * 0.7
     damped = omega * 1.5 / np.hypot(omega * 1.5, 64.0)
-    assert swing(slow_aside=True) == pytest.approx(damped, rel=0.1)
+    assert swing(tangential_filter=True) == pytest.approx(damped, rel=0.1)

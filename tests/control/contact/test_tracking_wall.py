@@ -14,8 +14,8 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from support.tracking import DIRECTION, POSITION, at_rest, tracking_ocp
 
-from uvms_drake.control.contact.contact_estimator import ExploredFront
-from uvms_drake.control.contact.contact_state import ForceSensing
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
+from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.contact.press_target import PressTarget
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT
@@ -23,7 +23,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.sensing.faulty_sensor import FaultySensor
-from uvms_drake.sensing.force_fault_detector import ForceWatch
+from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.force_faults import (
     ForceFault,
     FrozenForce,
@@ -34,7 +34,7 @@ from uvms_drake.sensing.force_faults import (
 from uvms_drake.sensing.force_sensor import cut_noise
 
 WALLS = SurfaceClass(DIRECTION, stiffness=2000.0, dissipation=2.0)
-SENSING = ForceSensing(force_max=20.0, noise=0.2, period=0.02, window=0.02, tare=0.0)
+SENSING = ForceSensorModel(force_max=20.0, noise=0.2, period=0.02, window=0.02, tare=0.0)
 MARGIN = 1e-4  # m, how far the robot may be off the plan here
 DESIRED = 12.0  # N
 H = 0.2  # s
@@ -84,7 +84,7 @@ class Sampled(LeafSystem):
 
 
 def press(place: float, stiffness: float, duration: float, fault: ForceFault | None = None,
-          sensing: ForceSensing = SENSING) -> dict[str, np.ndarray]:
+          sensing: ForceSensorModel = SENSING) -> dict[str, np.ndarray]:
     """Returns the MPC's reports, and of a run time, depth in the wall, and if the force is lost."""
     ocp = tracking_ocp(force=1.2 * SENSING.force_max, overrides=(
         "mpc.horizon=5", "mpc.iterations=2"))
@@ -99,12 +99,12 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     given = sampled.get_output_port()
     if fault is not None:
         given = FaultySensor.AddToBuilder(builder, fault, true=given).get_output_port()
-    watch = ForceWatch.AddToBuilder(
+    watch = ForceFaultDetector.AddToBuilder(
         builder, ocp.model, sensing.period, repeats=sensing.repeats,
-        state=robot.GetOutputPort("state"), measured_force=given)
-    front = ExploredFront.AddToBuilder(
+        state=robot.GetOutputPort("state"), force_measured=given)
+    front = ContactEstimator.AddToBuilder(
         builder, ocp.model, WALLS, sensing.watched, margin=MARGIN,
-        state=robot.GetOutputPort("state"), measured_force=watch.get_output_port())
+        state=robot.GetOutputPort("state"), force_measured=watch.get_output_port())
     desired = builder.AddSystem(ConstantVectorSource([DESIRED]))
     target = PressTarget.AddToBuilder(builder, front, DIRECTION, POSITION,
                                       desired_force=desired.get_output_port())

@@ -104,8 +104,8 @@ def test_at_rest_or_without_a_force_nothing_is_learned():
     for _ in range(100):
         rest = learned(rest, WALLS, 0.9 * STEP * d, force(-d, 0.3), KAPPA)
     assert rest.tilt == pytest.approx(np.zeros(3))
-    for nothing in (np.full(3, np.nan), np.array([0.5, 3.0, 0.0])):
-        after = learned(rest, WALLS, 2.0 * STEP * d, nothing, KAPPA)
+    for initial_contact_state in (np.full(3, np.nan), np.array([0.5, 3.0, 0.0])):
+        after = learned(rest, WALLS, 2.0 * STEP * d, initial_contact_state, KAPPA)
         assert after.tilt == pytest.approx(np.zeros(3))
         assert np.all(np.isnan(after.reading)), "the way begins anew"
 
@@ -128,7 +128,7 @@ def test_the_system_reads_its_ports_and_keeps_what_it_learned_off_the_wall():
 
     def fix(place, touched):
         for name, value in (("reading", [*place, 10.0]), ("touched", [touched]), ("slope", [KAPPA]),
-                            ("measured_force", [*felt, 0.0, 0.0, 0.0])):
+                            ("force_measured", [*felt, 0.0, 0.0, 0.0])):
             system.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
 
     known, way = UNKNOWN, 0.004 * np.arange(50)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
-from uvms_drake.control.convex.correction import Correction, excesses, shortest_solution
+from uvms_drake.control.convex.correction import Correction, excesses, least_norm_solution
 from uvms_drake.control.convex.staged_solver import solve_staged
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.station.motions.motions import FELT, make_ocp
@@ -18,7 +18,7 @@ from uvms_drake.station.scenario.scenario import load_scenario
 @pytest.fixture(scope="module")
 def ocp() -> TrackingOcp:
     """Whose tip has far to go, and is soon as fast as it may be."""
-    return tracking_ocp().aimed(Aim(POSITION + 0.6 * DIRECTION, POSITION[0] + 0.5))
+    return tracking_ocp().aimed(TrackingTarget(POSITION + 0.6 * DIRECTION, POSITION[0] + 0.5))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_where_there_is_room_for_nothing_the_end_comes_back_all_the_same():
     """At the apex of a front of facets, where the terminal set is the kink of a cone."""
     facets = SurfaceClass(DIRECTION, angle=0.2).facets
     ocp = tracking_ocp(facets=facets)
-    aim = Aim(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
+    aim = TrackingTarget(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
     start = at_rest(ocp, POSITION)
     start[3:6] += [0.02, -0.03, 0.1]
     outside = []
@@ -126,4 +126,4 @@ def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
 
 
 def test_without_a_row_that_moves_there_is_nothing_to_correct():
-    np.testing.assert_array_equal(shortest_solution(np.zeros((0, 5)), np.zeros(0)), np.zeros(5))
+    np.testing.assert_array_equal(least_norm_solution(np.zeros((0, 5)), np.zeros(0)), np.zeros(5))

@@ -40,14 +40,14 @@ def test_random_polyhedra_have_an_optimum_or_are_empty():
         E, e, G, b = random_polyhedron(seed)
         polyhedron = DualActiveSet(E, e)
         polyhedron.add(G, b)
-        found = polyhedron.shortest()
+        found = polyhedron.least_norm()
         kinds.append(found is None)
         assert is_empty(E, e, G, b) == (found is None)
         if found is None:
             continue
-        r, prices = found
-        of_rows = prices[len(e):]
-        np.testing.assert_allclose(r, -np.concatenate([E, G]).T @ prices, atol=1e-7)
+        r, multipliers = found
+        of_rows = multipliers[len(e):]
+        np.testing.assert_allclose(r, -np.concatenate([E, G]).T @ multipliers, atol=1e-7)
         np.testing.assert_allclose(E @ r, e, atol=1e-7)
         assert np.max(G @ r - b) < 1e-7
         assert np.min(of_rows) > -1e-9
@@ -63,8 +63,8 @@ def test_rows_added_later_lead_to_the_same():
         whole.add(G, b)
         for rows in np.split(np.arange(30), 5):
             bit_by_bit.add(G[rows], b[rows])
-            found = bit_by_bit.shortest()
-        r, _ = whole.shortest()
+            found = bit_by_bit.least_norm()
+        r, _ = whole.least_norm()
         assert np.linalg.norm(r) > 0.01
         np.testing.assert_allclose(found[0], r, atol=1e-7)
 
@@ -75,14 +75,14 @@ def test_the_corner_of_two_walls(distance):
     polyhedron = DualActiveSet(np.zeros((0, 3)), np.zeros(0))
     polyhedron.add(np.array([[-2.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
                    distance * np.array([-2.0, -3.0, 1.0]))
-    r, prices = polyhedron.shortest()
+    r, multipliers = polyhedron.least_norm()
     np.testing.assert_allclose(r, distance * np.array([1.0, 3.0, 0.0]), rtol=1e-12)
-    np.testing.assert_allclose(prices, distance * np.array([0.5, 3.0, 0.0]), rtol=1e-12)
+    np.testing.assert_allclose(multipliers, distance * np.array([0.5, 3.0, 0.0]), rtol=1e-12)
 
 
 def test_dependent_equalities_have_no_answer():
     polyhedron = DualActiveSet(np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([1.0, 2.0]))
-    assert polyhedron.shortest() is None
+    assert polyhedron.least_norm() is None
 
 
 def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
@@ -97,7 +97,7 @@ def test_what_is_returned_is_an_optimum_even_of_rows_that_are_nearly_equal():
         G, b = np.vstack([tight, free]), np.append(tight @ r, free @ r + rng.uniform(size=10))
         polyhedron = DualActiveSet(np.zeros((0, 12)), np.zeros(0))
         polyhedron.add(G, b)
-        found = polyhedron.shortest()
+        found = polyhedron.least_norm()
         if found is not None:
             answers += 1
             assert np.min(found[1]) >= -1e-8 * np.max(found[1])
@@ -110,4 +110,4 @@ def test_what_is_no_number_has_no_answer(row, bound):
     polyhedron = DualActiveSet(np.zeros((0, 2)), np.zeros(0))
     polyhedron.add(np.array([row, [0.0, 1.0]]), np.array([bound, -1.0]))
     with np.errstate(invalid="ignore"):
-        assert polyhedron.shortest() is None
+        assert polyhedron.least_norm() is None

@@ -9,19 +9,19 @@ from support.limits import with_limits
 from support.tracking import DIRECTION, POSITION, at_rest, follow, tracking_ocp
 
 from uvms_drake.control.convex import staged_solver
-from uvms_drake.control.convex.least_norm_conic import shortest
+from uvms_drake.control.convex.least_norm_conic import least_norm
 from uvms_drake.control.convex.regulator import motion, riccati
 from uvms_drake.control.convex.staged_program import (
     LinearLimits,
     NormLimit,
-    Room,
+    RadiusBound,
     StagedProgram,
     TerminalLimit,
     stacked,
 )
 from uvms_drake.control.convex.staged_solver import solve_staged
 from uvms_drake.control.convex.working_set import WorkingSet
-from uvms_drake.control.ocp.tracking_ocp import Aim
+from uvms_drake.control.ocp.tracking_ocp import TrackingTarget
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -151,7 +151,7 @@ def test_the_end_has_to_be_where_there_is_room_for_it(size, off):
     for seed in range(12):
         program = random_program(seed, 1.0)
         row = np.random.default_rng(seed).normal(size=4)
-        room = Room(np.array([size]), row[None])
+        room = RadiusBound(np.array([size]), row[None])
         program = replace(program, terminal=program.terminal._replace(
             value=off * program.terminal.value))
         inside = replace(program, terminal=program.terminal._replace(room=room))
@@ -166,7 +166,7 @@ def test_plans_in_front_of_a_wall_end_where_there_is_room_for_nothing():
     """The kink of the terminal set's cone, which is no cone there but equalities."""
     facets = SurfaceClass(DIRECTION, angle=0.2).facets
     ocp = tracking_ocp(facets=facets)
-    aim = Aim(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
+    aim = TrackingTarget(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
     kinds = []
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     for problem, guess, _ in follow(ocp, 8 * [aim], start, 3):
@@ -191,14 +191,14 @@ def both_forms(program: StagedProgram, *, softened: bool) -> bool:
     z = motion(program, regulator)
     kept = WorkingSet.broken(program, z, 0.0) | WorkingSet.near(program, 0.03)
     condensed, sparse = (
-        shortest(program, regulator, z, kept, sparse=sparse, softened=softened)
+        least_norm(program, regulator, z, kept, sparse=sparse, softened=softened)
         for sparse in (False, True))
     assert (condensed is None) == (sparse is None)
     if condensed is None or sparse is None:
         return False
     r, *others = condensed
     np.testing.assert_allclose(sparse.r, r, atol=1e-3 * max(1.0, np.max(np.abs(r))))
-    np.testing.assert_allclose(sparse[1:], others, atol=1e-4 * max(1.0, condensed.price))
+    np.testing.assert_allclose(sparse[1:], others, atol=1e-4 * max(1.0, condensed.multiplier))
     lengths = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
                + program.excess_penalty * each.excess for each in (condensed, sparse)]
     assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
@@ -225,20 +225,20 @@ def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
         kept = WorkingSet.broken(program, z, 0.0)
         widened = replace(program, linear=program.linear._replace(
             lower=program.linear.lower - wide, upper=program.linear.upper + wide))
-        here, there = (shortest(each, regulator, z, kept, sparse=True, softened=False)
+        here, there = (least_norm(each, regulator, z, kept, sparse=True, softened=False)
                        for each in (program, widened))
         if here is not None and there is not None:
             saved = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
                      for each in (here, there)]
-            assert (saved[0] - saved[1]) / 1e-4 == pytest.approx(here.price, rel=0.05, abs=1e-2)
-            seen.append(here.price)
+            assert (saved[0] - saved[1]) / 1e-4 == pytest.approx(here.multiplier, rel=0.05, abs=1e-2)
+            seen.append(here.multiplier)
     assert max(seen) > program.excess_penalty > min(seen)
 
 
 def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_plans, monkeypatch):
     """Those that the sparse form is taken for."""
     seen = []
-    solve = staged_solver.shortest
+    solve = staged_solver.least_norm
 
     def watched(program, regulator, z, kept, *, sparse, softened):
         seen.append((kept.rows(program) > 0.75 * program.B.shape[0] * program.B.shape[2], sparse,

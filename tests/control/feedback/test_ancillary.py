@@ -149,7 +149,7 @@ def test_the_measured_force_takes_the_place_of_the_surface_while_it_is_finite(mo
     def tau():
         return feedback.GetOutputPort("tau").Eval(context).copy()
 
-    known, measured = tau(), feedback.GetInputPort("measured_force")
+    known, measured = tau(), feedback.GetInputPort("force_measured")
     measured.FixValue(context, contact)
     kinematics = model.kinematics(state[:10])
     believed = model.surface.force(kinematics.chi, kinematics.J_chi @ state[10:])

@@ -6,14 +6,18 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import DiagramBuilder
 from support.lagging import CONFIG, Motion, run
 
-from uvms_drake.control.feedback.feedforward_preview import ForcesAhead, Pressed, forces_ahead
+from uvms_drake.control.feedback.feedforward_preview import (
+    FeedforwardPreview,
+    SurfaceReaction,
+    previewed_forces,
+)
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.plan.commitment import committed_intervals
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.tube_mpc import make_tube_mpc
-from uvms_drake.model.sensor_actuator import ON_TIME, Lateness
-from uvms_drake.station.motions.dynamic import lateness_of
+from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay
+from uvms_drake.station.motions.dynamic import actuation_delay_of
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.loops.row_loop import RowLoop
 
@@ -38,8 +42,8 @@ def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
 
 
 def test_it_is_what_the_plans_forces_change_until_they_act(model):
-    plan, time, late = jumping(), 0.25, Lateness(0.3, 0.04)
-    ahead = forces_ahead(model, plan, time, late, plan.at(time))
+    plan, time, late = jumping(), 0.25, ActuationDelay(0.3, 0.04)
+    ahead = previewed_forces(model, plan, time, late, plan.at(time))
     now = planned_forces(model, plan, time)
     np.testing.assert_allclose(ahead[:6], planned_forces(model, plan, 0.55)[:6] - now[:6],
                                atol=1e-9)
@@ -47,41 +51,41 @@ def test_it_is_what_the_plans_forces_change_until_they_act(model):
                                atol=1e-9)
     # Beyond the end the last forces are meant; what is on time asks for nothing.
     np.testing.assert_array_equal(*(
-        forces_ahead(model, plan, time, Lateness(vehicle), plan.at(time))[:6]
+        previewed_forces(model, plan, time, ActuationDelay(vehicle), plan.at(time))[:6]
         for vehicle in (N * H - time, 9.0)))
-    assert not forces_ahead(model, plan, time, ON_TIME, plan.at(time)).any()
+    assert not previewed_forces(model, plan, time, ON_TIME, plan.at(time)).any()
 
 
 def test_of_a_wall_that_is_felt_it_is_what_the_plan_will_press_more(model):
     """By the slope and the inclination, deeper or less deep; never less than no force at all."""
-    plan, time, late = jumping(), 0.25, Lateness(0.3, 0.04)
+    plan, time, late = jumping(), 0.25, ActuationDelay(0.3, 0.04)
     n, inclined = np.array([0.6, 0.0, 0.8]), np.array([0.6, 0.1, 0.8])
     tips, jacobians = (np.array([of(plan.at(time + each)[0])[:3] for each in (0.0, *late)])
                        for of in (model.task_pose, model.task_jacobian))
     deeper = (tips - tips[0]) @ inclined
-    free = forces_ahead(model, plan, time, late, plan.at(time))
+    free = previewed_forces(model, plan, time, late, plan.at(time))
     for force, slope, cut in ((8.0, 500.0, False), (8.0, -500.0, False), (2.0, -500.0, True)):
         along = force + slope * deeper
         assert np.any(along < 0.0) == cut
         torques = np.maximum(along, 0.0)[:, None] * (n @ jacobians)
-        more = forces_ahead(model, plan, time, late, plan.at(time),
-                            Pressed(n, force, slope * inclined)) - free
+        more = previewed_forces(model, plan, time, late, plan.at(time),
+                            SurfaceReaction(n, force, slope * inclined)) - free
         np.testing.assert_allclose(more, np.append(
             torques[1, :6] - torques[0, :6], torques[2, 6:] - torques[0, 6:]), atol=1e-9)
         assert np.linalg.norm(more[:6]) > 1.0
 
 
 def test_only_a_law_that_knows_of_actuators_asks_ahead(short_ocp):
-    late = Lateness(0.25, 0.02)
+    late = ActuationDelay(0.25, 0.02)
     assert committed_intervals(TipFirst(), late, H) == 2
-    assert committed_intervals(TipFirst(), Lateness(0.4, 0.02), H) == 2
-    for law, lateness in ((Resolved(), late), (TipFirst(), ON_TIME)):
-        assert committed_intervals(law, lateness, H) == 0
-        assert not make_tube_mpc(short_ocp, law, lateness=lateness).HasSubsystemNamed(
-            "forces_ahead")
-    controller = make_tube_mpc(short_ocp, TipFirst(), lateness=late)
+    assert committed_intervals(TipFirst(), ActuationDelay(0.4, 0.02), H) == 2
+    for law, actuation_delay in ((Resolved(), late), (TipFirst(), ON_TIME)):
+        assert committed_intervals(law, actuation_delay, H) == 0
+        assert not make_tube_mpc(short_ocp, law, actuation_delay=actuation_delay).HasSubsystemNamed(
+            "previewed_forces")
+    controller = make_tube_mpc(short_ocp, TipFirst(), actuation_delay=late)
     ahead, feedback = (controller.GetSubsystemByName(name) for name in (
-        "forces_ahead", "ancillary"))
+        "previewed_forces", "ancillary"))
     assert controller.AreConnected(ahead.get_output_port(), feedback.GetInputPort("ahead"))
 
 
@@ -89,15 +93,15 @@ def test_it_is_as_late_as_the_parts_of_the_actuation_together(model):
     scenario = load_scenario("girona500_ideal", [
         "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
         "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
-    np.testing.assert_allclose(lateness_of(scenario, model), [0.02 + 0.155, 0.02])
-    assert lateness_of(load_scenario("girona500_ideal"), model) == ON_TIME
+    np.testing.assert_allclose(actuation_delay_of(scenario, model), [0.02 + 0.155, 0.02])
+    assert actuation_delay_of(load_scenario("girona500_ideal"), model) == ON_TIME
     clock = load_scenario("girona500_ideal", ["actuation=[!SampledCommand {}]"])
-    assert lateness_of(clock, model) == ON_TIME
+    assert actuation_delay_of(clock, model) == ON_TIME
 
 
 def test_as_a_system_it_reads_the_plan_of_now(model):
     builder = DiagramBuilder()
-    system = builder.AddSystem(ForcesAhead(model, Lateness(0.3, 0.04)))
+    system = builder.AddSystem(FeedforwardPreview(model, ActuationDelay(0.3, 0.04)))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     own, plan = system.GetMyMutableContextFromRoot(context), jumping()
@@ -108,12 +112,12 @@ def test_as_a_system_it_reads_the_plan_of_now(model):
     system.GetInputPort("nominal_acceleration").FixValue(own, zeta_dot)
     np.testing.assert_array_equal(
         system.get_output_port().Eval(own),
-        forces_ahead(model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25)))
+        previewed_forces(model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25)))
 
 
 def test_as_a_system_it_reads_what_was_felt(model):
     n, tilt = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.02, 0.01])
-    system, plan = ForcesAhead(model, Lateness(0.3, 0.04), n), jumping()
+    system, plan = FeedforwardPreview(model, ActuationDelay(0.3, 0.04), n), jumping()
     context = system.CreateDefaultContext()
     context.SetTime(0.25)
     config, zeta, zeta_dot = plan.at(0.25)
@@ -121,13 +125,13 @@ def test_as_a_system_it_reads_what_was_felt(model):
                         ("nominal_acceleration", zeta_dot), ("reading", [0.1, 0.2, 0.3, 6.0]),
                         ("slope", [400.0]), ("tilt", tilt), ("force_lost", [0.0])):
         system.GetInputPort(name).FixValue(context, value)
-    for touched, pressed in ((0.0, None), (1.0, Pressed(n, 6.0, 400.0 * (n + tilt)))):
+    for touched, pressed in ((0.0, None), (1.0, SurfaceReaction(n, 6.0, 400.0 * (n + tilt)))):
         system.GetInputPort("touched").FixValue(context, [touched])
-        np.testing.assert_array_equal(system.get_output_port().Eval(context), forces_ahead(
-            model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25), pressed))
+        np.testing.assert_array_equal(system.get_output_port().Eval(context), previewed_forces(
+            model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25), pressed))
     system.GetInputPort("force_lost").FixValue(context, [1.0])
-    np.testing.assert_array_equal(system.get_output_port().Eval(context), forces_ahead(
-        model, plan, 0.25, Lateness(0.3, 0.04), plan.at(0.25)))
+    np.testing.assert_array_equal(system.get_output_port().Eval(context), previewed_forces(
+        model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25)))
 
 
 @pytest.mark.slow
@@ -145,7 +149,7 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
         return np.append(config, zeta), zeta_dot
 
     def ahead(time: float) -> np.ndarray:
-        return forces_ahead(model, plan, time, Lateness(lag), plan.at(time))
+        return previewed_forces(model, plan, time, ActuationDelay(lag), plan.at(time))
 
     def moved(**settings) -> Motion:
         return run(model, law, lambda time, J: np.zeros(10), 1.0, plan=nominal, lag=lag, **settings)

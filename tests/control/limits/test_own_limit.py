@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.solvers import SnoptSolver
 
-from uvms_drake.certificate.certify import between_knots, room_of
+from uvms_drake.certificate.certify import between_knots, tightening_margins
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import Limit, Limits, TubeRadii, make_limits
 from uvms_drake.control.limits.tip_box import TipBox
@@ -150,11 +150,11 @@ def test_the_terminal_set_knows_them(scenario):
 
 def test_only_where_it_is_known_what_the_tube_takes_there_is_room(scenario):
     model = make_ocp(scenario).model
-    rooms = {name: condition.holds for own in (Elbow(), KnownElbow()) for condition in room_of(
+    margins = {name: condition.holds for own in (Elbow(), KnownElbow()) for condition in tightening_margins(
         with_own(scenario, *scenario.limits.more, own), scenario.tube, model)
         for name in [condition.name] if "elbow" in name or "tip_" in name}
     unknown = "limits.{}, of which nobody says what the tube takes"
-    assert rooms == {
+    assert margins == {
         "tube in limits.tip_pitch": True, "tube in limits.tip_x": True,
         "tube in limits.tip_y": True, "tube in limits.tip_z": True,
         unknown.format("tip_velocity"): False, unknown.format("elbow"): False,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.control.limits.safe_depth import Front, FrontAhead
+from uvms_drake.control.limits.safe_depth import SafeDepth, SafeDepthBetweenKnots
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.plan.points import Points, slopes
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -24,7 +24,7 @@ def points(model, states) -> Points:
 
 
 @pytest.mark.parametrize("limit", [
-    Front(FACETS, DEPTHS), FrontAhead(FACETS, DEPTHS, H)])
+    SafeDepth(FACETS, DEPTHS), SafeDepthBetweenKnots(FACETS, DEPTHS, H)])
 def test_slopes_are_those_of_complex_steps(limit, points):
     found, expected = limit.slopes(points), slopes(limit.values, points, limit.about)
     np.testing.assert_allclose(np.broadcast_to(found.y, expected.y.shape), expected.y, atol=1e-9)
@@ -33,8 +33,8 @@ def test_slopes_are_those_of_complex_steps(limit, points):
 
 
 def test_values_are_depths_now_and_half_an_interval_ahead(model, points):
-    depth = Front(FACETS, DEPTHS).values(points)
-    ahead = FrontAhead(FACETS, DEPTHS, H).values(points)
+    depth = SafeDepth(FACETS, DEPTHS).values(points)
+    ahead = SafeDepthBetweenKnots(FACETS, DEPTHS, H).values(points)
     still = np.zeros((1, 10))
     for k in range(len(depth)):
         plans = [DynamicPlan.from_accelerations(
@@ -46,11 +46,11 @@ def test_values_are_depths_now_and_half_an_interval_ahead(model, points):
 
 
 def test_they_are_one_sided(points):
-    assert np.all(Front(FACETS, NONE).excess(points) < 0.0)
+    assert np.all(SafeDepth(FACETS, NONE).excess(points) < 0.0)
     far = points.y - np.pad(100.0 * DIRECTION, (0, 7))
     deep = Points(points.model, points.config, far, points.zeta)
-    assert np.all(Front(FACETS, DEPTHS).excess(deep) < 0.0)
-    assert np.all(FrontAhead(FACETS, NONE, H).excess(points) < 0.0)
+    assert np.all(SafeDepth(FACETS, DEPTHS).excess(deep) < 0.0)
+    assert np.all(SafeDepthBetweenKnots(FACETS, NONE, H).excess(points) < 0.0)
 
 
 def test_a_parabola_lies_below_the_largest_of_its_control_points():

@@ -37,11 +37,11 @@ def less(limits, tube, q_lower=Q_LOWER, q_upper=Q_UPPER) -> dict[str, Limit]:
     return tighten(make_limits(limits, q_lower, q_upper, PLANE), tube)
 
 
-def rooms(limits, tube) -> list[tuple[str, float, float]]:
+def margins(limits, tube) -> list[tuple[str, float, float]]:
     """Returns label, radius and room of every limit."""
     tube = resolved_radii(tube)
     return [room for limit in make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
-            for room in limit.rooms(tube)]
+            for room in limit.margins(tube)]
 
 
 def test_every_limit_loses_the_radius_of_its_own_block():
@@ -102,7 +102,7 @@ def test_a_block_without_a_radius_of_its_own_takes_the_total():
     assert rest["tip_pitch"].upper[0] == pytest.approx(0.8 - 0.19)
     np.testing.assert_allclose(rest["q"].lower, [-0.31, -1.11])
     np.testing.assert_allclose(rest["q"].upper, [1.21, 0.51])
-    assert rooms(LIMITS, tube) == rooms(LIMITS, resolved)
+    assert margins(LIMITS, tube) == margins(LIMITS, resolved)
     assert rest["roll"].upper[0] == pytest.approx(0.27)
 
 
@@ -145,20 +145,20 @@ def test_joints_without_limits_stay_so():
 
 
 def test_the_parts_are_every_limit_with_its_radius():
-    parts = rooms(LIMITS, TUBE)
+    parts = margins(LIMITS, TUBE)
     assert parts == [
         ("nu1", 0.04, 0.25), ("nu2", 0.03, 0.2), ("qdot", 0.05, 0.3), ("roll", 0.06, 0.33),
         ("pitch", 0.02, 0.31), ("tip_pitch", 0.01, 0.8),
         ("q1", 0.012, pytest.approx(0.95)), ("q2", 0.012, pytest.approx(1.0)),
         *((f"u[{i}]", TUBE.u[i], LIMITS.u[i]) for i in range(8)),
         *((f"tau[{i}]", TUBE.tau[i], LIMITS.tau[i]) for i in range(8))]
-    unforced = rooms(replace(LIMITS, tau=None), TUBE)
+    unforced = margins(replace(LIMITS, tau=None), TUBE)
     assert unforced == parts[:16]
 
 
 def test_the_parts_may_be_empty_and_are_not_refused():
     wide = replace(TUBE, nu1=0.3, joints=2.0)
-    empty = [name for name, radius, room in rooms(LIMITS, wide)
+    empty = [name for name, radius, room in margins(LIMITS, wide)
              if radius >= room]
     assert empty == ["nu1", "q1", "q2"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.control.mpc.infeasibility import first_excess, why_no_plan
+from uvms_drake.control.mpc.infeasibility import first_violation, infeasibility_reason
 from uvms_drake.control.mpc.planner import FIRST_SOLVE_ITERATIONS
 from uvms_drake.control.ocp.ocp import FEASIBLE
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
@@ -21,7 +21,7 @@ def first_guess(*overrides):
 def test_a_task_out_of_reach_is_told_from_limits_that_cannot_be_kept():
     ocp, guess = first_guess("start.eta.0=-50")
     plan = SequentialConvexSolver(ocp).solve(guess, FIRST_SOLVE_ITERATIONS).plan
-    why = why_no_plan(ocp, guess, plan, FEASIBLE)
+    why = infeasibility_reason(ocp, guess, plan, FEASIBLE)
     assert "to stay is within the limits, but the task" in why
     assert "out of the reach of a plan of 3 s" in why
     assert "limits.u[" in why
@@ -30,13 +30,13 @@ def test_a_task_out_of_reach_is_told_from_limits_that_cannot_be_kept():
 def test_a_limit_that_is_broken_at_rest_is_named_with_its_first_instant_and_the_tube():
     ocp, guess = first_guess("start.eta.3=0.14")  # To hold this roll takes more than is left.
     ocp.limits["u"].bound[3] = 0.161
-    why = why_no_plan(ocp, guess, None, FEASIBLE)
+    why = infeasibility_reason(ocp, guess, None, FEASIBLE)
     assert why.startswith("where nothing moves, limits.u[3] (the tube takes 0.16 of it) is ")
     assert why.endswith("from t = 0.00 s on")
 
 
 def test_a_solver_that_finds_nothing_where_nothing_is_broken_is_to_blame_itself():
-    assert why_no_plan(*first_guess(), None, FEASIBLE).startswith("the solver finds none at all")
+    assert infeasibility_reason(*first_guess(), None, FEASIBLE).startswith("the solver finds none at all")
 
 
 @pytest.mark.parametrize("name", ["nu1", "roll", "u"])
@@ -48,7 +48,7 @@ def test_the_first_instant_of_an_excess_is_where_it_begins(name):
     times, excess = found[name]
     middle = float(np.sort(np.max(excess, axis=1))[len(excess) // 2])
     ocp.limits = {name: ocp.limits[name]}
-    first = first_excess(ocp, plan, middle)
+    first = first_violation(ocp, plan, middle)
     late = np.max(excess, axis=1) > middle
     assert first.time <= times[np.argmax(late)]
-    assert first_excess(ocp, plan, np.inf) is None
+    assert first_violation(ocp, plan, np.inf) is None

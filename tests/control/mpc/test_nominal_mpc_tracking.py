@@ -11,7 +11,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.mpc.nominal_mpc import NominalMpc
 from uvms_drake.control.mpc.planner import FAILED, MPC_REPORT, SOLVED
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 
 H = 0.2  # s
 PORTS = {"target": 3, "safe_depth": 1}
@@ -70,7 +70,7 @@ def test_every_plan_is_that_of_the_problem_for_what_is_given_at_the_sample(ocp):
     plan = loop.read("plan")
     for k, (target, depth) in enumerate([
             (POSITION - 0.1, 0.05), (POSITION + 0.3, 0.05), (POSITION + 0.3, 0.1)], start=1):
-        aim = Aim(target, POSITION[0] + depth)
+        aim = TrackingTarget(target, POSITION[0] + depth)
         loop.give(target=target, safe_depth=aim.safe_depth)
         loop.simulator.AdvanceTo((k + 0.5) * H)
         problem = ocp.aimed(aim)

@@ -16,7 +16,7 @@ from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
 
@@ -53,8 +53,8 @@ def tip(ocp: TrackingOcp, config: np.ndarray) -> np.ndarray:
     return ocp.model.task_pose(config)[..., :3]
 
 
-AIMS = {"free": Aim(POSITION + [0.4, -0.1, 0.2]),
-        "front": Aim(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12)}
+AIMS = {"free": TrackingTarget(POSITION + [0.4, -0.1, 0.2]),
+        "front": TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12)}
 
 
 @pytest.fixture(params=AIMS)
@@ -81,8 +81,8 @@ def test_cost_and_limits_have_the_derivatives_of_differences(aimed, derivative):
 
 
 @pytest.mark.parametrize(("seed", "aim"), [
-    (0, Aim(POSITION + [0.1, -0.05, 0.05])),
-    (1, Aim(POSITION + [0.2, -0.1, 0.1], POSITION[0] + 0.05))])
+    (0, TrackingTarget(POSITION + [0.1, -0.05, 0.05])),
+    (1, TrackingTarget(POSITION + [0.2, -0.1, 0.1], POSITION[0] + 0.05))])
 def test_the_optimum_is_that_of_the_nonlinear_program(seed, aim):
     """Of 0.6 s and a wider V_o, which SNOPT, that knows nothing of its curvature, is fast with."""
     ocp = tracking_ocp(offset=OffsetCost(60.0, 0.05), overrides=("mpc.horizon=3",)).aimed(aim)
@@ -117,7 +117,7 @@ def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded
         for _ in range(300):
             depth += rng.choice([0.0, 0.0, 0.0005, 0.004])
             off = rng.uniform([-0.1, -0.4, -0.4], 0.4)
-            yield Aim(np.array([depth, *POSITION[1:]]) + off, depth)
+            yield TrackingTarget(np.array([depth, *POSITION[1:]]) + off, depth)
 
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     moved, closest = 0.0, np.inf
@@ -136,20 +136,20 @@ def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded
 
 def test_each_problem_has_a_continuation_for_the_next_whatever_that_asks_for(ocp):
     """The same plan, continued, for aims that have nothing in common but the front."""
-    problem = ocp.aimed(Aim(POSITION + DIRECTION, POSITION[0] + 0.05))
+    problem = ocp.aimed(TrackingTarget(POSITION + DIRECTION, POSITION[0] + 0.05))
     plan = SequentialConvexSolver(problem).solve(
         problem.resting_plan(0.0, at_rest(ocp, POSITION)), 20).plan
     for _ in range(40):
         plan = problem.continued(plan)
         for target in (POSITION - 10.0 * DIRECTION, POSITION + 10.0 * np.ones(3)):
-            value = ocp.aimed(Aim(target, POSITION[0] + 0.05)).evaluate(plan)
+            value = ocp.aimed(TrackingTarget(target, POSITION[0] + 0.05)).evaluate(plan)
             assert max(value.violation, value.terminal_slack) <= EXCEEDED
 
 
 @pytest.mark.parametrize("iterations", [1, 3])
 def test_it_converges_to_a_target_within_reach(ocp, iterations):
     target = POSITION + [0.15, -0.1, 0.05]
-    aims = 60 * [Aim(target, POSITION[0] + 0.2)]
+    aims = 60 * [TrackingTarget(target, POSITION[0] + 0.2)]
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     *_, (problem, _, plan) = follow(ocp, aims, start, iterations)
     np.testing.assert_allclose(tip(problem, plan.config)[0], target, atol=5e-4)
@@ -160,7 +160,7 @@ def test_it_converges_to_a_target_within_reach(ocp, iterations):
 def test_behind_the_front_it_converges_to_the_place_nearest_to_the_target(ocp):
     """For a V_o that is a function of the distance, the projection of the target."""
     depth = POSITION[0] + 0.05
-    aims = 70 * [Aim(POSITION + [0.2, -0.1, 0.05], depth)]
+    aims = 70 * [TrackingTarget(POSITION + [0.2, -0.1, 0.05], depth)]
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     for problem, _, plan in follow(ocp, aims, start):
         assert tip(problem, plan.config)[0] @ DIRECTION <= depth + EXCEEDED
@@ -173,7 +173,7 @@ def test_between_knots_the_tip_stays_behind_the_front_but_for_its_third_derivati
     depth = POSITION[0] + 0.06
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     deepest, jerk = -np.inf, 0.0
-    for problem, _, plan in follow(ocp, 20 * [Aim(POSITION + DIRECTION, depth)], start, 2):
+    for problem, _, plan in follow(ocp, 20 * [TrackingTarget(POSITION + DIRECTION, depth)], start, 2):
         times = plan.start_time + np.linspace(0.0, 0.2, 81)
         x = np.array([tip(problem, plan.at(t, plan.start_time)[0]) @ DIRECTION for t in times])
         deepest = max(deepest, np.max(x) - depth)
@@ -202,7 +202,7 @@ def test_about_its_own_reference_a_plan_costs_what_the_fixed_problem_says(ocp):
     """Whose penalty and input at rest are the same, wherever the task is."""
     plan = somewhere(ocp, 4)
     fixed = DynamicOcp(ocp.model, mpc_of(ocp), ocp.reference(plan), ocp.limits)
-    here, there = ocp.aimed(Aim(ocp.reference(plan)[:3])).evaluate(plan), fixed.evaluate(plan)
+    here, there = ocp.aimed(TrackingTarget(ocp.reference(plan)[:3])).evaluate(plan), fixed.evaluate(plan)
     assert here.cost == pytest.approx(there.cost, rel=1e-9)
     assert here.terminal_slack == pytest.approx(there.terminal_slack, abs=1e-9)
     np.testing.assert_allclose(fixed.terminal.P, ocp.terminal.P, rtol=1e-6)

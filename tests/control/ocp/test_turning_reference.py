@@ -11,7 +11,7 @@ from support.tracking import DIRECTION, POSITION, SURFACE, at_rest, follow, trac
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
-from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, Aim, TrackingOcp
+from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp, TrackingTarget
 from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.control.plan.tracking_plan import TrackingPlan
 from uvms_drake.model.frames.euler import rotation_matrix
@@ -57,8 +57,8 @@ def test_all_that_is_turned_costs_the_same_and_goes_on_in_the_same_way(turn):
     ocp = tracking_ocp(force=0.0, turn=TURN)
     plan, place = in_motion(ocp, 1), np.array([0.1, -0.05, 0.05])
     plan = dataclasses.replace(plan, a=np.append(plan.a[:3], 0.01))
-    one = ocp.aimed(Aim(POSITION + place, turn=0.02))
-    other = ocp.aimed(Aim(POSITION + about_the_vertical(turn) @ place, turn=0.02 + turn))
+    one = ocp.aimed(TrackingTarget(POSITION + place, turn=0.02))
+    other = ocp.aimed(TrackingTarget(POSITION + about_the_vertical(turn) @ place, turn=0.02 + turn))
     here, there = one.evaluate(plan), other.evaluate(turned(plan, turn))
     assert here.cost == pytest.approx(there.cost, rel=1e-9)
     assert here.total_violation == pytest.approx(there.total_violation, abs=1e-9)
@@ -72,7 +72,7 @@ def test_all_that_is_turned_costs_the_same_and_goes_on_in_the_same_way(turn):
 
 def test_cost_and_limits_have_the_derivatives_of_differences(ocp, derivative):
     """By the turn, too, which takes the terminal penalty along."""
-    problem = ocp.aimed(Aim(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12, 0.1))
+    problem = ocp.aimed(TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12, 0.1))
     guess, nlp = in_motion(ocp, 2), NonlinearSolver(problem, SnoptSolver())
     values = np.append(guess.decision.ravel(), 0.4)
     _, gradient = nlp._cost(values, guess)
@@ -90,7 +90,7 @@ def test_cost_and_limits_have_the_derivatives_of_differences(ocp, derivative):
 def test_it_turns_as_asked_about_a_tip_at_its_place(ocp):
     """All of the robot turns: the joints are what they were, the tip where it was."""
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
-    *_, (problem, _, plan) = follow(ocp, 150 * [Aim(POSITION, POSITION[0] + 0.02, 0.15)], start)
+    *_, (problem, _, plan) = follow(ocp, 150 * [TrackingTarget(POSITION, POSITION[0] + 0.02, 0.15)], start)
     y = problem.model.task_pose(plan.config)[0]
     np.testing.assert_allclose(y[:3], POSITION, atol=5e-4)
     np.testing.assert_allclose(y[3:6], [0.0, 0.0, 0.15], atol=3e-3)
@@ -100,7 +100,7 @@ def test_it_turns_as_asked_about_a_tip_at_its_place(ocp):
 
 def test_it_turns_no_further_than_it_may_and_keeps_its_terminal_set_there(ocp):
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
-    *_, (problem, _, plan) = follow(ocp, 200 * [Aim(POSITION, turn=2.0)], start)
+    *_, (problem, _, plan) = follow(ocp, 200 * [TrackingTarget(POSITION, turn=2.0)], start)
     assert plan.a[3] == pytest.approx(TURNED_FREELY * TURN, abs=3e-3)
     assert problem.terminal_radius(plan) == pytest.approx(ocp.terminal.radius, rel=0.05)
     assert problem.terminal_radius(dataclasses.replace(plan, a=np.append(plan.a[:3], TURN))) == (
@@ -119,7 +119,7 @@ def test_turns_and_places_at_random_leave_every_problem_feasible(facets):
             depth += rng.choice([0.0, 0.0, 0.0005, 0.004])
             off = rng.uniform([-0.1, -0.4, -0.4], 0.4)
             apex = np.array([depth, *POSITION[1:]])
-            yield Aim(apex + off, facets @ apex, rng.uniform(-0.5, 0.5))
+            yield TrackingTarget(apex + off, facets @ apex, rng.uniform(-0.5, 0.5))
 
     way = 0.0
     for problem, guess, plan in follow(ocp, aims(), ocp.resting_plan(0.0, at_rest(ocp, POSITION))):
@@ -163,7 +163,7 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs_however_it_is_tur
         xi = local.copy()
         xi[:3] = about_the_vertical(a[3]) @ local[:3]
         y = ocp.y_des + np.concatenate([a[:3], np.zeros(2), a[3:], np.zeros(4)])
-        one = ocp.aimed(Aim(rng.uniform(-5.0, 5.0, 3),
+        one = ocp.aimed(TrackingTarget(rng.uniform(-5.0, 5.0, 3),
                             DIRECTION @ y[:3] + size * ocp.depth_reach, rng.uniform(-0.2, 0.2)))
         one.horizon, one.terminal = 1, dataclasses.replace(one.terminal, radius=found)
         start = np.concatenate([one.model.configuration(y + xi[:10]), xi[10:]])

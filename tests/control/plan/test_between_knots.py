@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.control.contact.safe_region import apex
-from uvms_drake.control.plan.between_knots import between_knots, stopping_room
+from uvms_drake.control.plan.between_knots import between_knots, stopping_distance
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
@@ -38,7 +38,7 @@ def test_what_an_acceleration_that_changes_adds(jerk):
 
 
 def test_where_the_tube_is_thicker_than_what_the_wall_forgives_there_is_no_approach():
-    room = stopping_room(45.0, 1.0, 20e3, 2.4e-3)
+    room = stopping_distance(45.0, 1.0, 20e3, 2.4e-3)
     assert room == pytest.approx(43.0 / 20e3 - 4.8e-3)
     assert room < 0.0
 
@@ -48,7 +48,7 @@ def test_a_tip_that_swings_back_hides_more_from_the_room():
     surface = SurfaceClass(np.array([1.0, 0.0, 0.0]), 2000.0, dissipation=2.0)
     point, velocity = np.zeros((1, 3)), np.array([[-0.1, 0.0, 0.0]])
     front = apex(surface, point, velocity, np.array([1.0, 0.0, 0.0]), 45.0, 1.0)[0]
-    room = stopping_room(45.0, 1.0, 2000.0, 2.4e-3, retreat=0.2)
+    room = stopping_distance(45.0, 1.0, 2000.0, 2.4e-3, retreat=0.2)
     assert room == pytest.approx(front - 2.0 * 2.4e-3)
-    assert room < stopping_room(45.0, 1.0, 2000.0, 2.4e-3)
-    assert stopping_room(45.0, 1.0, 2000.0, 0.0, retreat=1.0) == -np.inf
+    assert room < stopping_distance(45.0, 1.0, 2000.0, 2.4e-3)
+    assert stopping_distance(45.0, 1.0, 2000.0, 0.0, retreat=1.0) == -np.inf

@@ -5,20 +5,20 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from support.synthetic import synthetic_felt_record
+from support.synthetic import synthetic_sensed_record
 
 from uvms_drake.report.figure.contact_estimate_figure import depths_of, marks_of
 from uvms_drake.report.figure_style import COLUMN_WIDTH, STYLE
 from uvms_drake.report.figures import FIGURES, make_figures
 from uvms_drake.report.html import format_report
-from uvms_drake.station.contact_bounds import front_margin
+from uvms_drake.station.contact_bounds import safe_depth_margin
 
 PANELS = ["force along $n$ [N]", "depth [mm]", "slope [N/m]", "", "depth [mm]"]
 
 
 @pytest.fixture(scope="module")
 def record():
-    return synthetic_felt_record()
+    return synthetic_sensed_record()
 
 
 def axes_of(record, **how):
@@ -32,7 +32,7 @@ def lines(axis):
 
 def test_depths_are_counted_from_where_the_wall_is_first_touched(record):
     depths = depths_of(record)
-    safe = 1e3 * (record.chi_nominal[:, 0] + 0.025 + front_margin(record.scenario))
+    safe = 1e3 * (record.chi_nominal[:, 0] + 0.025 + safe_depth_margin(record.scenario))
     np.testing.assert_allclose(depths["wall"], 0.0, atol=1e-5)
     np.testing.assert_allclose(depths["tip"], 1e3 * record.chi[:, 0], atol=1e-5)
     np.testing.assert_allclose(depths["planned"], 1e3 * record.chi_nominal[:, 0], atol=1e-5)
@@ -60,7 +60,7 @@ def test_its_panels_show_the_logs(record):
     axes = axes_of(record)
     assert [axis.get_ylabel() for axis in axes] == PANELS
     force = lines(axes[0])
-    np.testing.assert_array_equal(force["felt"], record.signals["felt_force"][:, 0])
+    np.testing.assert_array_equal(force["felt"], record.signals["force_last_valid"][:, 0])
     np.testing.assert_array_equal(force["real"], record.force[:, 0])
     assert set(force["desired"]) == {20.0}
     assert set(force["limit of the static force"]) == {45.0}
@@ -86,7 +86,7 @@ def test_the_force_along_n_is_the_part_of_it_along_n(record):
     turned = replace(record, scenario=replace(record.scenario, contact=contact))
     force = lines(axes_of(turned)[0])
     np.testing.assert_allclose(force["real"], 0.8 * record.force[:, 0])
-    np.testing.assert_allclose(force["felt"], record.signals["felt_force"][:, :3] @ n)
+    np.testing.assert_allclose(force["felt"], record.signals["force_last_valid"][:, :3] @ n)
 
 
 def test_what_happened_is_marked_and_named(record):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from support.synthetic import synthetic_felt_record, synthetic_record
+from support.synthetic import synthetic_record, synthetic_sensed_record
 
 from uvms_drake.command.files import write_data
 from uvms_drake.mission.law import DONE, FORCE_LOST, RUNNING, SKIPPED
@@ -26,7 +26,7 @@ OFF = 0.003  # m, of the tip from the line
 
 def made(mission=MISSION, duration=6.0, **progress):
     """A tip that slides along y (−t₂) from 2 s on, off by 3 mm along z, 4 mm behind."""
-    base = synthetic_felt_record(duration)
+    base = synthetic_sensed_record(duration)
     time = base.time
     step = np.searchsorted(TIMES, time + 1e-9) - 1
     y = 0.05 * np.clip(time - 2.0, 0.0, 2.0)
@@ -40,7 +40,7 @@ def made(mission=MISSION, duration=6.0, **progress):
     return replace(
         base, scenario=replace(base.scenario, mission=mission), chi=chi, force=force,
         signals=base.signals | {
-            "felt_force": force, "touched": (step > 0)[:, None].astype(float),
+            "force_last_valid": force, "touched": (step > 0)[:, None].astype(float),
             "mission_place": np.column_stack([0.0 * y, y, 0.0 * y]),
             "mission_force": np.full((len(time), 1), 10.0),
             "mission_progress": np.column_stack(list(columns.values()))})
@@ -93,7 +93,7 @@ def test_the_terminal_has_a_line_for_each_step(record):
 
 
 def test_a_step_that_failed_says_why_and_what_was_not_begun_is_counted():
-    base = synthetic_felt_record(6.0)
+    base = synthetic_sensed_record(6.0)
     late = base.time + 1e-9 >= 2.0  # From then on the hold has failed, and the retreat goes on.
     record = made(step=np.where(late, 3, np.searchsorted(TIMES, base.time + 1e-9) - 1),
                   reason=FORCE_LOST * late, failures=1.0 * late,

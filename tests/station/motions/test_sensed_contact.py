@@ -13,14 +13,14 @@ from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.limits import TubeRadii
 from uvms_drake.report.summary import summarise
 from uvms_drake.station.contact_bounds import (
-    front_margin,
     largest_force,
     pressing_force,
+    safe_depth_margin,
     sensed_contact,
     sensing_of,
 )
 from uvms_drake.station.diagram import make_station
-from uvms_drake.station.motions.sensed_contact import Sensed
+from uvms_drake.station.motions.sensed_contact import SensedContactMotion
 from uvms_drake.station.problem import load_model, true_surface
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
@@ -46,7 +46,7 @@ def test_it_presses_with_the_desired_force_wherever_the_wall_is_and_however_stif
     last = record.time >= 5.0
     assert np.abs(record.force[last, :3] @ contact.direction - 20.0).max() < 1.5
     depth = record.chi[:, 0]
-    assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * front_margin(scenario))
+    assert np.all(depth <= record.signals["safe_depth"][:, 0] + 2.0 * safe_depth_margin(scenario))
     assert set(summarise(record)["contact"]["out_of_class"]) <= {"clearance"}  # It is near here.
 
 
@@ -167,4 +167,4 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
 
 def test_a_law_without_a_tube_has_none_in_contact():
     none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0),))
-    assert Sensed().in_contact(none, load_scenario("girona500_tip_first"), None) is none
+    assert SensedContactMotion().in_contact(none, load_scenario("girona500_tip_first"), None) is none

@@ -22,7 +22,7 @@ from uvms_drake.studies.margins.margin import FARTHEST, FINE, Margin, tube_condi
 from uvms_drake.studies.margins.margins import format_margins, margins
 from uvms_drake.studies.margins.unknown_margins import Setting, Unknown
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.search.search_memo import Held
+from uvms_drake.tube.search.search_memo import SearchMemo
 from uvms_drake.tube.unmodelled_dynamics import by_water
 
 
@@ -47,32 +47,32 @@ def ends_at(limit: float):
 @pytest.mark.parametrize(("today", "limit"), [(0.02, 0.0201), (0.02, 0.11), (3.0, 100.0)])
 def test_the_largest_value_is_bracketed(today, limit, monkeypatch):
     monkeypatch.setattr(study, "_worst_failed", ends_at(limit))
-    found = study._margin(value_of(today), Held())
+    found = study._margin(value_of(today), SearchMemo())
     assert limit / FINE <= found.largest <= limit
     assert (found.today, found.ends) == (today, "room")
 
 
 def test_nobody_looks_beyond_what_is_far_enough(monkeypatch):
     monkeypatch.setattr(study, "_worst_failed", ends_at(1e9))
-    found = study._margin(value_of(2.0), Held())
+    found = study._margin(value_of(2.0), SearchMemo())
     assert (found.largest, found.ends) == (2.0 * FARTHEST, "")
 
 
 def test_what_is_void_at_any_value_says_so_and_what_is_too_large_at_the_least_is_zero(monkeypatch):
     void = Condition("actuation[0], the proofs take the feedback for continuous", 1.0, "<=", 0.0)
     monkeypatch.setattr(study, "_worst_failed", lambda make, searches: void)
-    found = study._margin(value_of(0.0, 1e-3), Held())
+    found = study._margin(value_of(0.0, 1e-3), SearchMemo())
     assert math.isnan(found.largest)
     assert found.ends == void.name
     monkeypatch.setattr(study, "_worst_failed", ends_at(1e-4))
-    assert study._margin(value_of(0.0, 1e-3), Held()).largest == 0.0
+    assert study._margin(value_of(0.0, 1e-3), SearchMemo()).largest == 0.0
 
 
 def test_a_value_without_a_meaning_ends_it():
     def at(value):
         raise InvalidParameter("contact.angle", value, "from 0 to 0.5 rad")
 
-    assert "contact.angle" in study._worst_failed(lambda: at(0.6), Held()).name
+    assert "contact.angle" in study._worst_failed(lambda: at(0.6), SearchMemo()).name
 
 
 def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
@@ -81,7 +81,7 @@ def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
             ["SampledCommand"], ["SampledCommand"], ["Thrusters"], []), strict=True):
         changed = value.at(value.start)
         assert [type(part).__name__ for part in changed.actuation] == kinds
-        failed = study._worst_failed(partial_at(value), Held())
+        failed = study._worst_failed(partial_at(value), SearchMemo())
         assert failed is not None
         assert failed.is_count
     both = load_scenario("girona500_real_loop")
@@ -118,7 +118,7 @@ def test_a_worse_sensor_comes_with_the_allowance_that_it_needs(felt):
     assert slow.contact.delay == pytest.approx(5.0 * 0.05 + 0.01)
 
 
-class Room:
+class RadiusBound:
     """A setting where d = size (1 + size) in two components, and a room for it."""
 
     def __init__(self, room: float):
@@ -137,7 +137,7 @@ def unknown(most: float = math.inf):
 
 @pytest.mark.parametrize("room", [0.02, 0.09, 3.0])
 def test_the_size_of_an_error_is_that_of_which_all_d_has_room(room):
-    found = unknown().margin(Room(room), Held())
+    found = unknown().margin(RadiusBound(room), SearchMemo())
     exact = (math.sqrt(1.0 + 4.0 * room / 1.5) - 1.0) / 2.0
     assert exact / FINE <= found.largest <= exact
     assert found.ends == "room"
@@ -146,9 +146,9 @@ def test_the_size_of_an_error_is_that_of_which_all_d_has_room(room):
 
 
 def test_an_error_ends_where_it_has_no_meaning_or_has_no_room_at_all():
-    bounded = unknown(most=0.8).margin(Room(1e3), Held())
+    bounded = unknown(most=0.8).margin(RadiusBound(1e3), SearchMemo())
     assert 0.8 / FINE <= bounded.largest <= 0.8
-    none = unknown().margin(Room(1e-9), Held())
+    none = unknown().margin(RadiusBound(1e-9), SearchMemo())
     assert (none.largest, none.ends, none.axes) == (0.0, "room", ())
 
 

@@ -13,15 +13,15 @@ from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.actuation.held_command_rates import (
-    HeldProblem,
+    HeldCommandProblem,
     PlanProblem,
-    held_rates,
+    held_command_rates,
     jumping_plan,
     late_plan,
     plan_rates,
     turning_task,
 )
-from uvms_drake.tube.rows.remainders import output_bias, output_jacobian, tip_first_rests
+from uvms_drake.tube.rows.remainders import output_bias, output_jacobian, tip_first_remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 BOUNDS = ConstraintSet(
@@ -105,7 +105,7 @@ def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_els
             -1].T @ read - model.inverse_dynamics(kinematics, zeta, np.zeros(10)))
         off = J @ free_fall + output_bias(config, kinematics, zeta, rows)
         before = (acceleration(plan, time + 1e-5) - acceleration(plan, time - 1e-5)) / 2e-5
-        return held_rates(model, rows, config, zeta, zeta_dot, off, read) - before
+        return held_command_rates(model, rows, config, zeta, zeta_dot, off, read) - before
 
     nodes, weights = np.polynomial.legendre.leggauss(4)
     rho = sum(0.5 * (end - start) * weight * leaves(0.5 * (start + end) + 0.5 * (end - start) * x)
@@ -123,7 +123,7 @@ def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_els
 
 @pytest.fixture(scope="module")
 def problem(free):
-    return HeldProblem(free, BOUNDS, [], tip_rows(free), LIMITS, 3.0)
+    return HeldCommandProblem(free, BOUNDS, [], tip_rows(free), LIMITS, 3.0)
 
 
 def test_errors_make_of_a_plan_what_the_robot_does_where_they_put_it(problem):
@@ -134,7 +134,7 @@ def test_errors_make_of_a_plan_what_the_robot_does_where_they_put_it(problem):
     error = 0.02 * rng.normal(size=46)
     by_x, by_rate, moved, off, wrench = np.split(error, [10, 20, 30, 40])
     u = zeta_dot - model.drift(config_bar, zeta_bar)
-    rest = tip_first_rests(model, rows, config_bar, zeta_bar, u, by_x, by_rate)
+    rest = tip_first_remainders(model, rows, config_bar, zeta_bar, u, by_x, by_rate)
     zeta, config = zeta_bar + rest[:10], config_bar + np.append(by_x[:6], rest[10:14])
     kinematics = model.kinematics(config)
     J = output_jacobian(model, config, kinematics, rows)
@@ -144,9 +144,9 @@ def test_errors_make_of_a_plan_what_the_robot_does_where_they_put_it(problem):
         return np.append(each[:6], J[6:, 6:] @ each[6:])
 
     bias = output_bias(config, kinematics, zeta, rows)
-    real = held_rates(model, rows, config, zeta, np.linalg.solve(
+    real = held_command_rates(model, rows, config, zeta, np.linalg.solve(
         J, y_ddot + of_outputs(moved) - bias), y_ddot + of_outputs(off), wrench) - jerk
-    late = held_rates(
+    late = held_command_rates(
         model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
     expected = np.concatenate([real - late, np.linalg.solve(J[6:, 6:], real[6:])
                                - np.linalg.solve(J_bar[6:, 6:], late[6:])])

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from uvms_drake.tube.actuation.lagged_wrench import LaggedRows, means_over_ages, moments_of_ages
+from uvms_drake.tube.actuation.lagged_wrench import (
+    LaggedWrenchTube,
+    means_over_ages,
+    moments_of_ages,
+)
 from uvms_drake.tube.loops.row_loop import RowLoop
 from uvms_drake.tube.rows.disturbance_gains import ATTITUDE, VEHICLE
 
@@ -33,7 +37,7 @@ def test_the_means_over_ages_are_those_of_a_distribution():
 
 def bounds(level, level_rate, smooth):
     """Returns the bounds of e and ė of the first block, by parts that are called a plan's."""
-    rows = object.__new__(LaggedRows)
+    rows = object.__new__(LaggedWrenchTube)
     loop = RowLoop(K, SIGMA, lag=LAG, period=PERIOD)
     one = np.array([1.0, 0.0])
     rows._K, rows._hold = np.diag([TURNS, 0.0]), PERIOD

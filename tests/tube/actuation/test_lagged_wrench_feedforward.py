@@ -12,11 +12,11 @@ from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.actuation.lagged_wrench_feedforward import (
-    LaggedProblem,
-    OfPosture,
+    LaggedWrenchProblem,
+    PostureMap,
     arm_and_wrench,
     joints_for_vehicle,
-    planned_loads,
+    planned_feedforward,
     turning_map,
     turning_reading,
 )
@@ -39,11 +39,11 @@ def free():
 
 @pytest.fixture(scope="module")
 def problem(free):
-    return LaggedProblem(free, BOUNDS, [], tip_rows(free), LIMITS, 3.0)
+    return LaggedWrenchProblem(free, BOUNDS, [], tip_rows(free), LIMITS, 3.0)
 
 
 def of_posture(problem, of):
-    return OfPosture(problem.model, BOUNDS, [(np.eye(1), 1.0)], problem.rows, LIMITS, 3.0,
+    return PostureMap(problem.model, BOUNDS, [(np.eye(1), 1.0)], problem.rows, LIMITS, 3.0,
                      of=of, each=3, count=1)
 
 
@@ -56,7 +56,7 @@ class Motion:
         self.model, self.rows, self.x = model, rows, problem.draw(1, rng)[0]
         self.error = 0.02 * rng.normal(size=40)
         self.error[34:] *= 50.0  # N, N m
-        self.bar = of_posture(problem, planned_loads).plan(self.x)
+        self.bar = of_posture(problem, planned_feedforward).plan(self.x)
         config, zeta, rate = self.bar
         kinematics = model.kinematics(config)
         x, x_dot, x_ddot = (each.copy() for each in np.split(self.error[:30], 3))
@@ -94,7 +94,7 @@ def test_what_the_law_asks_of_the_thrusters_varies_as_the_parts_say(problem):
         motion, step = Motion(problem, seed), 1e-4
         A = motion.tau(0.0)[0]
         rate = A @ (motion.tau(step)[1] - motion.tau(-step)[1])[:6] / (2.0 * step)
-        planned = planned_loads(of_posture(problem, planned_loads), motion.x)[:, 0].reshape(3, 6)
+        planned = planned_feedforward(of_posture(problem, planned_feedforward), motion.x)[:, 0].reshape(3, 6)
         off = problem.values(motion.x, motion.error).reshape(3, 6)
         parts = planned[1], planned[2], off[1], off[2]
         np.testing.assert_allclose(sum(parts), rate, atol=1e-4 * np.max(np.abs(rate)))

@@ -7,7 +7,7 @@ from uvms_drake.control.laws import TipFirst
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_rows import tip_rows
-from uvms_drake.tube.actuation.row_feedforward import row_loads
+from uvms_drake.tube.actuation.row_feedforward import row_feedforward
 
 WRENCH = np.array([30.0, -20.0, 5.0, 2.0, -8.0, 10.0])
 
@@ -24,7 +24,7 @@ def test_the_law_commands_what_its_rows_ask_for_and_carry(model, states):
         tau = law.command(model, now, lambda a=acceleration: a, not_asked).tau()
         found.append(np.concatenate([state, v, tau]))
     config, zeta, v, tau = np.split(np.array(found), [10, 20, 30], axis=1)
-    loads = row_loads(model, config, zeta, rows, tip_acceleration=v[:, 6:],
+    loads = row_feedforward(model, config, zeta, rows, tip_acceleration=v[:, 6:],
                       wrench=np.tile(WRENCH, (len(v), 1)))
     np.testing.assert_allclose(
         np.einsum("tij,tj->ti", loads.vehicle_map, tau[:, :6]) - loads.vehicle, v[:, :6],

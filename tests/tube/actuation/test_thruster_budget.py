@@ -13,16 +13,16 @@ from uvms_drake.tube.actuation.thruster_budget import (
     TURNING,
     WRENCH,
     Errors,
-    LateRows,
+    ThrusterBudget,
     least_bounds,
 )
-from uvms_drake.tube.actuation.thruster_feedforward import LateLoads
+from uvms_drake.tube.actuation.thruster_feedforward import ThrusterFeedforward
 from uvms_drake.tube.loops.actuator_path import Actuators, Path
 from uvms_drake.tube.loops.row_loop import RowLoop
 
-SHAPES = dict(zip(LateLoads._fields, (*[(4,)] * 5, (4, 4), (4, 10), (4, 10), (4, 4), (4, 4),
+SHAPES = dict(zip(ThrusterFeedforward._fields, (*[(4,)] * 5, (4, 4), (4, 10), (4, 10), (4, 4), (4, 4),
                                       *[(4,)] * 4, (2, 20), (10,)), strict=True))
-ZERO = LateLoads(**{name: np.zeros(shape) for name, shape in SHAPES.items()})
+ZERO = ThrusterFeedforward(**{name: np.zeros(shape) for name, shape in SHAPES.items()})
 NONE = Errors(np.zeros(10), np.zeros(10), np.zeros(4), np.zeros(4))
 VEHICLE, JOINTS = Path(0.02, 0.03, 0.1), Path(0.02, 0.01)
 K, SIGMA = 4.0, 2.0
@@ -32,8 +32,8 @@ LOOPS = [RowLoop(K, SIGMA, 0.0, path.lag, path.period, path.dead_time)
          for path in (VEHICLE, JOINTS)]
 
 
-def parts(loads: LateLoads, errors: Errors = NONE, force=(0.0, 0.0, 0.0)):
-    return LateRows(Actuators(VEHICLE, JOINTS, True), *LOOPS, loads, force).parts(errors)
+def parts(loads: ThrusterFeedforward, errors: Errors = NONE, force=(0.0, 0.0, 0.0)):
+    return ThrusterBudget(Actuators(VEHICLE, JOINTS, True), *LOOPS, loads, force).parts(errors)
 
 
 class Row:
@@ -93,7 +93,7 @@ def test_a_plan_known_ahead_costs_less():
     loads = ZERO._replace(plan=np.ones(4), jump=np.ones(4))
     paths = [replace(path, ahead=path.age - 0.5 * path.period) for path in (VEHICLE, JOINTS)]
     loops = [replace(loop, ahead=path.ahead) for loop, path in zip(LOOPS, paths, strict=True)]
-    known = LateRows(Actuators(*paths, True), *loops, loads, (0.0, 0.0, 0.0)).parts(NONE)
+    known = ThrusterBudget(Actuators(*paths, True), *loops, loads, (0.0, 0.0, 0.0)).parts(NONE)
     assert known[PLAN][0, 0] < 0.5 * parts(loads)[PLAN][0, 0]
 
 
@@ -103,7 +103,7 @@ def test_a_hold_alone_has_finite_bounds_of_what_the_vehicle_gets():
     across = np.zeros((4, 4))
     across[2:, :2] = 1.0
     loads = ZERO._replace(by_wrench=across, by_tip=across.T, plan=np.ones(4))
-    found = LateRows(Actuators(path, path), row, row, loads, (0.0, 0.0, 0.0)).parts(NONE)
+    found = ThrusterBudget(Actuators(path, path), row, row, loads, (0.0, 0.0, 0.0)).parts(NONE)
     assert all(np.isfinite(value).all() for value in found.values())
     assert found[WRENCH][2, 0] == pytest.approx(4.0 * row.gains["free_feed_forward"].position)
     assert found[ARM][0, 0] > 0.0

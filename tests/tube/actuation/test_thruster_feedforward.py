@@ -5,10 +5,10 @@ import pytest
 
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.tube.actuation.row_feedforward import row_loads
+from uvms_drake.tube.actuation.row_feedforward import row_feedforward
 from uvms_drake.tube.actuation.thruster_feedforward import (
-    LateLoads,
     Plans,
+    ThrusterFeedforward,
     _motions,
     _named,
     values_at,
@@ -35,7 +35,7 @@ def point() -> np.ndarray:
     return np.random.default_rng(3).uniform(-1.0, 1.0, (1, 36))
 
 
-def found(model, point, driven=SIX, off=None) -> LateLoads:
+def found(model, point, driven=SIX, off=None) -> ThrusterFeedforward:
     off = np.zeros((6, 0)) if off is None else off
     return _named(values_at(point, model, BOUNDS, tip_rows(model), PLANS, driven, off)[0], 10)
 
@@ -58,7 +58,7 @@ def carried(model, config, zeta, rate):
     J = output_jacobian(model, config, kinematics, rows)
     y_ddot = J @ rate + output_bias(config, kinematics, zeta, rows)
     tau = model.inverse_dynamics(kinematics, zeta, rate)
-    loads = row_loads(model, config, zeta, rows, tip_acceleration=y_ddot[6:], wrench=tau[:6])
+    loads = row_feedforward(model, config, zeta, rows, tip_acceleration=y_ddot[6:], wrench=tau[:6])
     return y_ddot + np.append(loads.vehicle, loads.tip)
 
 
@@ -84,7 +84,7 @@ def test_errors_of_the_outputs_make_loads_as_their_derivatives_say(model, point)
         real = configuration_of(model, rows, config, nominal, x)
         J_real = output_jacobian(model, real, model.kinematics(real), rows)
         moved = np.linalg.solve(J_real, J @ zeta + x_dot)
-        loads = row_loads(model, real, moved, rows, tip_acceleration=held, wrench=tau[:6])
+        loads = row_feedforward(model, real, moved, rows, tip_acceleration=held, wrench=tau[:6])
         return np.append(loads.vehicle - loads.vehicle_map @ tau[:6],
                          loads.tip - loads.tip_map @ tau[6:])
 
@@ -111,7 +111,7 @@ def test_the_maps_turn_with_the_robot(model, point):
 
     def A(step):
         at = config + step * configuration_rate(config, zeta)
-        return row_loads(model, at, zeta, tip_rows(model), tip_acceleration=np.zeros(4),
+        return row_feedforward(model, at, zeta, tip_rows(model), tip_acceleration=np.zeros(4),
                          wrench=np.zeros(6)).vehicle_map
 
     turning = (A(STEP) - A(-STEP)) / (2.0 * STEP) @ np.linalg.inv(A(0.0))

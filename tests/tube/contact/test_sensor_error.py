@@ -9,18 +9,18 @@ import pytest
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.contact import sensor_error
 from uvms_drake.tube.contact.sensor_error import (
-    FeltForce,
-    contact_input_rest,
-    push_of,
+    MeasuredForceBounds,
+    contact_input_remainder,
+    sensor_effect_of,
 )
 from uvms_drake.tube.contact.sensor_gains import (
-    sizes_over_joints,
+    norms_over_joints,
     suprema_of,
     tip_jacobian_and_gain,
 )
 from uvms_drake.tube.contact.sensor_gains_proof import Claimed
 from uvms_drake.tube.loops.row_gains import instant_gains
-from uvms_drake.tube.resolved.sensor_effect import Push
+from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import no_estimates
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
@@ -54,7 +54,7 @@ def test_the_gain_is_that_of_the_inverse_dynamics(model):
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-FORCE = FeltForce(size=50.0, rate=80.0, ripple=5.0, aside_rate=40.0, aside_ripple=2.0, error=2.7,
+FORCE = MeasuredForceBounds(size=50.0, rate=80.0, ripple=5.0, tangential_rate=40.0, tangential_ripple=2.0, error=2.7,
                   torque_error=0.05, lag=0.02, period=0.01, tool_angle=0.25)
 DECLARED = ConstraintSet(q_lower=LOWER, q_upper=UPPER, roll=0.15, pitch=0.15, tip_pitch=0.4,
                          nu1=0.15, nu2=0.1, qdot=0.3)
@@ -64,7 +64,7 @@ K, SIGMA, STEP = 50.0, 40.0, 2.5e-4
 @pytest.fixture(scope="module", autouse=True)
 def searched_once(model) -> Iterator[None]:
     """Suprema of DECLARED and the tool's angle of FORCE, which do not depend on the forces."""
-    sizes, box = sizes_over_joints(model, DECLARED, FORCE.tool_angle)
+    sizes, box = norms_over_joints(model, DECLARED, FORCE.tool_angle)
     claimed = Claimed(suprema_of(supremum_over_joints(sizes, *box)), False, no_estimates)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sensor_error, "claimed_suprema", lambda *_, **__: claimed)
@@ -72,8 +72,8 @@ def searched_once(model) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def push(model, searched_once) -> Push:
-    return push_of(model, DECLARED, FORCE, K, SIGMA)
+def sensor_effect(model, searched_once) -> SensorEffect:
+    return sensor_effect_of(model, DECLARED, FORCE, K, SIGMA)
 
 
 def held_readings(force: np.ndarray) -> np.ndarray:
@@ -111,14 +111,14 @@ def adversarial(A: np.ndarray, n: np.ndarray, row: np.ndarray) -> np.ndarray:
     sign = np.repeat(np.sign(late), 20)[: len(time), None]
     along, across = row @ n, row - (row @ n) * n
     normal = np.sign(along) * (FORCE.ripple * sign) * n
-    aside = FORCE.aside_ripple * sign * across / np.linalg.norm(across)
+    aside = FORCE.tangential_ripple * sign * across / np.linalg.norm(across)
     ramp = time[:, None] * (-np.sign(along) * FORCE.rate * n
-                            - FORCE.aside_rate * across / np.linalg.norm(across))
+                            - FORCE.tangential_rate * across / np.linalg.norm(across))
     force = normal + aside + ramp
     return held_readings(force) - force + FORCE.error * row / np.linalg.norm(row)
 
 
-def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_so_far(model, push):
+def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_so_far(model, sensor_effect):
     """Robots that stand still, so that nothing but the sensor's errors pushes."""
     rng, worst = np.random.default_rng(7), np.zeros(3)
     for q in rng.uniform(LOWER, UPPER, (20, 4)):
@@ -130,39 +130,39 @@ def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_s
         e, speed, _ = rows_after(adversarial(A, n, n @ A) @ A.T)
         worst = np.maximum(worst, [np.max(np.abs(e @ n)), np.max(np.abs(speed @ n)),
                                    np.max(np.linalg.norm(e, axis=1))])
-    bounds = np.array([push.depth, push.depth_speed, push.position])
+    bounds = np.array([sensor_effect.depth, sensor_effect.depth_speed, sensor_effect.position])
     assert np.all(worst <= bounds)
     assert worst[0] > 0.6 * bounds[0], worst / bounds
 
 
-def test_the_joints_are_pushed_as_far_as_their_own_bounds_say(model, push):
+def test_the_joints_are_pushed_as_far_as_their_own_bounds_say(model, sensor_effect):
     rng, worst = np.random.default_rng(8), np.zeros(3)
     for q in rng.uniform(LOWER, UPPER, (8, 4)):
         B = tip_jacobian_and_gain(model, q)[1][6:, :3]
         row = B[2]
         e, speed, r = rows_after(adversarial(B[:3], np.array([1.0, 0.0, 0.0]), row) @ B.T)
         worst = np.maximum(worst, [np.max(np.linalg.norm(each, axis=1)) for each in (e, speed, r)])
-    bounds = np.array([push.p[2], push.z[2], push.r[2]])
+    bounds = np.array([sensor_effect.p[2], sensor_effect.z[2], sensor_effect.r[2]])
     assert np.all(worst <= bounds)
     assert worst[0] > 0.5 * bounds[0], worst / bounds
 
 
 def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
-    quiet = replace(FORCE, rate=0.0, ripple=0.0, aside_rate=0.0, aside_ripple=0.0, size=0.0)
-    still = push_of(model, replace(DECLARED, nu2=1e-9, qdot=1e-9), quiet, K, SIGMA)
+    quiet = replace(FORCE, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, size=0.0)
+    still = sensor_effect_of(model, replace(DECLARED, nu2=1e-9, qdot=1e-9), quiet, K, SIGMA)
     for parts, total in ((still.budget["depth"], still.depth),
                          (still.budget["position"], still.position)):
         assert sum(parts.values()) == pytest.approx(total)
         assert parts["the reading in rest"] == pytest.approx(total)
-    nothing = push_of(model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
+    nothing = sensor_effect_of(model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
     assert nothing.position == nothing.orientation == nothing.tip_speed == 0.0
     assert not np.any(np.concatenate([nothing.r, nothing.p, nothing.z, nothing.u, nothing.w]))
     # Rows whose axes turn while the robot moves are pushed by 𝔯, whatever the force does.
-    moving = push_of(model, DECLARED, quiet, K, SIGMA)
+    moving = sensor_effect_of(model, DECLARED, quiet, K, SIGMA)
     assert still.position < moving.position < 1.2 * still.position
     assert still.orientation < moving.orientation < 1.2 * still.orientation
     # A tip that turns while a reading is held pushes the rows, and the input takes the reading.
-    turning = push_of(model, DECLARED, replace(
+    turning = sensor_effect_of(model, DECLARED, replace(
         quiet, error=0.0, torque_error=0.0, size=50.0), K, SIGMA)
     gains = instant_gains(K, SIGMA)
     np.testing.assert_allclose(turning.w / turning.p, (1.0 + gains.input) / gains.position)
@@ -171,10 +171,10 @@ def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
 def test_the_input_of_a_contact_differs_by_no_more_than_its_rest(model):
     """Between two poses of a tube, 𝔲 and τ for the same force in Σ_I."""
     joints, orientation, size = 1e-3, 2e-3, 45.0
-    rest, second = contact_input_rest(model, LOWER, UPPER, size, joints, orientation)
+    rest, second = contact_input_remainder(model, LOWER, UPPER, size, joints, orientation)
     rounding = 1e-12
     assert np.all((0.9 * rest < second + rounding) & (second <= 1.01 * rest + rounding))
-    rests = np.split(rest, 2)
+    remainders = np.split(rest, 2)
     rng, nominal = np.random.default_rng(5), poses(3000, 6)
     y = model.task_pose(nominal)
     error = rng.normal(size=y.shape)
@@ -190,7 +190,7 @@ def test_the_input_of_a_contact_differs_by_no_more_than_its_rest(model):
         J_p = model.kinematics(config).J_chi[:, :3]
         return np.einsum("mci,mc->mi", J_p, contact[:, :3])
 
-    for rest, difference in zip(rests, (
+    for rest, difference in zip(remainders, (
             acceleration_for(model, real, contact) - acceleration_for(model, nominal, contact),
             forces_for(real) - forces_for(nominal)), strict=True):
         largest = np.abs(difference).max(axis=0)

@@ -11,7 +11,7 @@ from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.tube.contact import sensor_gains_proof
 from uvms_drake.tube.contact.enclosure import Enclosure
 from uvms_drake.tube.contact.joint_enclosures import inertia_of, link_jacobians
-from uvms_drake.tube.contact.sensor_gains import sizes_over_joints
+from uvms_drake.tube.contact.sensor_gains import norms_over_joints
 from uvms_drake.tube.contact.sensor_gains_proof import (
     PROVABLE,
     Claimed,
@@ -105,7 +105,7 @@ def test_no_joints_and_no_normal_in_a_box_have_more_than_its_bounds(robot):
     rng = np.random.default_rng(2)
     centre, half = boxes_in(robot, 24, rng)
     found = bounds(robot, centre, half, corners_of_cone(ANGLE))
-    sizes, _ = sizes_over_joints(robot, set_of(*box_of(robot, 0.5)), ANGLE)
+    sizes, _ = norms_over_joints(robot, set_of(*box_of(robot, 0.5)), ANGLE)
     n_is_x = np.zeros((24, 2))
     np.testing.assert_allclose(
         found.value, sizes(np.concatenate([centre, n_is_x], axis=1))[:, :PROVABLE],
@@ -134,7 +134,7 @@ def test_directions_of_a_cone_are_in_the_hull_of_its_corners():
 
 def test_what_is_true_is_proven_what_is_false_is_refuted_and_what_is_close_is_left(robot):
     lower, upper = box_of(robot, 0.08)
-    sizes, box = sizes_over_joints(robot, set_of(lower, upper), ANGLE)
+    sizes, box = norms_over_joints(robot, set_of(lower, upper), ANGLE)
     worst = supremum_over_joints(sizes, *box)[:PROVABLE]
     true = 1.1 * worst
     true[[2, 4]] *= sensor_gains_proof.SLOPES_OF_J
@@ -157,7 +157,7 @@ def test_what_is_true_is_proven_what_is_false_is_refuted_and_what_is_close_is_le
 def test_what_is_claimed_is_the_search_times_its_factors_and_says_what_is_estimated(
         model, monkeypatch):
     lower, upper = box_of(model, 0.06)
-    sizes, box = sizes_over_joints(model, set_of(lower, upper), ANGLE)
+    sizes, box = norms_over_joints(model, set_of(lower, upper), ANGLE)
     worst = supremum_over_joints(sizes, *box)
     monkeypatch.setattr(sensor_gains_proof, "supremum_over_joints", lambda *_: worst)
 
@@ -187,7 +187,7 @@ def test_jacobians_turn_no_faster_than_the_suprema_say(model):
     rng = np.random.default_rng(4)
     lower, upper = box_of(model, 0.3)
     within = set_of(lower, upper)
-    sizes, box = sizes_over_joints(model, within, ANGLE)
+    sizes, box = norms_over_joints(model, within, ANGLE)
     worst = supremum_over_joints(sizes, *box)
     config, zeta = within.sample(model, 3000, rng)
     rate = model.task_jacobian_rate(model.kinematics(config), zeta)[:, :3]

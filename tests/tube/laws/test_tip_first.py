@@ -17,15 +17,15 @@ from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.actuation.thruster_budget import ARM, LOADS, PLAN, TURNING, WRENCH
 from uvms_drake.tube.conditions import BEYOND
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.contact.sensor_error import FeltForce, reading_input
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
 from uvms_drake.tube.loops.actuator_path import Actuators, Path
 from uvms_drake.tube.loops.row_gains import moments
 from uvms_drake.tube.loops.row_loop import RowLoop
-from uvms_drake.tube.rows.disturbance_gains import Pushes, in_joints, loop_gains
+from uvms_drake.tube.rows.disturbance_gains import DisturbanceInputs, in_joints, loop_gains
 from uvms_drake.tube.rows.image import arm_of
-from uvms_drake.tube.rows.remainders import configuration_of, output_jacobian, tip_first_rests
+from uvms_drake.tube.rows.remainders import configuration_of, output_jacobian, tip_first_remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 
@@ -47,7 +47,7 @@ def states(model, seed: int) -> tuple[np.ndarray, ...]:
 def test_the_rests_are_what_the_law_does_beyond_its_linear_part(model, seed):
     config, zeta, u, x, x_dot = states(model, seed)
     law, rows = TipFirst(BlockGains(3.0, 2.0), BlockGains(20.0, 10.0)), tip_rows(model)
-    found = tip_first_rests(model, rows, config, zeta, u, x, x_dot)
+    found = tip_first_remainders(model, rows, config, zeta, u, x, x_dot)
     # The real state by the errors of the outputs, and the law in it.
     real_config = configuration_of(model, rows, config, model.kinematics(config), x)
     kinematics = model.kinematics(real_config)
@@ -76,7 +76,7 @@ def test_the_rests_have_derivatives_by_complex_steps(model, derivative):
     rows, along = tip_rows(model), np.random.default_rng(1).normal(size=(5, 10))
 
     def moved(step):
-        return tip_first_rests(model, rows, *(each + step * way for each, way in zip(
+        return tip_first_remainders(model, rows, *(each + step * way for each, way in zip(
             (config, zeta, u, x, x_dot), along, strict=True)))
 
     found = moved(1e-30j).imag / 1e-30
@@ -112,8 +112,8 @@ def test_what_the_rows_change_meanwhile_costs_no_more_than_the_moment_says():
                 D /= np.linalg.norm(D)
             angle = turning * i * h
             J = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            for z, push in ((e, J @ D), (own, D)):
-                z[1] += h * (push - (k + sigma) * z[1] - k * sigma * z[0])
+            for z, sensor_effect in ((e, J @ D), (own, D)):
+                z[1] += h * (sensor_effect - (k + sigma) * z[1] - k * sigma * z[0])
                 z[0] += h * z[1]
         worst = max(worst, float(np.linalg.norm(e[0] - J @ own[0])))
     assert 0.05 < worst / (turning * moments(k, sigma).position) < 1.0
@@ -179,7 +179,7 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
     data = basis(model, constants={"J_dot_max": Constant(
         "J_dot_max", turning, "proven", 1, {}, 1.0, turning)})
     arm = arm_of(model, BOUNDS, rows, FEW)
-    claim = in_joints(data, arm, loop_gains(RowLoop(k, sigma), 0.0, data), Pushes(data))["d"]
+    claim = in_joints(data, arm, loop_gains(RowLoop(k, sigma), 0.0, data), DisturbanceInputs(data))["d"]
     inverse = np.linalg.inv(J_s[-1, :, 6:])
     answer, age = np.linalg.norm(v @ inverse @ J_s, axis=1), t[-1] - t
     slow, fast = np.exp(-sigma * age), np.exp(-k * age)
@@ -189,7 +189,7 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
     assert (worst >= 0.2 * claim[:3]).all(), worst / claim[:3]
 
 
-FELT = FeltForce(size=50.0, rate=0.0, ripple=0.0, aside_rate=0.0, aside_ripple=0.0, error=2.0,
+FELT = MeasuredForceBounds(size=50.0, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, error=2.0,
                  torque_error=0.1, lag=0.02, period=0.01, tool_angle=0.2)
 
 
@@ -249,7 +249,7 @@ def late(model, monkeypatch, vehicle: Path, joints: Path, **changed):
     monkeypatch.setattr("uvms_drake.tube.rows.image.supremum",
                         lambda problem, x, values, leaders: np.max(values, axis=0))
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)
-    for module in ("joint_search", "late_loads"):
+    for module in ("joint_search", "thruster_feedforward"):
         monkeypatch.setattr(f"uvms_drake.tube.{module}.ROUNDS", 0)
     still = replace(FELT, size=1.0, error=0.05, torque_error=0.0)
     law = TipFirst(BlockGains(4.0, 4.0), BlockGains(20.0, 10.0))

@@ -100,10 +100,10 @@ def test_the_preimage_is_shifted_by_its_bound_at_most_and_by_all_of_it_where_a_o
         d *= d_bound / np.linalg.norm(d / weights)
         r, p, p_0, largest, dt = np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 2e-3
         for t in np.arange(0.0, 6.0, dt):
-            push = d if case == 0 or t < 3.0 else -d
+            sensor_effect = d if case == 0 or t < 3.0 else -d
             p, p_0 = (p + dt * (r - sigma * p - (A[0] + np.sin(t) * A[1]) @ p),
                       p_0 + dt * (r - sigma * p_0))
-            r = r + dt * (push - k * r)
+            r = r + dt * (sensor_effect - k * r)
             largest = max(largest, np.linalg.norm(p - p_0))
         reached.append(largest / preimage_shift(k, sigma, d_bound, omega, alpha))
     assert max(reached) <= 1.0 + 1e-9

@@ -6,7 +6,7 @@ import pytest
 from uvms_drake.control.laws import Resolved
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.tube.resolved.image import input_gain, tube_image
-from uvms_drake.tube.resolved.remainders import rests
+from uvms_drake.tube.resolved.remainders import remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 K, SIGMA, D = 20.0, 5.0, 0.1
@@ -54,7 +54,7 @@ def test_without_errors_nothing_deviates(model, small_set):
     config, zeta = small_set.sample(model, 20, np.random.default_rng(0))
     u = 0.5 * U_LIMITS * np.ones((20, 1))
     zero = np.zeros_like(zeta)
-    np.testing.assert_allclose(rests(model, config, zeta, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
+    np.testing.assert_allclose(remainders(model, config, zeta, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
 
 
 def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
@@ -79,7 +79,7 @@ def test_the_rest_is_what_the_law_itself_leaves(model, small_set):
         expected = np.concatenate([
             z - z_bar - r + SIGMA * p, (q - q_bar)[3:5], u - u_bar - linear,
             M @ u - tau_bar - M @ linear])
-        found = rests(model, q_bar, z_bar, u_bar, e, r, K, SIGMA)
+        found = remainders(model, q_bar, z_bar, u_bar, e, r, K, SIGMA)
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-5)
 
 
@@ -105,7 +105,7 @@ def test_no_disturbance_drives_the_cascade_beyond_the_image(model, small_set, im
         e = e + dt * (-SIGMA * e + (J @ r[..., None])[..., 0])
         if step % 20 == 0 or step * dt > 3.0 - switch:
             p = np.linalg.solve(J, e[..., None])[..., 0]
-            du = rests(model, config, zeta, u, e, r, K, SIGMA)[:, 12:22]
+            du = remainders(model, config, zeta, u, e, r, K, SIGMA)[:, 12:22]
             du = du - (K + SIGMA) * r + SIGMA**2 * p
             worst = np.maximum(worst, np.max(np.abs(du) / image.u, axis=0))
     assert np.max(worst) <= 1.0

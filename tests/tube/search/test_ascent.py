@@ -5,7 +5,7 @@ import pytest
 
 from uvms_drake.model.surface import BilateralSpring
 from uvms_drake.tube.resolved.remainders import jacobian_rate_times
-from uvms_drake.tube.resolved.search_problems import RestProblem, turning_problem
+from uvms_drake.tube.resolved.search_problems import RemainderProblem, turning_problem
 from uvms_drake.tube.search.ascent import Climb, first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.second_search import second_search
@@ -28,11 +28,11 @@ def declared() -> ConstraintSet:
 
 
 @pytest.fixture(scope="module")
-def problem(model, declared) -> RestProblem:
+def problem(model, declared) -> RemainderProblem:
     eye = np.eye(20)
     parts = [(eye[:, 0:3], 0.0017), (eye[:, 3:6], 0.0018), (eye[:, 6:10], 0.001),
              (eye[:, 10:], 0.005)]
-    return RestProblem(model, declared, parts, U_LIMITS, 20.0, 5.0, largest_rate=np.full(10, 3.0))
+    return RemainderProblem(model, declared, parts, U_LIMITS, 20.0, 5.0, largest_rate=np.full(10, 3.0))
 
 
 def test_the_rate_of_the_jacobian_is_the_models(model, declared):

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from uvms_drake.tube.resolved.search_problems import RestProblem
+from uvms_drake.tube.resolved.search_problems import RemainderProblem
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
@@ -65,11 +65,11 @@ def test_an_ascent_that_is_held_follows_the_errors(model, monkeypatch):
         roll=0.15, pitch=0.15, tip_pitch=0.4, nu1=0.25, nu2=0.2, qdot=0.3, force_max=32.0)
     limits, eye, wanted = np.repeat([0.4, 8.0], [6, 4]), np.eye(20), [5, 6]
 
-    def problem(size: float) -> RestProblem:
-        return RestProblem(model, declared, [(eye[:, :3], 0.001 * size), (eye[:, 10:], 0.003)],
+    def problem(size: float) -> RemainderProblem:
+        return RemainderProblem(model, declared, [(eye[:, :3], 0.001 * size), (eye[:, 10:], 0.003)],
                            limits, 20.0, 5.0)
 
-    def values(at: RestProblem) -> np.ndarray:
+    def values(at: RemainderProblem) -> np.ndarray:
         out = np.zeros((len(x), len(at.channels)))
         out[:, wanted] = first_order(at, x)[:, wanted]
         return out

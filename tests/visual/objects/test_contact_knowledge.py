@@ -16,11 +16,11 @@ from uvms_drake.visual.illustration import Illustration
 from uvms_drake.visual.objects.contact_knowledge import (
     EXPLORED,
     KNOWN,
+    ContactKnowledge,
+    ContactSpecification,
     DrawnKnowledge,
-    Known,
-    Told,
     at_depth,
-    known_from,
+    contact_knowledge_from,
     pane,
 )
 from uvms_drake.visual.scene import Scene
@@ -41,7 +41,7 @@ TIP = np.array([0.3, 0.2, -0.4])
 
 
 def drawn(meshcat, known, direction=ASLANT):
-    knowledge = DrawnKnowledge(Stage(meshcat), "hud/board", Told(direction, 0.004), np.zeros(3))
+    knowledge = DrawnKnowledge(Stage(meshcat), "hud/board", ContactSpecification(direction, 0.004), np.zeros(3))
     knowledge.show(known, TIP)
     return knowledge
 
@@ -61,7 +61,7 @@ def test_a_place_at_a_depth_is_beside_the_point(direction):
 
 @pytest.mark.parametrize("direction", [NORTH, ASLANT])
 def test_the_pane_is_across_n_at_the_safe_depth_and_the_margin(direction, meshcat):
-    drawn(meshcat, Known(FORCE, 0.081, 0.057, 900.0), direction)
+    drawn(meshcat, ContactKnowledge(FORCE, 0.081, 0.057, 900.0), direction)
     for path, depth in ((FRONT, 0.085), (WALL, 0.057)):
         X = packed_transform(meshcat, path)
         corners = X[:3, :2] @ [[1.0, -1.0, 0.3], [1.0, 0.2, -1.0]] + X[:3, 3:]
@@ -70,14 +70,14 @@ def test_the_pane_is_across_n_at_the_safe_depth_and_the_margin(direction, meshca
 
 
 def test_the_pane_goes_ahead_as_the_front_does(meshcat):
-    knowledge = drawn(meshcat, Known(FORCE, -0.2, np.nan, 1000.0), NORTH)
+    knowledge = drawn(meshcat, ContactKnowledge(FORCE, -0.2, np.nan, 1000.0), NORTH)
     for safe in (-0.1, 0.0, 0.0871):
-        knowledge.show(Known(FORCE, safe, np.nan, 1000.0), TIP)
+        knowledge.show(ContactKnowledge(FORCE, safe, np.nan, 1000.0), TIP)
         place = packed_transform(meshcat, FRONT)[:3, 3]
         np.testing.assert_allclose(place, [safe + 0.004, 0.2, -0.4], atol=1e-12)
 
 
-class Sizes(Meshcat):
+class OperatorNorms(Meshcat):
     """A Meshcat that remembers the scales it was given."""
 
     def __init__(self):
@@ -90,24 +90,24 @@ class Sizes(Meshcat):
 
 
 def test_nothing_is_explored_or_believed_before_it_is():
-    sizes = Sizes()
-    knowledge = drawn(sizes, Known(FORCE, -np.inf, np.nan, 1000.0))
+    sizes = OperatorNorms()
+    knowledge = drawn(sizes, ContactKnowledge(FORCE, -np.inf, np.nan, 1000.0))
     hidden, seen = [VANISHED] * 3, [1.0] * 3
     for known, front, wall in (
-            (Known(FORCE, -np.inf, np.nan, 1000.0), hidden, hidden),
-            (Known(FORCE, 0.1, np.nan, 1000.0), seen, hidden),
-            (Known(FORCE, 0.1, 0.05, 1000.0), seen, seen),
-            (Known(FORCE, 0.1, np.nan, 1000.0), seen, hidden)):
+            (ContactKnowledge(FORCE, -np.inf, np.nan, 1000.0), hidden, hidden),
+            (ContactKnowledge(FORCE, 0.1, np.nan, 1000.0), seen, hidden),
+            (ContactKnowledge(FORCE, 0.1, 0.05, 1000.0), seen, seen),
+            (ContactKnowledge(FORCE, 0.1, np.nan, 1000.0), seen, hidden)):
         knowledge.show(known, TIP)
         assert scale(f"{FRONT}/size", sizes.given) == front
         assert scale(f"{WALL}/size", sizes.given) == wall
 
 
 def test_the_numbers_are_the_force_along_n_the_way_explored_and_the_slope():
-    sizes = Sizes()
+    sizes = OperatorNorms()
     start = np.array([-0.3, 0.1, 0.0])
-    knowledge = DrawnKnowledge(Stage(sizes), "board", Told(ASLANT, 0.004), start)
-    knowledge.show(Known(FORCE * 10.0, 0.1, 0.05, 734.0), TIP)
+    knowledge = DrawnKnowledge(Stage(sizes), "board", ContactSpecification(ASLANT, 0.004), start)
+    knowledge.show(ContactKnowledge(FORCE * 10.0, 0.1, 0.05, 734.0), TIP)
     for name, value in (
             ("felt", FORCE[:3] @ ASLANT * 10.0), ("slope", 734.0),
             ("explored", 1e3 * (0.1 + 0.004 - start @ ASLANT))):
@@ -130,11 +130,11 @@ def test_the_pane_is_glass_with_a_rim():
 
 def test_what_is_not_all_there_is_not_known():
     signals = {name: np.arange(float(size)) for name, size in KNOWN.items()}
-    known = known_from({**signals, "more": np.zeros(2)})
-    np.testing.assert_array_equal(known.felt_force, np.arange(6.0))
+    known = contact_knowledge_from({**signals, "more": np.zeros(2)})
+    np.testing.assert_array_equal(known.force_last_valid, np.arange(6.0))
     assert (known.safe_depth, known.contact_depth, known.slope) == (0.0, 0.0, 0.0)
     for name in KNOWN:
-        nothing = known_from({key: value for key, value in signals.items() if key != name})
+        nothing = contact_knowledge_from({key: value for key, value in signals.items() if key != name})
         assert nothing.safe_depth == -np.inf
         assert np.isnan(nothing.contact_depth)
 
@@ -148,7 +148,7 @@ def test_a_robot_that_does_not_feel_its_way_has_neither(meshcat):
 def illustrated(meshcat, **signals):
     """Shows an instant of a synthetic record, with these signals at an Illustration's ports."""
     record = synthetic_record(0.2)
-    setting = replace(setting_of(record.scenario, record.model), told=Told(NORTH, 0.004))
+    setting = replace(setting_of(record.scenario, record.model), specification=ContactSpecification(NORTH, 0.004))
     system = Illustration(meshcat, setting)
     context, moment = system.CreateDefaultContext(), moment_of(record, 0)
     config = np.tile(record.nominal_config[0], (setting.horizon + 1, 1))
@@ -160,13 +160,13 @@ def illustrated(meshcat, **signals):
 
 
 def test_an_illustration_shows_what_its_ports_say(meshcat):
-    illustrated(meshcat, felt_force=FORCE, safe_depth=[0.08], contact_depth=[0.05], slope=[800.0])
+    illustrated(meshcat, force_last_valid=FORCE, safe_depth=[0.08], contact_depth=[0.05], slope=[800.0])
     for path, depth in ((FRONT, 0.084), (WALL, 0.05)):
         assert packed_transform(meshcat, path)[0, 3] == pytest.approx(depth)
 
 
 def test_an_illustration_whose_ports_say_nothing_shows_nothing_known():
-    sizes = Sizes()
+    sizes = OperatorNorms()
     illustrated(sizes)
     for path in (FRONT, WALL):
         assert scale(f"{path}/size", sizes.given) == [VANISHED] * 3

@@ -15,22 +15,33 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
-from uvms_drake.control.contact.contact_state import Felt, ForceSensing, felt, nothing, unseen
+from uvms_drake.control.contact.contact_state import (
+    ContactState,
+    ForceSensorModel,
+    initial_contact_state,
+    updated_contact_state,
+    without_reading,
+)
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
-from uvms_drake.control.contact.stiffness_estimate import Belief, slope, surface_depth, tilt
+from uvms_drake.control.contact.stiffness_estimate import (
+    StiffnessEstimate,
+    slope,
+    surface_depth,
+    tilt,
+)
 from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
 
 
-class ExploredFront(LeafSystem):
+class ContactEstimator(LeafSystem):
     """Keeps the front and the slope of the wall at every reading of a force sensor.
 
     .. pydrake_system::
 
-        name: ExploredFront
+        name: ContactEstimator
         input_ports:
         - state
-        - measured_force
+        - force_measured
         - reach (optional)
         output_ports:
         - safe_depth
@@ -44,7 +55,7 @@ class ExploredFront(LeafSystem):
         - force_lost
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
-    - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
+    - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
     - `reach` (4): least, then largest place across n of the rest of the plan that is followed, see
       `replaces` [m]; where it is not connected, plans stay where the tip is.
     - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
@@ -57,7 +68,7 @@ class ExploredFront(LeafSystem):
     - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
     - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, were none.
 
-    The discrete state is `Felt`. Until the first update, outputs are those of the inputs as they
+    The discrete state is `ContactState`. Until the first update, outputs are those of the inputs as they
     are, so that a plan can be made at initialization. A reading that is not finite teaches
     nothing, but the tip is seen to move on; a state that is not finite leaves a gap, and there is
     no new front until the time W is without one.
@@ -69,15 +80,15 @@ class ExploredFront(LeafSystem):
         margin: E, of the planned tip [m]; see `safe_depth`.
     """
 
-    def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensing, *,
+    def __init__(self, model: UvmsModel, surface: SurfaceClass, sensing: ForceSensorModel, *,
                  margin: float):
         super().__init__()
         require(0.0 <= margin < np.inf, "margin", margin, "zero or positive")
         self._model, self._surface, self._sensing = model, surface, sensing
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        self._force_port = self.DeclareVectorInputPort("measured_force", 6)
+        self._force_port = self.DeclareVectorInputPort("force_measured", 6)
         self._reach_port = self.DeclareVectorInputPort("reach", 4)
-        for part in nothing(sensing):
+        for part in initial_contact_state(sensing):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
         # The inputs count until there is a reading.
@@ -88,26 +99,26 @@ class ExploredFront(LeafSystem):
             ("apex", 3, lambda now: now.apex),
             ("touched", 1, lambda now: now.reading[4:]),
             ("reading", 4, lambda now: now.reading[:4]),
-            ("slope", 1, lambda now: slope(Belief.of(now.belief), surface)),
-            ("tilt", 3, lambda now: tilt(Belief.of(now.belief), surface)),
+            ("slope", 1, lambda now: slope(StiffnessEstimate.of(now.belief), surface)),
+            ("tilt", 3, lambda now: tilt(StiffnessEstimate.of(now.belief), surface)),
             ("contact_depth", 1, lambda now: surface_depth(
-                Belief.of(now.belief), surface, now.past[-6:-3])),
+                StiffnessEstimate.of(now.belief), surface, now.past[-6:-3])),
             ("force_lost", 1, lambda now: now.missing >= sensing.patience),
         ):
             self.DeclareVectorOutputPort(name, size, self._calc(calc), known)
 
-    def _calc(self, of: Callable[[Felt], np.ndarray]) -> Callable[[Context, BasicVector], None]:
+    def _calc(self, of: Callable[[ContactState], np.ndarray]) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))
 
     @staticmethod
-    def _remembered(context: Context) -> Felt:
-        return Felt(*(context.get_discrete_state(i).value() for i in range(len(Felt._fields))))
+    def _remembered(context: Context) -> ContactState:
+        return ContactState(*(context.get_discrete_state(i).value() for i in range(len(ContactState._fields))))
 
-    def _now(self, context: Context) -> Felt:
+    def _now(self, context: Context) -> ContactState:
         remembered = self._remembered(context)
         return self._after(context) if np.isnan(remembered.reading[0]) else remembered
 
-    def _after(self, context: Context) -> Felt:
+    def _after(self, context: Context) -> ContactState:
         """Returns what is known after a reading of the input ports."""
         before, state = self._remembered(context), self._state_port.Eval(context)
         if np.all(np.isfinite(state)):
@@ -115,12 +126,12 @@ class ExploredFront(LeafSystem):
             kinematics = self._model.kinematics(config)
             tip = np.append(kinematics.chi[:3], kinematics.J_chi[:3] @ zeta)
         else:
-            tip = unseen(before)
+            tip = without_reading(before)
         force = self._force_port.Eval(context)[:3]
         reach = np.tile(self._surface.across(tip[:3]), (2, 1))
         if np.isfinite(before.apex[0]) and self._reach_port.HasValue(context):
             reach = self._reach_port.Eval(context).reshape(2, 2)
-        return felt(self._surface, self._sensing, reach, before, tip, force)
+        return updated_contact_state(self._surface, self._sensing, reach, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
         for i, part in enumerate(self._after(context)):
@@ -129,9 +140,9 @@ class ExploredFront(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, surface: SurfaceClass,
-                     sensing: ForceSensing, *, margin: float,
-                     state: OutputPort, measured_force: OutputPort | None = None,
-                     name: str = "explored_front") -> "ExploredFront":
+                     sensing: ForceSensorModel, *, margin: float,
+                     state: OutputPort, force_measured: OutputPort | None = None,
+                     name: str = "contact_estimator") -> "ContactEstimator":
         """Adds the front and connects it.
 
         Args:
@@ -141,8 +152,8 @@ class ExploredFront(LeafSystem):
             sensing: The sensor.
             margin: E [m].
             state: Gives (𝔮, ζ) measured.
-            measured_force: Gives 𝔉 as the sensor does; left to the caller if None.
+            force_measured: Gives 𝔉 as the sensor does; left to the caller if None.
             name: Name of the system.
         """
-        front = ExploredFront(model, surface, sensing, margin=margin)
-        return added(builder, name, front, state=state, measured_force=measured_force)
+        front = ContactEstimator(model, surface, sensing, margin=margin)
+        return added(builder, name, front, state=state, force_measured=force_measured)

@@ -8,12 +8,12 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.contact.safe_region import apex, replaces
-from uvms_drake.control.contact.stiffness_estimate import NOTHING, Belief, with_reading
+from uvms_drake.control.contact.stiffness_estimate import NOTHING, StiffnessEstimate, with_reading
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 @dataclass(frozen=True)
-class ForceSensing:
+class ForceSensorModel:
     """What is known of the force sensor, and what is wanted of the force."""
 
     force_max: float
@@ -29,7 +29,7 @@ class ForceSensing:
     patience: int = 10
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
-    """m, number of equal readings in a row that are none; 0: any are. See `ForceWatch`."""
+    """m, number of equal readings in a row that are none; 0: any are. See `ForceFaultDetector`."""
     tare: float = 0.0
     """Time at the start in which the sensor may say zero, for nothing is touched then [s]."""
     largest: float = np.inf
@@ -46,8 +46,8 @@ class ForceSensing:
         require(self.largest > 0.0, "largest", self.largest, "positive")
 
     @property
-    def watched(self) -> "ForceSensing":
-        """What is known of the readings that a `ForceWatch` lets pass: they may be older by mT.
+    def watched(self) -> "ForceSensorModel":
+        """What is known of the readings that a `ForceFaultDetector` lets pass: they may be older by mT.
 
         At a speed v the front of a tip that feels nothing is so mTv less far ahead of it.
         """
@@ -59,7 +59,7 @@ class ForceSensing:
         return 1 + math.ceil(self.window / self.period - 1e-9)
 
 
-class Felt(NamedTuple):
+class ContactState(NamedTuple):
     """All that is remembered; the arrays are the discrete state."""
 
     apex: np.ndarray
@@ -68,27 +68,27 @@ class Felt(NamedTuple):
     """Where the tip was at the last reading (3) [m], its force n·𝐅 [N], 1 if it was a touch, else 0
     (5,)."""
     belief: np.ndarray
-    """The `Belief` (23,)."""
+    """The `StiffnessEstimate` (23,)."""
     past: np.ndarray
-    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `unseen`.
+    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `without_reading`.
     NaN before the first one that was seen: there it is taken to have been where that was."""
     missing: np.ndarray
     """Number of readings in a row that were none (1,)."""
 
 
-def nothing(sensing: ForceSensing) -> Felt:
+def initial_contact_state(sensing: ForceSensorModel) -> ContactState:
     """Returns what is known before any reading."""
-    return Felt(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NOTHING.state,
+    return ContactState(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NOTHING.state,
                 np.full(6 * sensing.readings, np.nan), np.zeros(1))
 
 
-def unseen(before: Felt) -> np.ndarray:
+def without_reading(before: ContactState) -> np.ndarray:
     """Returns position and velocity (6,) of a tip that is not seen: where it was last, and NaN."""
     return np.append(before.past[-6:-3], np.full(3, np.nan))
 
 
-def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before: Felt,
-         tip: np.ndarray, force: np.ndarray) -> Felt:
+def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, reach: np.ndarray, before: ContactState,
+         tip: np.ndarray, force: np.ndarray) -> ContactState:
     """Returns what is known after one more reading.
 
     A touch is a reading above ν in norm: there is no noise that large. If the tip was not seen all
@@ -99,7 +99,7 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before
         sensing: The sensor.
         reach: Where plans go (2, 2), see `replaces` [m].
         before: What was known.
-        tip: Position and velocity now (6,) [m, m/s]; or `unseen`.
+        tip: Position and velocity now (6,) [m, m/s]; or `without_reading`.
         force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.
     """
     motion = np.vstack([before.past[6:].reshape(-1, 6), tip])
@@ -109,7 +109,7 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before
     before = before._replace(past=past, missing=np.zeros(1) if known else before.missing + 1.0)
     if not (known and np.all(np.isfinite(tip))):
         return before
-    nu, belief = sensing.noise, Belief.of(before.belief)
+    nu, belief = sensing.noise, StiffnessEstimate.of(before.belief)
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
     if not replaces(surface, new, before.apex, reach):
         new = before.apex
@@ -121,4 +121,4 @@ def felt(surface: SurfaceClass, sensing: ForceSensing, reach: np.ndarray, before
         way = way if back <= nu / surface.stiffness else np.inf
         belief = with_reading(belief, surface, tip[:3], pressed, touch, nu, sensing.memory,
                               sensing.period, way)
-    return Felt(new, np.array([*tip[:3], pressed, touch]), belief.state, past, before.missing)
+    return ContactState(new, np.array([*tip[:3], pressed, touch]), belief.state, past, before.missing)

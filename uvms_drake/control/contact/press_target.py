@@ -70,7 +70,7 @@ back, to move along without a touch. The target is in no limit of the plan, so n
 it is, plans behind it, and φ ≤ F_max as long as the tip is in its tube. But the law goes on with
 the last force, off by what it changes, and after n readings, the sensor's `patience`, nobody knows
 by more than nT sup|Ḟ| what the tube is. Then no force is asked for: the target is `retreat_depth`,
-and the law is told no force (`LastFinite`). What it then lacks is the force itself. It takes the
+and the law is told no force (`HoldLastValue`). What it then lacks is the force itself. It takes the
 tip back, for its acceleration J M⁻¹Jᵀ𝔉 has a part against an 𝔉 along n, J M⁻¹Jᵀ > 0; and as the
 rows of the law have impulse responses that are not negative, to first order the real tip is no
 deeper for it in its tube. (Friction and a tilted wall may turn 𝔉 so far that a little of it pulls
@@ -91,8 +91,8 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
-from uvms_drake.control.contact.contact_estimator import ExploredFront
-from uvms_drake.control.contact.contact_state import ForceSensing
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
+from uvms_drake.control.contact.contact_state import ForceSensorModel
 
 AHEAD = 0.1
 """How far beyond the front the search aims [m]."""
@@ -133,7 +133,7 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
     return np.where(np.isnan(pressing), search, pressing)
 
 
-def touch_to_plan(time_step: float, committed: int, sensing: ForceSensing) -> float:
+def touch_to_plan(time_step: float, committed: int, sensing: ForceSensorModel) -> float:
     """Returns t_r [s], after which a plan that knows of a touch is followed at the latest.
 
     Args:
@@ -191,7 +191,7 @@ class PressTarget(LeafSystem):
     - `place` (3): a point of the line along n on which to press, in Σ_I [m]; where it is not
       connected, or not finite, the default.
     - `deepest` (1): largest depth to steer for [m]; any, where it is not connected or not a number.
-    - The others: those of an `ExploredFront`.
+    - The others: those of an `ContactEstimator`.
     - `target` (3): the point of that line at `target_depth`, or at `retreat_depth` while the force
       is lost, in Σ_I [m].
 
@@ -245,7 +245,7 @@ class PressTarget(LeafSystem):
         output.SetFromVector(self._depth(context, line) * self._direction + line)
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, direction: np.ndarray,
+    def AddToBuilder(builder: DiagramBuilder, front: ContactEstimator, direction: np.ndarray,
                      place: np.ndarray, *, desired_force: OutputPort, light: float = np.inf,
                      name: str = "press_target") -> "PressTarget":
         """Adds the target and connects it, but for `place` and `deepest`.

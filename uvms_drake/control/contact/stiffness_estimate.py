@@ -59,7 +59,7 @@ STRANGE = 3.0
 """Deviations of φ beyond ν from which on a reading is no such wall's."""
 
 
-class Belief(NamedTuple):
+class StiffnessEstimate(NamedTuple):
     """What is believed of a wall where the tip was at the last step; or of an array of walls."""
 
     mean: np.ndarray
@@ -75,22 +75,22 @@ class Belief(NamedTuple):
         return np.concatenate([self.mean, self.covariance.ravel(), self.at])
 
     @staticmethod
-    def of(state: np.ndarray) -> "Belief":
+    def of(state: np.ndarray) -> "StiffnessEstimate":
         """Returns the parts of a state (23,)."""
-        return Belief(state[:4], state[4:20].reshape(4, 4), state[20:])
+        return StiffnessEstimate(state[:4], state[4:20].reshape(4, 4), state[20:])
 
 
-NOTHING = Belief(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan))
+NOTHING = StiffnessEstimate(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan))
 """Nothing was felt yet."""
 
 
-def _chosen(where: np.ndarray | np.bool, one: Belief, other: Belief) -> Belief:
+def _chosen(where: np.ndarray | np.bool, one: StiffnessEstimate, other: StiffnessEstimate) -> StiffnessEstimate:
     """Returns one of two beliefs for each wall (...)."""
-    return Belief(*(np.where(np.reshape(where, (*np.shape(where), *ones)), a, b)
+    return StiffnessEstimate(*(np.where(np.reshape(where, (*np.shape(where), *ones)), a, b)
                     for ones, a, b in zip([(1,), (1, 1), (1,)], one, other, strict=True)))
 
 
-def first_belief(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float) -> Belief:
+def initial_estimate(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float) -> StiffnessEstimate:
     """Returns what is believed at the first reading of a contact.
 
     Args:
@@ -101,11 +101,11 @@ def first_belief(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, nois
     """
     mean = np.stack(np.broadcast_arrays(force, 0.5 * surface.stiffness, 0.0, 0.0), axis=-1)
     deviations = np.array([noise, 0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2])
-    return Belief(mean, np.broadcast_to(np.diag(deviations**2), (*mean.shape, 4)),
+    return StiffnessEstimate(mean, np.broadcast_to(np.diag(deviations**2), (*mean.shape, 4)),
                   np.broadcast_to(tip, (*mean.shape[:-1], 3)))
 
 
-def _way(belief: Belief, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _way(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns s (...) and the first row of A (..., 4), without s where κ is not learned."""
     motion = tip - belief.at
     across = motion @ surface.axes[1:].T
@@ -116,7 +116,7 @@ def _way(belief: Belief, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.nda
     return s, row
 
 
-def moved(belief: Belief, surface: SurfaceClass, tip: np.ndarray, memory: float) -> Belief:
+def moved(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, memory: float) -> StiffnessEstimate:
     """Returns what is believed where the tip is now, NaN of nothing.
 
     Args:
@@ -138,10 +138,10 @@ def moved(belief: Belief, surface: SurfaceClass, tip: np.ndarray, memory: float)
     grown = np.minimum(np.stack([harder, bent, bent], axis=-1), np.maximum(
         most - np.diagonal(P, axis1=-2, axis2=-1)[..., 1:], 0.0))
     grown = np.concatenate([np.zeros_like(s)[..., None], grown], axis=-1)
-    return Belief(mean, P + grown[..., None] * np.eye(4), tip)
+    return StiffnessEstimate(mean, P + grown[..., None] * np.eye(4), tip)
 
 
-def unlike(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
+def unlike(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
            noise: np.ndarray | float) -> np.ndarray:
     """Returns by how much a reading is above (> 0) or below what the wall's may be [N]; or 0.
 
@@ -154,8 +154,8 @@ def unlike(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.nda
     return np.nan_to_num(np.maximum(off - allowed, 0.0) + np.minimum(off + allowed, 0.0))
 
 
-def corrected(belief: Belief, surface: SurfaceClass, force: np.ndarray,
-              deviation: np.ndarray | float) -> Belief:
+def corrected(belief: StiffnessEstimate, surface: SurfaceClass, force: np.ndarray,
+              deviation: np.ndarray | float) -> StiffnessEstimate:
     """Returns what is believed after a reading at the same place; κ and 𝔱 those of the class.
 
     Args:
@@ -173,9 +173,9 @@ def corrected(belief: Belief, surface: SurfaceClass, force: np.ndarray,
     return belief._replace(mean=mean, covariance=P - gain[..., None] * P[..., None, 0, :])
 
 
-def with_reading(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
+def with_reading(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
                  touched: np.ndarray | np.bool, noise: float, memory: float, period: float,
-                 way: np.ndarray | float = 0.0) -> Belief:
+                 way: np.ndarray | float = 0.0) -> StiffnessEstimate:
     """Returns what is believed after one more reading.
 
     One without contact, where there should be one, leaves nothing; in front of the wall φ goes on
@@ -209,29 +209,29 @@ def with_reading(belief: Belief, surface: SurfaceClass, tip: np.ndarray, force: 
         here, deviation = moved(belief, surface, tip, memory), np.hypot(SCATTER * noise, 0.5 * late)
         after = _chosen(far, corrected(here, surface, force, deviation), belief)
         # Another wall, as far as its stiffness goes: what is believed of 𝔱 stays.
-        new = first_belief(surface, tip, force, noise)
+        new = initial_estimate(surface, tip, force, noise)
         mean, P = new.mean.copy(), new.covariance.copy()
         mean[..., 2:], P[..., 2:, 2:] = here.mean[..., 2:], here.covariance[..., 2:, 2:]
         after = _chosen(off != 0.0, new._replace(mean=mean, covariance=P), after)
         after = _chosen(touched, after, _chosen(off < 0.0, NOTHING, belief))
     if np.any(begins := first & touched):
-        after = _chosen(begins, first_belief(surface, tip, force, noise), after)
+        after = _chosen(begins, initial_estimate(surface, tip, force, noise), after)
     return after
 
 
-def slope(belief: Belief, surface: SurfaceClass) -> np.ndarray:
+def slope(belief: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
     """Returns κ̂ (...) [N/m], in (0, κ₊]."""
     above = belief.mean[..., 1] + np.sqrt(belief.covariance[..., 1, 1])
     return np.fmin(above, surface.stiffness)
 
 
-def tilt(belief: Belief, surface: SurfaceClass) -> np.ndarray:
+def tilt(belief: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
     """Returns 𝔱 (..., 3) in Σ_I; zero as long as nothing was felt."""
     inclined: np.ndarray = np.nan_to_num(belief.mean[..., 2:]) @ surface.axes[1:]
     return inclined
 
 
-def surface_depth(belief: Belief, surface: SurfaceClass, tip: np.ndarray) -> np.ndarray:
+def surface_depth(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> np.ndarray:
     """Returns x − φ/κ̂ (...) [m], where the wall begins at a place (..., 3); NaN: nothing felt."""
     motion = tip - belief.at
     deep = belief.mean[..., 0] / slope(belief, surface) + np.sum(

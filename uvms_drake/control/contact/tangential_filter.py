@@ -56,12 +56,12 @@ def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: 
     return across + np.exp(-ratio) * (slow - across)
 
 
-class SlowAside(LeafSystem):
+class TangentialFilter(LeafSystem):
     """Passes a force on, what of it is across n behind a lag.
 
     .. pydrake_system::
 
-        name: SlowAside
+        name: TangentialFilter
         input_ports:
         - measured
         output_ports:
@@ -105,6 +105,6 @@ class SlowAside(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, direction: np.ndarray, lag: float, period: float, *,
-                     measured: OutputPort, name: str = "slow_aside") -> "SlowAside":
+                     measured: OutputPort, name: str = "tangential_filter") -> "TangentialFilter":
         """Adds the system behind the force that `measured` gives."""
-        return added(builder, name, SlowAside(direction, lag, period), measured=measured)
+        return added(builder, name, TangentialFilter(direction, lag, period), measured=measured)

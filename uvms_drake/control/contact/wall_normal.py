@@ -35,7 +35,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
-from uvms_drake.control.contact.contact_estimator import ExploredFront
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEP = 0.01
@@ -120,12 +120,12 @@ class WallNormal(LeafSystem):
         - reading
         - touched
         - slope
-        - measured_force
+        - force_measured
         output_ports:
         - turn
 
-    - `reading`, `touched`, `slope`: those of an `ExploredFront`.
-    - `measured_force`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
+    - `reading`, `touched`, `slope`: those of an `ContactEstimator`.
+    - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
     - `turn` (1): goes to `wall_turn` with `PER_WAY` [rad]; it stays where it is off the wall.
 
     The discrete state is an `Inclination` and the turn.
@@ -144,7 +144,7 @@ class WallNormal(LeafSystem):
         self._reading_port = self.DeclareVectorInputPort("reading", 4)
         self._touched_port = self.DeclareVectorInputPort("touched", 1)
         self._slope_port = self.DeclareVectorInputPort("slope", 1)
-        self._force_port = self.DeclareVectorInputPort("measured_force", 6)
+        self._force_port = self.DeclareVectorInputPort("force_measured", 6)
         for part in UNKNOWN:
             self.DeclareDiscreteState(part)
         turn = self.DeclareDiscreteState(1)
@@ -173,9 +173,9 @@ class WallNormal(LeafSystem):
         return EventStatus.Succeeded()
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, front: ExploredFront, surface: SurfaceClass,
+    def AddToBuilder(builder: DiagramBuilder, front: ContactEstimator, surface: SurfaceClass,
                      most: float, period: float, name: str = "wall_normal") -> "WallNormal":
-        """Adds the system and connects it, but for `measured_force`.
+        """Adds the system and connects it, but for `force_measured`.
 
         Args:
             builder: Where to add it.

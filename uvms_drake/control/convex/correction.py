@@ -107,11 +107,11 @@ class Correction:
             sizes = np.linalg.norm(F, axis=1)
             moves = sizes > 0.0
             F, rest = F[moves] / sizes[moves, None], rest[moves] / sizes[moves]
-            r = shortest_solution(F, rest + F @ r)
+            r = least_norm_solution(F, rest + F @ r)
         return (response @ r)[:-1, nx:].reshape(-1, nw)
 
 
-def shortest_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:
+def least_norm_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns the shortest r with F r = b in what F (m, n) spans, by its Gram matrix (m, m)."""
     squares, directions = np.linalg.eigh(F @ F.T)
     spanned = squares > DEPENDENT**2 * squares[-1:]

@@ -51,7 +51,7 @@ class DualActiveSet:
         self._G, self._b = np.concatenate([self._G, G]), np.append(self._b, b / size)
         self._size = np.append(self._size, size)
 
-    def shortest(self) -> tuple[np.ndarray, np.ndarray] | None:
+    def least_norm(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Returns r (n,) and the multipliers of all rows, the equalities first; or None.
 
         There is none if there is no such vector, if it is not found in `STEPS` a row, or if rows
@@ -70,14 +70,14 @@ class DualActiveSet:
                 inverse = np.linalg.inv(of_held)
             except np.linalg.LinAlgError:
                 return None
-            price = -inverse @ self._b[held]
-            price -= inverse @ (of_held @ price + self._b[held])
-            excess = -M[:, held] @ price - self._b
+            multiplier = -inverse @ self._b[held]
+            multiplier -= inverse @ (of_held @ multiplier + self._b[held])
+            excess = -M[:, held] @ multiplier - self._b
             missed = np.abs(excess[held])
             excess[held] = -np.inf
             if np.all(excess <= tolerance):
                 if np.any(missed > tolerance[held]) or np.any(
-                        price[first:] < -ROUNDING * np.max(np.abs(price), initial=0.0)):
+                        multiplier[first:] < -ROUNDING * np.max(np.abs(multiplier), initial=0.0)):
                     return None
                 break
             while np.any(excess > tolerance):
@@ -92,12 +92,12 @@ class DualActiveSet:
                     change = inverse @ by
                     rate = 1.0 - by @ change
                     falls = np.flatnonzero(change[first:] > 0.0) + first
-                    lasts = price[falls] / change[falls]
+                    lasts = multiplier[falls] / change[falls]
                     whole = excess[row] / rate if rate > DEPENDENT else np.inf
                     step = min(whole, np.min(lasts, initial=np.inf))
                     if step == np.inf:
                         return None
-                    price, paid = price - step * change, paid + step
+                    multiplier, paid = multiplier - step * change, paid + step
                     excess -= step * (M[:, row] - M[:, held] @ change)
                     if step == whole:
                         break
@@ -107,14 +107,14 @@ class DualActiveSet:
                     by_out = inverse[out, stay]
                     inverse = inverse[np.ix_(stay, stay)] - np.outer(
                         by_out, by_out / inverse[out, out])
-                    held, price = held[stay], price[stay]
+                    held, multiplier = held[stay], multiplier[stay]
                 corner = np.append(change, -1.0)
                 inverse = _bordered(inverse, corner, rate)
-                held, price, excess[row] = np.append(held, row), np.append(price, paid), -np.inf
+                held, multiplier, excess[row] = np.append(held, row), np.append(multiplier, paid), -np.inf
         self._held = held
         all_prices = np.zeros(len(self._b))
-        all_prices[held] = price / self._size[held]
-        return -(price @ self._G[held]), all_prices
+        all_prices[held] = multiplier / self._size[held]
+        return -(multiplier @ self._G[held]), all_prices
 
 
 def _bordered(inverse: np.ndarray, corner: np.ndarray, rate: float) -> np.ndarray:

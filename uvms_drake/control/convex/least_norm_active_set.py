@@ -15,14 +15,14 @@ value + T x_N = 0, which is as many equalities. With their multipliers μ, and �
 and for independent rows only if (the front's rows at knot N are a combination of those): the first
 since (Σ ν_i, μ) has to be in the cone, which is its own dual, at the tip of ‖·‖ ≤ t; the
 second since a slack would else be cheaper. Where it is not, or the terminal set matters in any
-other way, the conic solver is asked (`shortest`). So it is where there is no solution without an
+other way, the conic solver is asked (`least_norm`). So it is where there is no solution without an
 excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is the best.
 """
 
 import numpy as np
 
 from uvms_drake.control.convex.dual_active_set import DualActiveSet
-from uvms_drake.control.convex.least_norm_conic import Form, Shortest, linear_rows
+from uvms_drake.control.convex.least_norm_conic import Form, LeastNorm, linear_rows
 from uvms_drake.control.convex.regulator import Regulator, motion, responses
 from uvms_drake.control.convex.staged_program import StagedProgram
 from uvms_drake.control.convex.working_set import KEPT, WorkingSet
@@ -38,8 +38,8 @@ SMALLEST = 1e-12
 """Norm below which a vector has no direction."""
 
 
-def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet
-                     ) -> tuple[Shortest, WorkingSet] | None:
+def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet
+                     ) -> tuple[LeastNorm, WorkingSet] | None:
     """Returns the r of least cost that keeps all limits, and the linear ones that were looked at.
 
     Args:
@@ -75,10 +75,10 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
             return None
         polyhedron.add(A[moves], b[moves])
         soft = np.append(soft, is_soft[moves])
-        found = polyhedron.shortest()
+        found = polyhedron.least_norm()
         if found is None:
             return None
-        r, prices = found[0].reshape(regulator.k.shape), found[1]
+        r, multipliers = found[0].reshape(regulator.k.shape), found[1]
         best = motion(program, regulator, r)
         broken = WorkingSet.broken(program, best, 0.0)
         new = broken.without(kept)
@@ -90,11 +90,11 @@ def shortest_by_rows(program: StagedProgram, regulator: Regulator, z: np.ndarray
             break
     else:
         return None
-    price, slack_price = float(np.sum(prices[soft])), float(np.sum(prices[ends: ends + rooms]))
-    holds = not (broken.any() or price > program.excess_penalty
+    multiplier, slack_price = float(np.sum(multipliers[soft])), float(np.sum(multipliers[ends: ends + rooms]))
+    holds = not (broken.any() or multiplier > program.excess_penalty
                  or slack_price > program.slack_penalty
-                 or np.linalg.norm(prices[:ends]) > (1.0 + DUAL) * slack_price + DUAL)
-    return (Shortest(r, 0.0, 0.0, price), kept) if holds else None
+                 or np.linalg.norm(multipliers[:ends]) > (1.0 + DUAL) * slack_price + DUAL)
+    return (LeastNorm(r, 0.0, 0.0, multiplier), kept) if holds else None
 
 
 def _tangents(program: StagedProgram, response: np.ndarray, z: np.ndarray, which: WorkingSet,

@@ -42,7 +42,7 @@ class Rows(NamedTuple):
     """Whether v relaxes a row."""
 
 
-class Shortest(NamedTuple):
+class LeastNorm(NamedTuple):
     """The solution."""
 
     r: np.ndarray
@@ -51,12 +51,12 @@ class Shortest(NamedTuple):
     """Slack s of the terminal set."""
     excess: float
     """Excess v of the softened limits."""
-    price: float
+    multiplier: float
     """Sum of the multipliers of the soft rows: what one unit of v would save."""
 
 
-def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
-             *, sparse: bool, softened: bool) -> Shortest | None:
+def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
+             *, sparse: bool, softened: bool) -> LeastNorm | None:
     """Returns the r of least cost that keeps some limits.
 
     All rows are added at once: a call costs as much as a hundred of them.
@@ -116,7 +116,7 @@ def shortest(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: 
     if not np.all(np.isfinite(found)):
         return None
     multipliers = np.zeros(0) if limits is None else -result.GetDualSolution(limits)
-    return Shortest(
+    return LeastNorm(
         (form.r_y @ found[form.r]).reshape(N, nw), float(found[s]),
         float(found[v]) if softened else 0.0,
         float(np.sum(multipliers[: len(rows.soft)][rows.soft])))

@@ -49,7 +49,7 @@ class NormLimit(NamedTuple):
     """Largest norms (N+1,); infinite where there is no limit."""
 
 
-class Room(NamedTuple):
+class RadiusBound(NamedTuple):
     """The least of size + rows x_N."""
 
     size: np.ndarray
@@ -64,17 +64,17 @@ class TerminalLimit(NamedTuple):
     T: np.ndarray
     value: np.ndarray
     radius: float
-    room: Room | None = None
+    room: RadiusBound | None = None
     """None if there is room everywhere."""
 
-    def room_at(self, x: np.ndarray) -> Room:
+    def room_at(self, x: np.ndarray) -> RadiusBound:
         """Returns all that bounds the norm, less s, about x_N (nx,); what is infinite does not."""
         size, rows = np.array([self.radius]), np.zeros((1, len(x)))
         if self.room is not None:
             size = np.append(size, self.room.size + self.room.rows @ x)
             rows = np.concatenate([rows, self.room.rows])
         finite = np.isfinite(size)
-        return Room(size[finite], rows[finite])
+        return RadiusBound(size[finite], rows[finite])
 
     def excess(self, x: np.ndarray) -> float:
         """Returns how far the end is outside for x_N (nx,); negative inside."""

@@ -8,7 +8,7 @@ reached by the plan; if its solution breaks another one, that one is put in and 
 solved again. A solution that keeps all limits while carrying some is the solution with all of them.
 
 Where every limit that matters can be held by rows, a dual active set is quickest
-(`shortest_by_rows`); otherwise a conic program is solved (`shortest`). Where so many matter that
+(`least_norm_active_set`); otherwise a conic program is solved (`least_norm`). Where so many matter that
 this is made in its sparse form, a limit that matters at one stage is put in at all of them, and so
 are those that are less nearly reached: there a row costs little, and to solve again costs as much
 as before.
@@ -21,8 +21,8 @@ where it is not, or there is none, v comes back.
 
 import numpy as np
 
-from uvms_drake.control.convex.least_norm_active_set import shortest_by_rows
-from uvms_drake.control.convex.least_norm_conic import shortest
+from uvms_drake.control.convex.least_norm_active_set import least_norm_active_set
+from uvms_drake.control.convex.least_norm_conic import least_norm
 from uvms_drake.control.convex.regulator import motion, riccati
 from uvms_drake.control.convex.staged_program import StagedProgram, StagedSolution
 from uvms_drake.control.convex.working_set import WorkingSet
@@ -51,7 +51,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
     kept |= WorkingSet.near(program, NEAR)
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
-    by_rows = shortest_by_rows(program, regulator, z, kept)
+    by_rows = least_norm_active_set(program, regulator, z, kept)
     if by_rows is not None:
         return StagedSolution(motion(program, regulator, by_rows[0].r)[:-1, nx:], 0.0, 0.0, 0,
                               by_rows[1].rows(program))
@@ -59,9 +59,9 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:
             kept = (kept | WorkingSet.near(program, LESS_NEAR)).at_all_stages(program)
-        found = shortest(program, regulator, z, kept, sparse=sparse, softened=softened)
+        found = least_norm(program, regulator, z, kept, sparse=sparse, softened=softened)
         cone_programs += 1
-        if not softened and (found is None or found.price > program.excess_penalty):
+        if not softened and (found is None or found.multiplier > program.excess_penalty):
             softened = True
             continue
         if found is None:

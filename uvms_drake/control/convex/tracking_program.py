@@ -7,13 +7,13 @@ import numpy as np
 from uvms_drake.control.convex.staged_program import (
     LinearLimits,
     NormLimit,
-    Room,
+    RadiusBound,
     StagedProgram,
 )
 
 
 def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.ndarray,
-               room: Room | None) -> StagedProgram:
+               room: RadiusBound | None) -> StagedProgram:
     """Returns a program in which a, what the reference is moved by, changes as well, by b ∈ R^m.
 
     The state of the program given is ξ = (y − y_des − E a, ζ), which moves back when the reference

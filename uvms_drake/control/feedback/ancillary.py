@@ -95,7 +95,7 @@ class AncillaryFeedback(LeafSystem):
         - nominal_state
         - nominal_acceleration
         - nominal_input
-        - measured_force (optional)
+        - force_measured (optional)
         - vehicle_wrench (optional)
         - estimate (optional)
         - ahead (optional)
@@ -110,14 +110,14 @@ class AncillaryFeedback(LeafSystem):
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n); read where the law asks for it.
     - `nominal_input`: ū (6+n); likewise.
-    - `measured_force`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, to a law
+    - `force_measured`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, to a law
       that takes it in place of the force by the model's surface. It is to be the last finite one,
-      as a `LastFinite` gives it; while it is not finite, because there was none yet, the law takes
+      as a `HoldLastValue` gives it; while it is not finite, because there was none yet, the law takes
       the surface's.
     - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, to a law that takes what the thrusters give
       now; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n), from a `RowObserver`, to a law that asks for one.
-    - `ahead`: what the plan's forces change until they act (6+n), from a `ForcesAhead`.
+    - `ahead`: what the plan's forces change until they act (6+n), from a `FeedforwardPreview`.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].

@@ -57,7 +57,7 @@ class RowObserver(LeafSystem):
         - tau
         - applied (optional)
         - vehicle_wrench (optional)
-        - measured_force (optional)
+        - force_measured (optional)
         output_ports:
         - estimate
 
@@ -66,7 +66,7 @@ class RowObserver(LeafSystem):
     - `tau`: the command τ (6+n) [N, N m], as it is sent.
     - `applied`: what known actuators make of it (6+n), if they do anything to it.
     - `vehicle_wrench`: its first six as the thrusters give them, see `VEHICLE_WRENCH`.
-    - `measured_force`: 𝔉_s (6), in place of the force by the model's surface.
+    - `force_measured`: 𝔉_s (6), in place of the force by the model's surface.
     - `estimate`: δ̂ (6+n) [m/s², rad/s²]; it follows from the state alone.
 
     The continuous state is ∫τ (6+n). The discrete state is δ̂ (6+n), from zero; of the last tick

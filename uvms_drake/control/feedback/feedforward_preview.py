@@ -6,7 +6,7 @@ without the time, but a plan is known in advance. So a law adds to its command
     τ̄(t + ℓ) − τ̄(t),    τ̄ = M ζ̄̇ + b + Jᵀ𝔉 along the plan,                                     (P)
 
 and commands the plan's forces of the time at which they act. ℓ is the sum of the dead times, half
-the periods of the holds, and the time constants of the lags; see `Lateness`.
+the periods of the holds, and the time constants of the lags; see `ActuationDelay`.
 
 *What is left.* Let G be what a dead time D and a lag T make of a command. With ℓ = D + T the plan's
 forces come as G e^{sℓ}τ̄, and
@@ -45,18 +45,18 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from uvms_drake.control.contact.contact_estimator import ExploredFront
+from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.plan.plan import DynamicPlan
-from uvms_drake.model.sensor_actuator import Lateness
+from uvms_drake.model.sensor_actuator import ActuationDelay
 from uvms_drake.model.uvms_model import UvmsModel
 
 FELT = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3, "force_lost": 1}
-"""Ports of an `ExploredFront` that say what was felt, and their sizes."""
+"""Ports of an `ContactEstimator` that say what was felt, and their sizes."""
 
 
-class Pressed(NamedTuple):
+class SurfaceReaction(NamedTuple):
     """The wall as it is felt."""
 
     direction: np.ndarray
@@ -67,20 +67,20 @@ class Pressed(NamedTuple):
     """κ̂(n + 𝔱) (3,) [N/m]."""
 
 
-def forces_ahead(model: UvmsModel, plan: DynamicPlan, time: float, lateness: Lateness,
-                 now: tuple[np.ndarray, ...], pressed: Pressed | None = None) -> np.ndarray:
+def previewed_forces(model: UvmsModel, plan: DynamicPlan, time: float, actuation_delay: ActuationDelay,
+                 now: tuple[np.ndarray, ...], pressed: SurfaceReaction | None = None) -> np.ndarray:
     """Returns τ̄(t + ℓ) − τ̄(t) (6+n,) of (P) [N, N m].
 
     Args:
         model: The controller's.
         plan: The plan.
         time: t [s].
-        lateness: ℓ of the vehicle and of the joints.
+        actuation_delay: ℓ of the vehicle and of the joints.
         now: 𝔮̄, ζ̄ and ζ̄̇ (6+n,) at t.
         pressed: A wall that the model does not know; None if none is touched.
     """
     end = plan.start_time + (len(plan.config) - 1) * plan.time_step
-    later = (plan.at(min(time + late, end)) if late > 0.0 else now for late in lateness)
+    later = (plan.at(min(time + late, end)) if late > 0.0 else now for late in actuation_delay)
     config, zeta, zeta_dot = (np.array(item) for item in zip(now, *later, strict=True))
     kinematics = model.kinematics(config)
     tau = model.inverse_dynamics(kinematics, zeta, zeta_dot)
@@ -92,12 +92,12 @@ def forces_ahead(model: UvmsModel, plan: DynamicPlan, time: float, lateness: Lat
     return ahead
 
 
-class ForcesAhead(LeafSystem):
+class FeedforwardPreview(LeafSystem):
     """What a command has more, or less, of the plan's forces because they act later.
 
     .. pydrake_system::
 
-        name: ForcesAhead
+        name: FeedforwardPreview
         input_ports:
         - plan
         - nominal_state
@@ -113,20 +113,20 @@ class ForcesAhead(LeafSystem):
     - `plan`: the current `DynamicPlan` (abstract).
     - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.
     - `touched` (1), `reading` (4), `slope` (1), `tilt` (3), `force_lost` (1): of an
-      `ExploredFront`. While the force is lost nothing is known of the wall.
-    - `ahead`: see `forces_ahead` (6+n) [N, N m].
+      `ContactEstimator`. While the force is lost nothing is known of the wall.
+    - `ahead`: see `previewed_forces` (6+n) [N, N m].
 
     It has no state.
 
     Args:
         model: The controller's.
-        lateness: Of the vehicle and of the joints, as the controller believes.
+        actuation_delay: Of the vehicle and of the joints, as the controller believes.
         direction: n of walls that are felt (3,); None if the model knows what is pressed.
     """
 
-    def __init__(self, model: UvmsModel, lateness: Lateness, direction: np.ndarray | None = None):
+    def __init__(self, model: UvmsModel, actuation_delay: ActuationDelay, direction: np.ndarray | None = None):
         super().__init__()
-        self._model, self._lateness, self._direction = model, lateness, direction
+        self._model, self._lateness, self._direction = model, actuation_delay, direction
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
         self._state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
@@ -135,7 +135,7 @@ class ForcesAhead(LeafSystem):
                                 for name, size in FELT.items()}
         self.DeclareVectorOutputPort("ahead", model.size, self._calc)
 
-    def _pressed(self, context: Context) -> Pressed | None:
+    def _pressed(self, context: Context) -> SurfaceReaction | None:
         if self._direction is None:
             return None
         touched, lost = (self._felt_ports[name].Eval(context)[0]
@@ -144,20 +144,20 @@ class ForcesAhead(LeafSystem):
             return None
         reading, slope, tilt = (
             self._felt_ports[name].Eval(context) for name in ("reading", "slope", "tilt"))
-        return Pressed(self._direction, float(reading[3]), slope * (self._direction + tilt))
+        return SurfaceReaction(self._direction, float(reading[3]), slope * (self._direction + tilt))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state = self._state_port.Eval(context)
         now = (*np.split(state, 2), self._acceleration_port.Eval(context))
-        output.SetFromVector(forces_ahead(
+        output.SetFromVector(previewed_forces(
             self._model, self._plan_port.Eval(context), context.get_time(), self._lateness, now,
             self._pressed(context)))
 
 
-def add_forces_ahead(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
-                     feedback: AncillaryFeedback, lateness: Lateness, *, nominal: LeafSystem,
-                     front: ExploredFront | None = None, direction: np.ndarray | None = None,
-                     name: str = "forces_ahead") -> ForcesAhead | None:
+def add_feedforward_preview(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
+                     feedback: AncillaryFeedback, actuation_delay: ActuationDelay, *, nominal: LeafSystem,
+                     front: ContactEstimator | None = None, direction: np.ndarray | None = None,
+                     name: str = "previewed_forces") -> FeedforwardPreview | None:
     """Adds what a law asks for ahead and connects it, or returns None where nothing is late.
 
     Args:
@@ -165,15 +165,15 @@ def add_forces_ahead(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLa
         model: The controller's.
         law: The law; nothing is added if it does not know of actuators, see `takes_wrench`.
         feedback: The law as a system.
-        lateness: Of the vehicle and of the joints, as the controller believes.
+        actuation_delay: Of the vehicle and of the joints, as the controller believes.
         nominal: A `NominalMpc`.
         front: What was felt of a wall that the model does not know, if there is one.
         direction: n of such walls (3,).
         name: Name of the system.
     """
-    if not law.takes_wrench or not any(lateness):
+    if not law.takes_wrench or not any(actuation_delay):
         return None
-    ahead = builder.AddNamedSystem(name, ForcesAhead(model, lateness, direction))
+    ahead = builder.AddNamedSystem(name, FeedforwardPreview(model, actuation_delay, direction))
     for port in ("plan", "nominal_state", "nominal_acceleration"):
         builder.Connect(nominal.GetOutputPort(port), ahead.GetInputPort(port))
     if front is not None:

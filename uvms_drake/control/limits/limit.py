@@ -54,7 +54,7 @@ class Limit(ABC):
     one about the input at both ends of every interval."""
     soft: ClassVar[bool] = True
     """Whether the convex program may relax it, as is best for a limit that is not linear."""
-    bulges: ClassVar[bool] = True
+    overshoots: ClassVar[bool] = True
     """Whether the values may go beyond their bounds between two knots that keep them."""
     owner: ClassVar[str] = "pose"
     """Part of a task or start that is to blame for breaking it: `pose`, `joints` or `force`."""
@@ -154,7 +154,7 @@ class Limit(ABC):
         off = self.values(at) - 0.5 * (self.lower + self.upper)
         return np.where(off.real < 0.0, -off, off) / self.half
 
-    def rooms(self, tube: TubeRadii) -> list[tuple[str, float, float]]:
+    def margins(self, tube: TubeRadii) -> list[tuple[str, float, float]]:
         """Returns of each value its label, what is taken of it (inf if unknown), and of how much.
 
         Nothing is left where the second is not below the third.

@@ -18,12 +18,12 @@ from uvms_drake.control.plan.points import About, Points, Slopes
 
 
 @dataclass
-class Front(Limit):
+class SafeDepth(Limit):
     """N·𝔭 ≤ depth, for each of some facets N."""
 
     name = "front"
     soft: ClassVar[bool] = False
-    bulges: ClassVar[bool] = False
+    overshoots: ClassVar[bool] = False
 
     facets: np.ndarray
     """N (m, 3) in Σ_I, all of them into the surface."""
@@ -49,15 +49,15 @@ class Front(Limit):
 
 
 @dataclass
-class FrontAhead(Limit):
+class SafeDepthBetweenKnots(Limit):
     """N·𝔭 + ½h N·𝔭̇ ≤ depth for each facet."""
 
     name = "front_ahead"
-    bulges: ClassVar[bool] = False
+    overshoots: ClassVar[bool] = False
     about: ClassVar[About] = "speed"
 
     facets: np.ndarray
-    """As of the `Front` (m, 3)."""
+    """As of the `SafeDepth` (m, 3)."""
     depth: np.ndarray
     """Likewise (m,) [m]."""
     time_step: float

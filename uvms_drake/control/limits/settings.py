@@ -145,7 +145,7 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
                 "left out, unless tube.tau says what the tube takes of it (6 + n numbers)")
     check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau=bool(by_force))
     for limit in limits.values():
-        for label, radius, room in limit.rooms(tube):
+        for label, radius, room in limit.margins(tube):
             if room <= radius < np.inf:
                 raise InvalidParameter(
                     f"limits.{label}", room, f"larger than the tube's {radius:.4g}")

@@ -21,7 +21,7 @@ class Speed(AbsoluteLimit):
     """‖block of ζ‖₂ ≤ bound. As a convex function of ζ it keeps its bound between knots too."""
 
     about: ClassVar[About] = "speed"
-    bulges: ClassVar[bool] = False
+    overshoots: ClassVar[bool] = False
 
     name: str
     """Name of the speed: `nu1`, `nu2` or `qdot`."""

@@ -9,7 +9,7 @@ from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import Plan
 
 
-class Excess(NamedTuple):
+class LimitViolation(NamedTuple):
     """A limit that a plan exceeds."""
 
     limit: Limit
@@ -29,19 +29,19 @@ class Excess(NamedTuple):
                 f"from t = {self.time:.2f} s on")
 
 
-def first_excess(ocp: Ocp, plan: Plan, allowed: float) -> Excess | None:
+def first_violation(ocp: Ocp, plan: Plan, allowed: float) -> LimitViolation | None:
     """Returns the limit that a plan exceeds first by more than `allowed`, or None."""
     found = []
     for limit, times, excess in ocp.excesses(plan):
         beyond = np.argwhere(np.any(excess > allowed, axis=1))
         if len(beyond):
             index = int(np.argmax(np.max(excess, axis=0)))
-            found.append(Excess(limit, index, float(times[beyond[0, 0]]),
+            found.append(LimitViolation(limit, index, float(times[beyond[0, 0]]),
                                 float(np.max(excess[:, index]))))
     return min(found, key=lambda excess: excess.time, default=None)
 
 
-def why_no_plan(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: float) -> str:
+def infeasibility_reason(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: float) -> str:
     """Returns why a first plan cannot be followed, for one line.
 
     Args:
@@ -50,13 +50,13 @@ def why_no_plan(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: float) -> str
         plan: What the solver has found from there, if anything.
         allowed: Largest violation of a limit that a plan may have.
     """
-    at_rest = first_excess(ocp, guess, allowed)
+    at_rest = first_violation(ocp, guess, allowed)
     if at_rest is not None:
         return f"where nothing moves, {at_rest.text}"
     if plan is None:
         return ("the solver finds none at all; weights, stiffness and time step may be too far "
                 "apart for it")
-    away = first_excess(ocp, plan, allowed)
+    away = first_violation(ocp, plan, allowed)
     what = "the plan that was found ends outside of its set" if away is None else away.text
     reach, slack = ocp.horizon * ocp.time_step, ocp.evaluate(guess).terminal_slack
     return (f"{what}; to stay is within the limits, but the task, ‖ξ‖_P = {slack:.3g} away, "

@@ -99,7 +99,7 @@ class NominalMpc(LeafSystem):
     - `plan`: the current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
     - `solve_seconds`: wall time of the last step [s]; not reproducible, unlike all else.
-    - `target` (3), `safe_depth` (one for each facet), `turn` (1): the `Aim` [m, rad]; see
+    - `target` (3), `safe_depth` (one for each facet), `turn` (1): the `TrackingTarget` [m, rad]; see
       `TrackingOcp` for when every problem is feasible.
     - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
 

@@ -18,7 +18,7 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
-def plan_places(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
+def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
     """Returns points (m, 3) in whose hull across n the tip of a plan stays, and its reference [m].
 
     The knots, the points half an interval ahead of each, see `approach.between_knots`, and
@@ -31,19 +31,19 @@ def plan_places(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
     return np.concatenate([knots, ahead, ocp.reference(plan)[None, :3]])
 
 
-class PlanReach(LeafSystem):
+class PlanExtent(LeafSystem):
     """Puts out between which places the plan that is followed goes, see `front.replaces`.
 
     .. pydrake_system::
 
-        name: PlanReach
+        name: PlanExtent
         input_ports:
         - plan
         output_ports:
         - reach
 
     - `plan`: the current `TrackingPlan` (abstract); knots that are over count, too.
-    - `reach` (4): least, then largest `SurfaceClass.across` of `plan_places` [m].
+    - `reach` (4): least, then largest `SurfaceClass.across` of `plan_extent` [m].
 
     It has no state.
 
@@ -60,11 +60,11 @@ class PlanReach(LeafSystem):
         self.DeclareVectorOutputPort("reach", 4, self._calc, {self._plan_port.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        places = self._surface.across(plan_places(self._ocp, self._plan_port.Eval(context)))
+        places = self._surface.across(plan_extent(self._ocp, self._plan_port.Eval(context)))
         output.SetFromVector(np.append(places.min(axis=0), places.max(axis=0)))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,
-                     plan: OutputPort, name: str = "plan_reach") -> "PlanReach":
+                     plan: OutputPort, name: str = "plan_reach") -> "PlanExtent":
         """Adds the system and connects it; the arguments are its constructor's and its input."""
-        return added(builder, name, PlanReach(ocp, surface), plan=plan)
+        return added(builder, name, PlanExtent(ocp, surface), plan=plan)

@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_drake.common.alarm import warn
 from uvms_drake.common.errors import InvalidParameter, RunFailed
-from uvms_drake.control.mpc.infeasibility import why_no_plan
+from uvms_drake.control.mpc.infeasibility import infeasibility_reason
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.plan.plan import Plan
@@ -146,7 +146,7 @@ class Planner:
         solution = solver.solve(free, FIRST_SOLVE_ITERATIONS)
         slack = REACHED if solver.ocp.strict else np.inf
         if solution.plan is None or not solver.ocp.is_sound(solution.evaluation, slack):
-            why = why_no_plan(solver.ocp, free, solution.plan, solver.ocp.tolerance)
+            why = infeasibility_reason(solver.ocp, free, solution.plan, solver.ocp.tolerance)
             raise RunFailed(f"the nominal MPC has no solution at the start, t = {sample.time:g} s: "
                             f"{why}")
         return self._remember(sample, memory, guess, solution, SOLVED)

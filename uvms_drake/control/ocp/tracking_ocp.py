@@ -13,7 +13,7 @@ position rows of y = (𝔭, 𝔬, q), a plan has an artificial translation a ∈
 The bound on the tip's velocity, along n and across it, is none of these: it is `contact_speed`, a
 limit of the real robot that the tube tightens as any other.
 
-The x_N and the target, the `Aim`, may be others at every sample; the facets are n alone, or the
+The x_N and the target, the `TrackingTarget`, may be others at every sample; the facets are n alone, or the
 sides of a pyramid whose apex may move (`contact.front`), which is why the x_N may fall where no
 plan goes. r_x is such that in F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at most
 r_x‖ξ‖_P beyond the reference along each N (`tube.terminal_set` looks for a ξ where it is not).
@@ -23,13 +23,13 @@ by the terminal controller with the same a. F is what `tube.terminal_set` looks 
 inputs are within limits at both ends of the next interval, for all forces; so is the state; and
 ‖ξ‖_P does not grow, so every set ‖ξ‖_P ≤ ρ ≤ ε is invariant, not only F. Hence ‖ξ_{N+1}‖_P ≤
 ‖ξ_N‖_P ≤ ρ(a), and N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval
-ahead. So it is feasible for this `Aim`. The target is in no limit: it is feasible for every later
-`Aim` that leaves room for it, as x_N that do not fall do, and a pyramid that takes another's place
+ahead. So it is feasible for this `TrackingTarget`. The target is in no limit: it is feasible for every later
+`TrackingTarget` that leaves room for it, as x_N that do not fall do, and a pyramid that takes another's place
 by `front.replaces`: it has all of the old one wherever the last plan goes, at the reference, too. A
 fixed set, kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
 could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
 
-*It goes where it is asked to.* Let `Aim` be constant and a° the best admissible place, the least of
+*It goes where it is asked to.* Let `TrackingTarget` be constant and a° the best admissible place, the least of
 V_o over n·(E ᵀy_des + a) ≤ x_safe. As the continued plan costs less by h‖ξ_0‖²_Q at least, that
 sum over all samples is finite, and ξ_0 → 0 (Q > 0): the motion comes to rest at y_des + E a. From
 there a can move to a′ = a + λ(a° − a), for λ small and N ≥ 2, by a plan that is at rest at
@@ -65,12 +65,12 @@ from typing import ClassVar, Self
 import numpy as np
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.control.convex.staged_program import Room, StagedProgram
+from uvms_drake.control.convex.staged_program import RadiusBound, StagedProgram
 from uvms_drake.control.convex.tracking_program import with_place
 from uvms_drake.control.costs.offset_cost import OffsetCost
 from uvms_drake.control.costs.task_cost import TaskCost
 from uvms_drake.control.limits import Limit
-from uvms_drake.control.limits.safe_depth import Front, FrontAhead
+from uvms_drake.control.limits.safe_depth import SafeDepth, SafeDepthBetweenKnots
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Evaluation, MpcConfig, PlanPoints
 from uvms_drake.control.plan.plan import DynamicPlan
@@ -92,7 +92,7 @@ TURNED_FREELY = 0.95
 
 
 @dataclass(frozen=True)
-class Aim:
+class TrackingTarget:
     """What a plan is asked for at one instant."""
 
     target: np.ndarray
@@ -142,7 +142,7 @@ class TrackingOcp(DynamicOcp):
         self._require_the_same_everywhere()
         self._lasting = limits
         self.depth_reach = max([self._reach(), *(other._reach(T) for T, other in self.turned())])
-        self.aim = Aim(y_des[:3])
+        self.aim = TrackingTarget(y_des[:3])
 
     def following_lag(self, committed: int = 0) -> float:
         """Returns n·h(1 − Φ)⁻¹n on 𝔭, how late a tip is behind a reference along n [s].
@@ -220,31 +220,31 @@ class TrackingOcp(DynamicOcp):
 
     @property
     def inputs_given(self) -> dict[str, int]:
-        """Sizes of the parts of an `Aim`, by the names of ports."""
+        """Sizes of the parts of an `TrackingTarget`, by the names of ports."""
         turn = {"turn": 1} if self.turn else {}
         return {"target": 3, "safe_depth": len(self.facets), **turn}
 
     @property
     def reach_names(self) -> tuple[str, ...]:
-        """Those of `Front` and `FrontAhead`."""
+        """Those of `SafeDepth` and `SafeDepthBetweenKnots`."""
         count = len(self.facets)
         parts = [""] if count == 1 else [f"[{i}]" for i in range(count)]
         return tuple(f"{name}{part}" for name in ("front", "front_ahead") for part in parts)
 
-    def aimed(self, aim: Aim) -> Self:
+    def aimed(self, aim: TrackingTarget) -> Self:
         """Returns the problem of another aim; it shares all that does not depend on it."""
         out = copy(self)
         out.aim = aim
         depths = np.broadcast_to(np.asarray(aim.safe_depth, dtype=float), (len(self.facets),))
         out.limits = {
-            **self._lasting, "front": Front(self.facets, depths),
-            "front_ahead": FrontAhead(self.facets, depths, self.time_step)}
+            **self._lasting, "front": SafeDepth(self.facets, depths),
+            "front_ahead": SafeDepthBetweenKnots(self.facets, depths, self.time_step)}
         return out
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
         """Returns the problem of what is asked for: target, safe depth and turn."""
         (turn,) = values.get("turn", np.array([self.aim.turn]))
-        return self.aimed(Aim(values.get("target", self.aim.target),
+        return self.aimed(TrackingTarget(values.get("target", self.aim.target),
                               values.get("safe_depth", np.inf), turn))
 
     @property
@@ -255,8 +255,8 @@ class TrackingOcp(DynamicOcp):
     def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
         """Returns how deep the tip is, here and half an interval ahead, and r_x of each."""
         here, nowhere = self.facets @ self.y_des[:3], np.full(len(self.facets), np.inf)
-        depth = Front(self.facets, nowhere).values(at) - here
-        ahead = FrontAhead(self.facets, nowhere, self.time_step).values(at) - here
+        depth = SafeDepth(self.facets, nowhere).values(at) - here
+        ahead = SafeDepthBetweenKnots(self.facets, nowhere, self.time_step).values(at) - here
         return (np.concatenate([depth, ahead], axis=-1),
                 np.full(2 * len(here), self.depth_reach))
 
@@ -282,7 +282,7 @@ class TrackingOcp(DynamicOcp):
         """Returns ρ(a)."""
         return float(np.min(self._room(plan).size, initial=self.terminal.radius))
 
-    def _room(self, plan: DynamicPlan) -> Room:
+    def _room(self, plan: DynamicPlan) -> RadiusBound:
         """Returns what bounds ρ(a), but for ε, and how it changes with a: fronts, and turns."""
         assert isinstance(plan, TrackingPlan)
         sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
@@ -293,7 +293,7 @@ class TrackingOcp(DynamicOcp):
             sizes = np.append(sizes, per * self.turn + turns @ plan.a)
             rows = np.concatenate([rows, turns])
         there = np.isfinite(sizes)
-        return Room(sizes[there], rows[there])
+        return RadiusBound(sizes[there], rows[there])
 
     def _stage_cost(self, plan: DynamicPlan) -> TaskCost:
         return replace(self.task_cost, y_des=self.reference(plan))

@@ -43,7 +43,7 @@ def off_parabola(jerk: float, step: float) -> float:
     return 2.0 / 81.0 * step**3 * jerk
 
 
-def stopping_room(force_max: float, noise: float, stiffness: float, margin: float,
+def stopping_distance(force_max: float, noise: float, stiffness: float, margin: float,
                   retreat: float = 0.0) -> float:
     """Returns L [m], how far the planned tip may still go from where nothing has been felt yet.
 

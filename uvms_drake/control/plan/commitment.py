@@ -17,7 +17,7 @@ one trajectory is late, not one after another.
 the terminal controller, begins where problem i + 1 does, and keeps its limits as in `tracking_ocp`.
 The limits of the committed part are not looked at again. They held for it when it was free: what
 lasts does so still, and a front that moves loses nothing where the plan goes (`front.replaces`),
-all of whose knots count, the committed ones too (`PlanReach`). And as it is said there, the cost
+all of whose knots count, the committed ones too (`PlanExtent`). And as it is said there, the cost
 of the free part falls by h‖ξ‖²_Q of its first knot: it goes where it is asked to, nh later.
 
 *Before the first plan* nothing was planned. There the robot coasts; at rest it hovers. That it does
@@ -32,15 +32,15 @@ import math
 
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.plan.plan import KNOT_TOLERANCE
-from uvms_drake.model.sensor_actuator import Lateness
+from uvms_drake.model.sensor_actuator import ActuationDelay
 
 
-def committed_intervals(law: AncillaryLaw, lateness: Lateness, time_step: float) -> int:
+def committed_intervals(law: AncillaryLaw, actuation_delay: ActuationDelay, time_step: float) -> int:
     """Returns n; zero for a law that asks for nothing ahead.
 
     Args:
         law: The law.
-        lateness: ℓ of the vehicle and of the joints [s].
+        actuation_delay: ℓ of the vehicle and of the joints [s].
         time_step: h [s].
     """
-    return math.ceil(max(lateness) / time_step - KNOT_TOLERANCE) if law.takes_wrench else 0
+    return math.ceil(max(actuation_delay) / time_step - KNOT_TOLERANCE) if law.takes_wrench else 0

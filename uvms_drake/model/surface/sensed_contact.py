@@ -2,7 +2,7 @@
 
 It is one of a `SurfaceClass`. The law adds the *measured* force to its inverse dynamics, so the
 wall drops out of the error dynamics, and the nominal model is that of free water
-(`UnmeasuredWall`).
+(`UnknownSurface`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -51,7 +51,7 @@ class SensedContact:
     """How old the force may be that a reading shows [s]: five lags and a period of the sensor."""
     period: float = 0.01
     """Time between two looks at the measured force [s]."""
-    aside_lag: float = 0.0
+    tangential_lag: float = 0.0
     """Time constant with which the law follows the measured force across `direction` [s]; zero, and
     it takes it as it is read. A law with a clock cancels friction late, which makes the tip heavier
     by that time and the slope of friction. No proof covers one."""
@@ -67,9 +67,9 @@ class SensedContact:
     """How far the robot may turn about the vertical, to either side, to follow with its tool the
     normal that it learns as it slides [rad]; zero, and it keeps the heading of the task."""
 
-    def told(self, surface: Surface) -> "UnmeasuredWall":
+    def told(self, surface: Surface) -> "UnknownSurface":
         """Returns the surface of the controller's model, whatever the world's is."""
-        return UnmeasuredWall(self)
+        return UnknownSurface(self)
 
     @property
     def walls(self) -> SurfaceClass:
@@ -102,7 +102,7 @@ class SensedContact:
         for key in ("stiffness", "force", "force_error", "speed", "speed_across"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
         for key in ("dissipation", "friction", "force_rate", "force_ripple", "delay",
-                    "aside_lag", "clearance"):
+                    "tangential_lag", "clearance"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         return replace(self, direction=direction)
 
@@ -155,7 +155,7 @@ class SensedContact:
         return force * (1.0 + self.dissipation * speed)
 
 
-class UnmeasuredWall(Surface):
+class UnknownSurface(Surface):
     """The wall of a `SensedContact` in the controller's model: free water, wherever the tip is.
 
     Args:
@@ -166,7 +166,7 @@ class UnmeasuredWall(Surface):
         self._contact = contact.checked()
 
     def __repr__(self) -> str:
-        return f"UnmeasuredWall({self.contact!r})"
+        return f"UnknownSurface({self.contact!r})"
 
     @property
     def contact(self) -> SensedContact:
@@ -183,7 +183,7 @@ class UnmeasuredWall(Surface):
         """Largest change of φ with the position [N/m]."""
         return self.contact.slope
 
-    def checked(self) -> "UnmeasuredWall":
+    def checked(self) -> "UnknownSurface":
         """Returns itself: what it is made of has been checked."""
         return self
 

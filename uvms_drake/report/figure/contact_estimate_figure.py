@@ -22,7 +22,7 @@ from uvms_drake.report.figure_style import (
     panels,
 )
 from uvms_drake.report.signals import surface_depth, surface_slope
-from uvms_drake.station.contact_bounds import front_margin, sensed_contact
+from uvms_drake.station.contact_bounds import safe_depth_margin, sensed_contact
 from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
@@ -35,7 +35,7 @@ BEFORE, AROUND = 1.5, 8.0
 """Time before the first touch [s], and depth beside all else [mm], in the enlarged panel."""
 
 
-def draw_felt(record: Record, certified: float | None = None) -> Figure:
+def draw_contact_estimate(record: Record, certified: float | None = None) -> Figure:
     """Draws force, depths, slope and events of a contact that is felt, and the contact enlarged.
 
     Depths are along n, from where the tip first touches the wall or else from where it starts.
@@ -82,7 +82,7 @@ def depths_of(record: Record) -> dict[str, np.ndarray]:
     inside = record.penetration > 0.0
     origin = wall[np.argmax(inside)] if np.any(inside) else tip[0]
     depths = {"tip": tip, "planned": record.chi_nominal[:, :3] @ n, "wall": wall,
-              "explored": np.where(np.isfinite(safe), safe + front_margin(record.scenario), np.nan),
+              "explored": np.where(np.isfinite(safe), safe + safe_depth_margin(record.scenario), np.nan),
               "believed": believed}
     return {name: 1e3 * (depth - origin) for name, depth in depths.items()}
 
@@ -100,7 +100,7 @@ def marks_of(record: Record) -> dict[str, list[float]]:
 def _draw_force(axis: Axes, record: Record, certified: float | None) -> None:
     contact = sensed_contact(record.scenario)
     felt, real, goal = (force[:, :3] @ contact.direction for force in (
-        record.signals["felt_force"], record.force, record.desired_force))
+        record.signals["force_last_valid"], record.force, record.desired_force))
     axis.plot(record.time, felt, color=VERMILION, linewidth=0.6, alpha=0.7, label="felt")
     axis.plot(record.time, real, **REAL)
     axis.plot(record.time, goal, **DESIRED)

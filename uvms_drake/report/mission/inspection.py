@@ -58,7 +58,7 @@ def learned_normals(time: np.ndarray, tip: np.ndarray, force: np.ndarray) -> np.
 def inspection_table(record: Record) -> np.ndarray:
     """Returns the rows of `COLUMNS` (m, 12): the logged samples at which the mission presses."""
     pressing, step = pressing_samples(record), progress_of(record)["step"]
-    force, n = record.signals["felt_force"][:, :3], sensed_contact(record.scenario).direction
+    force, n = record.signals["force_last_valid"][:, :3], sensed_contact(record.scenario).direction
     chi = record.chi
     if "measured_state" in record.signals:
         chi = record.model.task_pose(record.signals["measured_state"][:, : record.model.size])

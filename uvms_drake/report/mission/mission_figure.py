@@ -27,7 +27,7 @@ def draw_mission(record: Record) -> Figure:
     rows = 1 + 2 * bool(slides)
     figure, axes = panels(rows, 1.0 + 1.45 * rows, sharex=False)
     n = sensed_contact(record.scenario).direction
-    felt, real = (force[:, :3] @ n for force in (record.signals["felt_force"], record.force))
+    felt, real = (force[:, :3] @ n for force in (record.signals["force_last_valid"], record.force))
     goal = record.signals["mission_force"][:, 0]
     axes[0].plot(record.time, felt, color=VERMILION, linewidth=0.5, alpha=0.7, label="felt")
     axes[0].plot(record.time, real, **REAL)

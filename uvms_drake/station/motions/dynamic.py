@@ -17,7 +17,7 @@ from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import ON_TIME, CommandPath, Lateness, Signals
+from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance
@@ -77,10 +77,10 @@ class Dynamic(Motion[DynamicOcp]):
         """Returns the tube-based NMPC; see `command_limits`."""
         targets = Targets(np.asarray(scenario.task.force, dtype=float),
                           partial(retargeted_ocp, scenario, model))
-        lateness = lateness_of(scenario, model)
+        actuation_delay = actuation_delay_of(scenario, model)
         with within("ancillary"):
             return make_tube_mpc(ocp, scenario.ancillary, targets, command_limits(scenario),
-                                 lateness)
+                                 actuation_delay)
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
@@ -111,7 +111,7 @@ class Dynamic(Motion[DynamicOcp]):
         """Returns the logs with the effective disturbance."""
         return logs | {"effective_disturbance": effective_disturbance(
             model, logs["state"], sent_input(model, logs), logs["acceleration"],
-            logs.get("felt_force"))}
+            logs.get("force_last_valid"))}
 
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
@@ -144,15 +144,15 @@ def command_limits(scenario: Scenario) -> Limits | None:
     return None if implicit else scenario.limits
 
 
-def lateness_of(scenario: Scenario, model: UvmsModel) -> Lateness:
+def actuation_delay_of(scenario: Scenario, model: UvmsModel) -> ActuationDelay:
     """Returns by how much the scenario's plans are asked for ahead, as the controller believes.
 
     By how late its actuation makes a command, if there is a lag. Behind a clock alone what comes
     late of a plan are its knots, by the delay, and asked for ahead they would come early.
     """
     paths = [path for path in command_paths(scenario, model) if path is not None]
-    late = [] if all(path.whole for path in paths) else [path.lateness for path in paths]
-    return Lateness(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
+    late = [] if all(path.whole for path in paths) else [path.actuation_delay for path in paths]
+    return ActuationDelay(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
 
 
 def command_paths(scenario: Scenario, model: UvmsModel) -> list[CommandPath | None]:

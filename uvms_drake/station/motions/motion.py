@@ -17,7 +17,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.contact.sensor_error import FeltForce
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
@@ -103,7 +103,7 @@ class Motion(ABC, Generic[AnyOcp]):
                   ) -> dict[str, np.ndarray]:
         """Returns the logs with those fields of a `Record` that this motion alone has."""
 
-    def contact_force(self, scenario: Scenario) -> FeltForce | None:
+    def contact_force(self, scenario: Scenario) -> MeasuredForceBounds | None:
         """Returns the forces of a contact that is felt; None, as by default: they are modelled."""
         return None
 

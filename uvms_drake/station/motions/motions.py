@@ -7,12 +7,12 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.dynamic import Dynamic
 from uvms_drake.station.motions.kinematic import Kinematic
 from uvms_drake.station.motions.motion import Motion
-from uvms_drake.station.motions.sensed_contact import Sensed
+from uvms_drake.station.motions.sensed_contact import SensedContactMotion
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 
 MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
-FELT = Sensed()
+FELT = SensedContactMotion()
 """Dynamic motion with a contact that is felt."""
 
 

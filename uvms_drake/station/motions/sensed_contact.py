@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from uvms_drake.common.errors import require, within
-from uvms_drake.control.contact.contact_state import felt, nothing
+from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
 from uvms_drake.control.contact.press_target import AHEAD
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.limits import resolved_radii
@@ -14,36 +14,36 @@ from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
 from uvms_drake.control.limits.inputs import InputLimit
 from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import Ocp
-from uvms_drake.control.ocp.tracking_ocp import Aim, TrackingOcp
-from uvms_drake.control.plan.between_knots import off_parabola, stopping_room
+from uvms_drake.control.ocp.tracking_ocp import TrackingOcp, TrackingTarget
+from uvms_drake.control.plan.between_knots import off_parabola, stopping_distance
 from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact_bounds import (
     BETWEEN_KNOTS,
     between_knots,
     fastest_advance,
-    front_margin,
     largest_force,
     largest_normal_force,
     largest_reading_error,
     mission_conditions,
     pressing_force,
     reading_of,
+    safe_depth_margin,
     sensed_contact,
     sensing_of,
     slower,
 )
 from uvms_drake.station.motions.dynamic import (
     Dynamic,
+    actuation_delay_of,
     command_limits,
     effective_disturbance,
-    lateness_of,
     sent_input,
 )
 from uvms_drake.station.problem import posed_task
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.contact.sensor_error import FeltForce, contact_input_rest
+from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, contact_input_remainder
 from uvms_drake.tube.contact.tip_jerk import JERK, second_jerk, tip_jerk
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.search.estimate import Estimate, largest_of, together
@@ -52,7 +52,7 @@ SAFETY_OF_JERK = 1.5
 """Factor of the largest jerk of the tip that was found; see `tip_jerk`."""
 
 
-class Sensed(Dynamic):
+class SensedContactMotion(Dynamic):
     """Forces move the robot under water, to a wall that it feels and does not know."""
 
     knows_force = along_run = False
@@ -73,28 +73,28 @@ class Sensed(Dynamic):
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
         """Returns the tube-based NMPC that presses where it feels."""
         assert isinstance(ocp, TrackingOcp)
-        contact, margin = sensed_contact(scenario), front_margin(scenario)
+        contact, margin = sensed_contact(scenario), safe_depth_margin(scenario)
         force, largest = pressing_force(scenario), largest_force(scenario)
         require(force < largest, "task.force", scenario.task.force, f"less than {largest:.3g} N: "
                 "contact.force less what sensor, tube, angle and stiffness take of it")
         for i, step in enumerate(scenario.mission.steps):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
-        lateness = lateness_of(scenario, model)
+        actuation_delay = actuation_delay_of(scenario, model)
         with within("ancillary"):
             return make_sensed_tube_mpc(
                 ocp, scenario.ancillary, contact.walls, sensing_of(scenario),
                 force=force, largest=largest, margin=margin,
-                limits=command_limits(scenario), lateness=lateness)
+                limits=command_limits(scenario), actuation_delay=actuation_delay)
 
-    def contact_force(self, scenario: Scenario) -> FeltForce:
+    def contact_force(self, scenario: Scenario) -> MeasuredForceBounds:
         """Returns the forces of all walls of the class, and how they are felt."""
         contact, reading = sensed_contact(scenario), reading_of(scenario)
         speed = fastest_advance(contact)
-        return FeltForce(
+        return MeasuredForceBounds(
             size=float(np.hypot(1.0, contact.friction)) * contact.peak(contact.force, speed),
             rate=contact.stiffness * speed, ripple=contact.force * contact.dissipation * speed,
-            aside_rate=contact.force_rate, aside_ripple=contact.force_ripple,
+            tangential_rate=contact.force_rate, tangential_ripple=contact.force_ripple,
             error=float(np.linalg.norm(reading.error[:3])),
             torque_error=float(np.linalg.norm(reading.error[3:])),
             lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
@@ -110,10 +110,10 @@ class Sensed(Dynamic):
         if not np.size(tube.radii.u):
             return tube
         contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
-        radii, felt = resolved_radii(tube.radii), self.contact_force(scenario)
+        radii, updated_contact_state = resolved_radii(tube.radii), self.contact_force(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
         largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
-        worst, second = contact_input_rest(
+        worst, second = contact_input_remainder(
             basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
             radii.orientation, settings.seed)
         aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
@@ -129,18 +129,18 @@ class Sensed(Dynamic):
                         between_knots=off_parabola(jerk, scenario.mpc.time_step),
                         **between_knots(planned, scenario.mpc.time_step))
         with_tube = replace(scenario, tube=radii)
-        margin = front_margin(with_tube)
+        margin = safe_depth_margin(with_tube)
         reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
-        off = largest_reading_error(scenario, felt)
+        off = largest_reading_error(scenario, updated_contact_state)
         share = max(contact.walls.share, np.finfo(float).tiny)
-        room = stopping_room(contact.force, contact.force_error / share, contact.stiffness, margin,
+        room = stopping_distance(contact.force, contact.force_error / share, contact.stiffness, margin,
                              retreat=contact.dissipation * fastest_advance(contact))
         return LawTube(radii, (
             *tube.conditions,
             Condition("contact.force_error, not less than the sensor's error",
                       contact.force_error, ">=", off),
             Condition("sensing, the force that is within the range [N]", reading.largest, ">",
-                      felt.size + felt.error),
+                      updated_contact_state.size + updated_contact_state.error),
             Condition("contact.clearance, not less than the tip goes during the tare [m]",
                       contact.clearance, ">=",
                       fastest_advance(contact) * reading.tare),
@@ -160,13 +160,13 @@ class Sensed(Dynamic):
         """Returns the problem at t = 0: nothing is felt at the start, and the target is ahead."""
         assert isinstance(ocp, TrackingOcp)
         contact, n = sensed_contact(scenario), ocp.direction
-        before, sensing = nothing(sensing_of(scenario)), sensing_of(scenario)
+        before, sensing = initial_contact_state(sensing_of(scenario)), sensing_of(scenario)
         tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
-        known = felt(contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
-        margin = front_margin(scenario)
+        known = updated_contact_state(contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
+        margin = safe_depth_margin(scenario)
         depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
         across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
-        return ocp.aimed(Aim(across + (depth + AHEAD) * n,
+        return ocp.aimed(TrackingTarget(across + (depth + AHEAD) * n,
                              bounds(contact.walls, known.apex, margin)))
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]

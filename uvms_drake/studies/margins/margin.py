@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from uvms_drake.certificate.certify import room_of
+from uvms_drake.certificate.certify import tightening_margins
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.scenario.scenario import Scenario
@@ -43,7 +43,7 @@ def tube_conditions(scenario: Scenario, model: ContactModel, basis: Basis) -> li
     found = motion.tubes[type(law)](law, basis)
     if all(condition.holds for condition in found.conditions):
         found = motion.in_contact(found, scenario, basis)
-        return [*found.conditions, *room_of(scenario, found.radii, model)]
+        return [*found.conditions, *tightening_margins(scenario, found.radii, model)]
     return list(found.conditions)
 
 

@@ -32,7 +32,7 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_conditions, worst_of
 from uvms_drake.studies.margins.unknown_margins import Setting, unknowns
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.search.search_memo import Held, holding
+from uvms_drake.tube.search.search_memo import SearchMemo, holding
 
 LAGS = 5.0
 """Lags of a sensor after which what is older is taken as gone."""
@@ -60,23 +60,23 @@ def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent
     values, late, unknown = _values(scenario), _late(scenario), unknowns(scenario)
     count, out = len(values) + len(late) + len(unknown), list[Margin]()
     progress("tube", 0.0)
-    searches = Held()
+    searches = SearchMemo()
     failed = _worst_failed(lambda: scenario, searches)
     require(failed is None, "scenario", scenario.name, f"certified, but {failed}")
     for value in (*values, *late):
         progress(value.name, len(out) / count)
-        out.append(_margin(value, searches if value in values else Held()))
+        out.append(_margin(value, searches if value in values else SearchMemo()))
     with holding(searches):
         searches.again()
         setting = Setting(scenario, model, values[0].at(out[0].largest).disturbance.d_bound)
-    searches = Held()  # A d of another shape is searched for in another order, as what is late is.
+    searches = SearchMemo()  # A d of another shape is searched for in another order, as what is late is.
     for source in unknown:
         progress(source.name, len(out) / count)
         out.append(source.margin(setting, searches))
     return out
 
 
-def _worst_failed(make: Callable[[], Scenario], searches: Held) -> Condition | None:
+def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Condition | None:
     """Returns the condition on the tube, or on a limit, of a scenario that fails by the most."""
     searches.again()
     try:
@@ -91,7 +91,7 @@ def _worst_failed(make: Callable[[], Scenario], searches: Held) -> Condition | N
     return worst_of(conditions)
 
 
-def _margin(value: _Value, searches: Held) -> Margin:
+def _margin(value: _Value, searches: SearchMemo) -> Margin:
     """Returns the largest value, by doubling and then halving the ratio."""
     holds = value.today
     if holds == 0.0:  # Whether there is any.

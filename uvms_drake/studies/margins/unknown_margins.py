@@ -26,7 +26,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.search.joint_search import supremum_over_joints
-from uvms_drake.tube.search.search_memo import Held, holding
+from uvms_drake.tube.search.search_memo import SearchMemo, holding
 from uvms_drake.tube.unmodelled_dynamics import (
     Load,
     by_forces,
@@ -135,7 +135,7 @@ class Unknown:
     most: float = math.inf
     """Size beyond which it has no meaning."""
 
-    def margin(self, setting: Setting, searches: Held) -> Margin:
+    def margin(self, setting: Setting, searches: SearchMemo) -> Margin:
         """Returns the largest size of which all d is in an ellipsoid that certifies."""
         with holding() as of_d:
             asked, _ = setting.largest(self.loads(setting, self.asked))

@@ -46,7 +46,7 @@ import numpy as np
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.tube.actuation.held_command_rates import (
-    HeldProblem,
+    HeldCommandProblem,
     PlanProblem,
     jumping_plan,
     late_plan,
@@ -78,7 +78,7 @@ Parts = dict[str, np.ndarray]
 """Bounds (4,) of e, ė, w and ë by source."""
 
 
-class HeldRows:
+class HeldCommandTube:
     """The sources, and the table of blocks with them.
 
     Args:
@@ -163,7 +163,7 @@ class HeldRows:
             for name, parts in self._known.items()}
 
     def _radii(self, rest: np.ndarray) -> np.ndarray:
-        """Returns the radii of the errors of `HeldProblem` by part (14,)."""
+        """Returns the radii of the errors of `HeldCommandProblem` by part (14,)."""
         table = self._table(rest)
         sums = np.array([np.sum(list(table[name].values()), axis=0) for name in BLOCKS])
         off = self._turns * (sums[:, 2] + self._age * (rest + self._level) + self._made)
@@ -182,13 +182,13 @@ class HeldRows:
         checks.append(check)
         return claim
 
-    def _problem(self, radii: np.ndarray) -> HeldProblem:
+    def _problem(self, radii: np.ndarray) -> HeldCommandProblem:
         size = self._basis.model.size
         eye, blocks = np.eye(4 * size + 6), np.split(np.arange(size), [3, 6])
         columns = [eye[:, block + i * size] for i in range(4) for block in blocks]
         columns += [eye[:, 4 * size: 4 * size + 3], eye[:, 4 * size + 3:]]
         parts: list[Part] = list(zip(columns, map(float, radii), strict=True))
-        return HeldProblem(self._basis.model, self._planned, parts, self._rows,
+        return HeldCommandProblem(self._basis.model, self._planned, parts, self._rows,
                            self._basis.u_limit, self._rate, self._drags)
 
     def _fixed_point(self, checks: list[Check]) -> tuple[np.ndarray, float]:
@@ -256,7 +256,7 @@ def drags_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray
     return max(0.0, float(of_tip)), max(0.0, 0.5 * float(np.max(each) + np.min(each)))
 
 
-def _claim_of(name: str, problem: HeldProblem, settings: CertificateSettings
+def _claim_of(name: str, problem: HeldCommandProblem, settings: CertificateSettings
               ) -> tuple[np.ndarray, Check]:
     """Returns the claim for a problem (4,), and the second search."""
     x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 2]))
@@ -264,7 +264,7 @@ def _claim_of(name: str, problem: HeldProblem, settings: CertificateSettings
     return claim, _check(problem, name, claim, settings.seed)
 
 
-def _check(problem: HeldProblem, name: str, claim: np.ndarray, seed: int) -> Check:
+def _check(problem: HeldCommandProblem, name: str, claim: np.ndarray, seed: int) -> Check:
     """Returns the second search for claims (4,)."""
     wanted = np.flatnonzero(claim > 0.0)
 

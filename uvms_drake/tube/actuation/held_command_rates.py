@@ -10,7 +10,7 @@ While a torque τ_c is held, and with it in thought a wrench F̂ on the tip in i
     ρ = d/dt a(𝔮, ζ; τ_c − J_Eᵀ F̂) − d/dt ÿ̄,    τ_c and F̂ constant,                            (2)
 
 where the nominal motion and errors give the rest: x, ẋ, ẍ the errors of outputs as in
-`tip_first_rests`, the tip's in joint angles; α = a(𝔮, ζ; τ_c − J_EᵀF̂) − ÿ̄ by how much what is held
+`tip_first_remainders`, the tip's in joint angles; α = a(𝔮, ζ; τ_c − J_EᵀF̂) − ÿ̄ by how much what is held
 is off now, likewise; and F̂. On the plan all of them are zero, and ρ is −J_yM⁻¹τ̄˙ of its forces.
 """
 
@@ -34,7 +34,7 @@ STEP = 1e-4
 """Step of a difference along a motion [s]."""
 
 
-def held_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
+def held_command_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
                zeta_dot: np.ndarray, off: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     """Returns the first term of (2) (..., 6+n), of real or complex arguments.
 
@@ -85,7 +85,7 @@ def plan_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: 
 
 
 @dataclass(frozen=True)
-class HeldProblem(SearchProblem):
+class HeldCommandProblem(SearchProblem):
     """ρ less what it is on the plan; errors are (x, ẋ, ẍ, α, F̂).
 
     Values are by blocks of rows: the vehicle's position and attitude, the tip's position, and
@@ -126,7 +126,7 @@ class HeldProblem(SearchProblem):
         model, rows, size = self.model, self.rows, self.size
         config_bar, zeta_bar, zeta_dot = self.plan(x)
         y_ddot, jerk, J_bar = plan_rates(model, rows, config_bar, zeta_bar, zeta_dot)
-        late = held_rates(model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
+        late = held_command_rates(model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
         by_y, wrench = np.split(error, [4 * size], axis=-1)
         by_x, by_rate, by_acceleration, by_off = np.split(by_y, 4, axis=-1)
         config = configuration_of(model, rows, config_bar, model.kinematics(config_bar), by_x)
@@ -144,7 +144,7 @@ class HeldProblem(SearchProblem):
         zeta = solved(times(J_bar, zeta_bar) + of_outputs(by_rate))
         bias = output_bias(config, kinematics, zeta, rows)
         moving = solved(y_ddot + of_outputs(by_acceleration) - bias)
-        real = held_rates(model, rows, config, zeta, moving, y_ddot + of_outputs(by_off),
+        real = held_command_rates(model, rows, config, zeta, moving, y_ddot + of_outputs(by_off),
                           wrench) - jerk
         out = self.by_block(real, J) - self.by_block(late, J_bar)
         both = of_outputs(by_acceleration)[..., 6:], by_acceleration[..., 6:]
@@ -160,7 +160,7 @@ class HeldProblem(SearchProblem):
 
 
 @dataclass(frozen=True)
-class PlanProblem(HeldProblem):
+class PlanProblem(HeldCommandProblem):
     """What a plan alone makes of blocks of rows, times an error of one component, or several."""
 
     of: Callable[["PlanProblem", np.ndarray], np.ndarray] = field(kw_only=True)
@@ -181,7 +181,7 @@ def late_plan(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
     """Returns ρ of a plan, with ζ̄̇ standing still (..., 6+2n, 1)."""
     config, zeta, zeta_dot = problem.plan(x)
     y_ddot, jerk, J = plan_rates(problem.model, problem.rows, config, zeta, zeta_dot)
-    return problem.by_block(held_rates(
+    return problem.by_block(held_command_rates(
         problem.model, problem.rows, config, zeta, zeta_dot, y_ddot, np.zeros(6)) - jerk, J)[
             ..., None]
 

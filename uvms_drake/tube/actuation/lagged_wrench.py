@@ -46,11 +46,11 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_drake.tube.actuation.lagged_wrench_feedforward import (
-    LaggedProblem,
-    OfPosture,
+    LaggedWrenchProblem,
+    PostureMap,
     arm_and_wrench,
     joints_for_vehicle,
-    planned_loads,
+    planned_feedforward,
     turning_map,
     turning_reading,
 )
@@ -58,7 +58,13 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.row_loop import RowLoop
 from uvms_drake.tube.loops.sampled_loop import exponential
-from uvms_drake.tube.rows.disturbance_gains import ATTITUDE, JOINTS, VEHICLE, Parts, Pushes
+from uvms_drake.tube.rows.disturbance_gains import (
+    ATTITUDE,
+    JOINTS,
+    VEHICLE,
+    DisturbanceInputs,
+    Parts,
+)
 from uvms_drake.tube.search.ascent import by_part, first_order, supremum
 from uvms_drake.tube.search.estimate import Check, largest_of, together
 from uvms_drake.tube.search.search_problem import Part, SearchProblem
@@ -75,7 +81,7 @@ ENLARGED, TRIES, ROUNDS = 1.25, 4, 300
 converges to first order, or does not. The factor is as large as another search finds more."""
 
 
-class LaggedRows:
+class LaggedWrenchTube:
     """The sources, and the table of blocks with them.
 
     Args:
@@ -85,7 +91,7 @@ class LaggedRows:
         tip: That of the tip's, without.
         table: Parts of the blocks without these sources, by block and by source.
         slower: What a plan may do at most, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
-        pushes: Of the contact's force.
+        inputs: Of the contact's force.
     """
 
     table: dict[str, Parts]
@@ -98,7 +104,7 @@ class LaggedRows:
     """Makes the second searches."""
 
     def __init__(self, basis: Basis, rows: np.ndarray, vehicle: RowLoop, tip: RowLoop,
-                 table: Mapping[str, Parts], slower: np.ndarray, pushes: Pushes):
+                 table: Mapping[str, Parts], slower: np.ndarray, inputs: DisturbanceInputs):
         contact, path, n = basis.contact, basis.actuators.vehicle, basis.model.num_joints
         assert contact is not None
         self._basis, self._rows, self._known = basis, rows, dict(table)
@@ -112,7 +118,7 @@ class LaggedRows:
         eye6, eye = np.eye(6), np.eye(n + 6)
 
         # What a plan carries, how A turns, and what arm, readings and lag make of vehicle and arm.
-        plan = self._claim(checks, "forces of plans, late", planned_loads, [np.eye(1)], 3, 6)
+        plan = self._claim(checks, "forces of plans, late", planned_feedforward, [np.eye(1)], 3, 6)
         self._level, self._level_rate, self._smooth = plan[:, 0].reshape(3, 2)
         K = self._claim(checks, "‖ȦA⁻¹‖", turning_map, [eye6[:, half] for half in HALVES], 3, 2,
                         within=False)
@@ -136,9 +142,9 @@ class LaggedRows:
         self._tip_w = float(before[2])
         self._tip_w_rate = float((tip.k + tip.sigma) * before[3] + tip.k * tip.sigma * before[1])
         self._by_arm = maps[:, 0]
-        rate = contact.rate + contact.aside_rate + pushes.turning * contact.size
+        rate = contact.rate + contact.tangential_rate + inputs.turning * contact.size
         moved = rate * (age + contact.period)
-        twice = contact.error + contact.ripple + contact.aside_ripple
+        twice = contact.error + contact.ripple + contact.tangential_ripple
         once, squared = moments_of_ages(K, age - path.lag, path.lag)
         self._contact = (maps[:, 1] * (min(moved, 2.0 * contact.size) + 2.0 * twice)
                          + 2.0 * maps[:, 2] * contact.torque_error
@@ -160,7 +166,7 @@ class LaggedRows:
         basis, settings = self._basis, self._basis.settings
         out = []
         for part in columns:
-            problem = OfPosture(
+            problem = PostureMap(
                 basis.model, self._planned if within else basis.declared, [(part, 1.0)],
                 self._rows, basis.u_limit, self._rate, of=of, each=each, count=count)
             x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 4]))
@@ -216,19 +222,19 @@ class LaggedRows:
         return out
 
     def _radii(self, rest: np.ndarray) -> np.ndarray:
-        """Returns the radii of the errors of `LaggedProblem` by part (12,)."""
+        """Returns the radii of the errors of `LaggedWrenchProblem` by part (12,)."""
         table = self._table(rest)
         sums = np.array([np.sum(list(table[name].values()), axis=0)
                          for name in (*BLOCKS, JOINTS)])
         return np.array([*sums[:, [0, 1, 3]].T.ravel(), self._tip_w, *self._reading])
 
-    def _problem(self, radii: np.ndarray) -> LaggedProblem:
+    def _problem(self, radii: np.ndarray) -> LaggedWrenchProblem:
         size = self._basis.model.size
         eye, blocks = np.eye(4 * size), np.split(np.arange(size), [3, 6])
         columns = [eye[:, block + i * size] for i in range(3) for block in blocks]
         columns += [eye[:, 3 * size: -6], eye[:, -6:-3], eye[:, -3:]]
         parts: list[Part] = list(zip(columns, map(float, radii), strict=True))
-        return LaggedProblem(self._basis.model, self._planned, parts, self._rows,
+        return LaggedWrenchProblem(self._basis.model, self._planned, parts, self._rows,
                              self._basis.u_limit, self._rate)
 
     def _fixed_point(self, checks: list[Check]) -> tuple[np.ndarray, float]:

@@ -9,12 +9,12 @@ import numpy as np
 
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.tube.actuation.held_command_rates import STEP, HeldProblem, PlanProblem
+from uvms_drake.tube.actuation.held_command_rates import STEP, HeldCommandProblem, PlanProblem
 from uvms_drake.tube.rows.remainders import configuration_of, output_bias, output_jacobian
 
 
 @dataclass(frozen=True)
-class LaggedProblem(HeldProblem):
+class LaggedWrenchProblem(HeldCommandProblem):
     """What the vehicle's rows carry off the plan; errors are (x, ẋ, ẍ, w_q, F̂).
 
     x_q, its rates and w_q are what the tip's rows are in joint angles. Values are, by blocks of
@@ -93,7 +93,7 @@ class LaggedProblem(HeldProblem):
 
 
 @dataclass(frozen=True)
-class OfPosture(PlanProblem):
+class PostureMap(PlanProblem):
     """What a motion alone decides, a matrix times an error, in blocks of as many rows each."""
 
     each: int = field(kw_only=True)
@@ -120,7 +120,7 @@ def _map(M: np.ndarray, J: np.ndarray) -> np.ndarray:
     return A
 
 
-def planned_loads(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
+def planned_feedforward(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
     """Returns Aτ_J, Aτ̇_J while ζ̄̇ stands still, and Aτ̇_φ of a plan (..., 18, 1)."""
     config, zeta, rate = problem.plan(x)
     model = problem.model

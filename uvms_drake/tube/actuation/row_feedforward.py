@@ -14,7 +14,7 @@ from uvms_drake.model.frames.spatial import times
 from uvms_drake.tube.rows.remainders import output_bias, output_jacobian
 
 
-class RowLoads(NamedTuple):
+class RowFeedforward(NamedTuple):
     """Maps and loads of the rows at stacks of states."""
 
     vehicle_map: np.ndarray
@@ -35,9 +35,9 @@ class RowLoads(NamedTuple):
     """With Jᵀ𝔉 (..., 6+n)."""
 
 
-def row_loads(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: np.ndarray, *,
+def row_feedforward(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: np.ndarray, *,
               tip_acceleration: np.ndarray, wrench: np.ndarray, contact: np.ndarray | None = None
-              ) -> RowLoads:
+              ) -> RowFeedforward:
     """Returns maps and loads, of real or complex states.
 
     Args:
@@ -63,5 +63,5 @@ def row_loads(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: n
     by_forces = np.linalg.solve(M, J[..., 6:, :].swapaxes(-1, -2)).swapaxes(-1, -2)  # J_s M⁻¹
     given = -b
     given[..., :6] += wrench
-    return RowLoads(A, times(A, carried) - bias[..., :6], by_forces[..., 6:],
+    return RowFeedforward(A, times(A, carried) - bias[..., :6], by_forces[..., 6:],
                     -times(by_forces, given) - bias[..., 6:], A @ by_arm, by_forces[..., :6], M, b)

@@ -1,6 +1,6 @@
 """Error budget of the rows of `tip first` under thrusters with delay: no proof, a budget.
 
-By (3) there, for blocks b of rows with the G, h and A of `late_loads`; f̄ = Aτ̄ of the plan, asked
+By (3) there, for blocks b of rows with the G, h and A of `thruster_feedforward`; f̄ = Aτ̄ of the plan, asked
 for ℓ ahead, φ what the robot carries besides, w the feedback, ∘ marks norms of blocks:
 
     δ'_b = (G e^{sℓ} − 1)f̄ + (G − 1)φ + c,
@@ -49,7 +49,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.tube.actuation.thruster_feedforward import LateLoads
+from uvms_drake.tube.actuation.thruster_feedforward import ThrusterFeedforward
 from uvms_drake.tube.loops.actuator_path import Actuators
 from uvms_drake.tube.loops.row_loop import RowLoop
 
@@ -60,7 +60,7 @@ PLAN, LOADS, WRENCH, TURNING, CONTACT, ARM = (
 
 
 class Errors(NamedTuple):
-    """Bounds of errors of the rows, as `LateLoads.by_error` has them."""
+    """Bounds of errors of the rows, as `ThrusterFeedforward.by_error` has them."""
 
     x: np.ndarray
     """Of x and ẋ (10,)."""
@@ -72,7 +72,7 @@ class Errors(NamedTuple):
     """Of its rate (4,)."""
 
 
-class LateRows:
+class ThrusterBudget:
     """The bounds by source.
 
     Args:
@@ -83,7 +83,7 @@ class LateRows:
         force: Bounds of the contact's force, of its rate but for a ripple, and of that [N, N/s].
     """
 
-    def __init__(self, actuators: Actuators, vehicle: RowLoop, tip: RowLoop, loads: LateLoads,
+    def __init__(self, actuators: Actuators, vehicle: RowLoop, tip: RowLoop, loads: ThrusterFeedforward,
                  force: tuple[float, float, float]):
         size, rate, ripple = force
         self._actuators, self._loads = actuators, loads

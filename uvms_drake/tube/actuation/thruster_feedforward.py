@@ -7,7 +7,7 @@ from 𝔮̄, ζ̄ and ζ̄̇ alone. What the real robot has to carry besides is
 
     φ = h − h̄ − (A − Ā)τ̄,    ‖φ_b‖ ≤ Σ_b' ‖∂φ_b/∂x_b'‖ ‖x_b'‖ + ‖∂φ_b/∂ẋ_b'‖ ‖ẋ_b'‖,             (1)
 
-x the errors of the outputs, those of the tip in joint angles (`tip_first_rests`), with the tip's
+x the errors of the outputs, those of the tip in joint angles (`tip_first_remainders`), with the tip's
 acceleration and all forces τ̄ as planned, which have derivatives of their own. All suprema
 are over the declared set and over plans within. They are searched for, multiplied by a declared
 factor, and called estimates.
@@ -22,7 +22,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.tube.actuation.row_feedforward import RowLoads, row_loads
+from uvms_drake.tube.actuation.row_feedforward import RowFeedforward, row_feedforward
 from uvms_drake.tube.rows.image import input_within
 from uvms_drake.tube.rows.remainders import output_bias, output_jacobian
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -57,7 +57,7 @@ class Plans(NamedTuple):
     """Largest |ζ̄̇ᵢ| (6+n,)."""
 
 
-class LateLoads(NamedTuple):
+class ThrusterFeedforward(NamedTuple):
     """The suprema.
 
     Blocks of rows are the vehicle's position, its attitude, the tip's position, and the rest of the
@@ -98,9 +98,9 @@ class LateLoads(NamedTuple):
     """‖(∂M⁻¹/∂q τ̄)ᵢ‖, how the input of a plan's force follows the joints (6+n,)."""
 
 
-def late_loads(model: ContactModel, declared: ConstraintSet, rows: np.ndarray, plans: Plans,
+def thruster_feedforward(model: ContactModel, declared: ConstraintSet, rows: np.ndarray, plans: Plans,
                driven: np.ndarray, off: np.ndarray, settings: CertificateSettings
-               ) -> tuple[LateLoads, Check]:
+               ) -> tuple[ThrusterFeedforward, Check]:
     """Returns the suprema, and what makes the second search for them.
 
     Args:
@@ -129,18 +129,18 @@ def late_loads(model: ContactModel, declared: ConstraintSet, rows: np.ndarray, p
             at, *box, seed, points=CHECKS_FOR_EACH * settings.tube_samples)),)
 
 
-def _named(values: np.ndarray, size: int) -> LateLoads:
+def _named(values: np.ndarray, size: int) -> ThrusterFeedforward:
     """Returns the numbers of `values_at` by their names."""
     shapes = (*[(4,)] * 5, (4, 4), *[(4, 10)] * 2, *[(4, 4)] * 2, *[(4,)] * 4, (2, 2 * size),
               (size,))
     ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
-    return LateLoads(*(part.reshape(shape) for part, shape in zip(
+    return ThrusterFeedforward(*(part.reshape(shape) for part, shape in zip(
         np.split(values, ends), shapes, strict=True)))
 
 
 def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
               plans: Plans, driven: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """Returns all numbers of `LateLoads` at points of the cube [−1, 1]^(2+n+3(6+n)).
+    """Returns all numbers of `ThrusterFeedforward` at points of the cube [−1, 1]^(2+n+3(6+n)).
 
     The real and the nominal motion are in the same posture, with velocities of their own; a point
     is (q, roll, pitch), ζ, and ζ̄ and ū in one, the second by a share of what ζ̄ leaves.
@@ -164,7 +164,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
 
     # What a plan carries, f̄, and how it varies while ζ̄̇ stands still.
     step = 1j * COMPLEX_STEP * np.concatenate([configuration_rate(config, zeta_bar), rate], axis=1)
-    planned = row_loads(model, config + step[:, :size], zeta_bar + step[:, size:], rows, **none)
+    planned = row_feedforward(model, config + step[:, :size], zeta_bar + step[:, size:], rows, **none)
     jumps, smooth = (times(_whole(planned, driven), forces)[..., None]
                      for forces in (times(planned.M, rate), planned.b))
     out = [norm for each in (
@@ -172,7 +172,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
         jumps.imag / COMPLEX_STEP, smooth.imag / COMPLEX_STEP) for norm in of_rows(each)]
 
     # The maps, and how they turn.
-    here = row_loads(model, config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta,
+    here = row_feedforward(model, config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta,
                      rows, **none)
     maps, M = _whole(here, driven), here.M.real
     idle = np.setdiff1d(np.arange(6), driven)
@@ -220,7 +220,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
         np.linalg.norm(both[:, :, block], axis=2) for block in of_y[:2]), by_posture])
 
 
-def _whole(loads: RowLoads, driven: np.ndarray) -> np.ndarray:
+def _whole(loads: RowFeedforward, driven: np.ndarray) -> np.ndarray:
     """Returns A and B as one matrix (m, 6+n, 6+n), zero for the axes that nothing drives."""
     n = loads.tip_map.shape[-1]
     out = np.zeros((len(loads.tip_map), 6 + n, 6 + n), loads.tip_map.dtype)
@@ -262,7 +262,7 @@ def _by_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: 
     held += output_bias(config, kinematics, zeta, rows)[:, 6:]
     steps = 1j * COMPLEX_STEP * np.eye(2 * size)
     config, zeta = config[:, None] + steps[:, :size], zeta[:, None] + steps[:, size:]
-    loads = row_loads(model, config, zeta, rows, tip_acceleration=held[:, None],
+    loads = row_feedforward(model, config, zeta, rows, tip_acceleration=held[:, None],
                       wrench=forces[:, None, :6])
     kinematics = model.kinematics(config)
     s = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)[..., rows]
@@ -271,8 +271,8 @@ def _by_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: 
     of_outputs = np.concatenate([config[..., :6], s, rates], axis=-1).imag / COMPLEX_STEP
     off = np.concatenate([loads.vehicle - times(loads.vehicle_map, forces[:, None, :6]),
                           loads.tip - times(loads.tip_map, forces[:, None, 6:])], axis=-1)
-    of_loads = off.imag / COMPLEX_STEP
-    both = np.split(np.linalg.solve(of_outputs, of_loads).swapaxes(1, 2), 2, axis=2)
+    of_feedforward = off.imag / COMPLEX_STEP
+    both = np.split(np.linalg.solve(of_outputs, of_feedforward).swapaxes(1, 2), 2, axis=2)
     return [each for by_y in both for each in (
         by_y[..., :3], by_y[..., 3:6], by_y[..., 6:] @ J_sq, *(by_y[..., i] for i in blocks[2:]))]
 

@@ -9,9 +9,9 @@ from dataclasses import asdict, astuple, replace
 import numpy as np
 
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.tube.actuation.held_command import HeldRows
-from uvms_drake.tube.actuation.thruster_budget import Errors, LateRows, least_bounds
-from uvms_drake.tube.actuation.thruster_feedforward import Plans, late_loads
+from uvms_drake.tube.actuation.held_command import HeldCommandTube
+from uvms_drake.tube.actuation.thruster_budget import Errors, ThrusterBudget, least_bounds
+from uvms_drake.tube.actuation.thruster_feedforward import Plans, thruster_feedforward
 from uvms_drake.tube.conditions import BEYOND, Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.actuator_path import Actuators, Path
@@ -26,7 +26,7 @@ HALVINGS = 6
 """Times that all that is late is halved to find what would do."""
 
 
-class LateTube:
+class ActuationTube:
     """What late actuators add; see `late_rows`.
 
     Args:
@@ -55,14 +55,14 @@ class LateTube:
         rate = np.minimum(basis.largest_rate, 2.0 / basis.time_step * np.repeat(
             slower, [3, 3, model.num_joints]))
         driven = np.setdiff1d(np.arange(6), law.undriven_rows)
-        self._loads, self.check = late_loads(
+        self._loads, self.check = thruster_feedforward(
             model, declared, rows, Plans(
                 float(slower[0]), float(slower[1]), float(slower[2]), basis.u_limit, rate), driven,
             basis.actuators.off, basis.settings)
         vehicle, tip = (replace(loop, observer=0.0) for loop in loops)
-        self._force = (contact.size, float(np.hypot(contact.rate, contact.aside_rate)),
-                       float(np.hypot(contact.ripple, contact.aside_ripple)))
-        self._rows = LateRows(basis.actuators, vehicle, tip, self._loads, self._force)
+        self._force = (contact.size, float(np.hypot(contact.rate, contact.tangential_rate)),
+                       float(np.hypot(contact.ripple, contact.tangential_ripple)))
+        self._rows = ThrusterBudget(basis.actuators, vehicle, tip, self._loads, self._force)
         wrong = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
         wrong = np.column_stack([wrong, 1.0 + wrong[:, 2]])  # ë as in `_loop`
         self._wrong = wrong * self._loads.by_thrusters[:, None]
@@ -88,7 +88,7 @@ class LateTube:
             self._errors(z), float(sum(part[0] for part in self.table[JOINTS].values())),
             float(slower[2]))
 
-    def _least_bounds(self, rows: LateRows) -> tuple[np.ndarray, float]:
+    def _least_bounds(self, rows: ThrusterBudget) -> tuple[np.ndarray, float]:
         """Returns what is late of the rows (4, 4), and the part of errors that comes back."""
         return least_bounds(
             lambda z: np.sum(list(self._parts(z, rows).values()), axis=0), (4, 4))
@@ -100,7 +100,7 @@ class LateTube:
                      for path in (actuators.vehicle, actuators.joints)]
             vehicle, tip = (replace(loop, **asdict(path))
                             for loop, path in zip(loops, paths, strict=True))
-            rows = LateRows(replace(actuators, vehicle=paths[0], joints=paths[1]), vehicle, tip,
+            rows = ThrusterBudget(replace(actuators, vehicle=paths[0], joints=paths[1]), vehicle, tip,
                             self._loads, self._force)
             if self._least_bounds(rows)[1] < 1.0:
                 wrench = paths[0]
@@ -119,17 +119,17 @@ class LateTube:
         return Errors(x[:, :2].T.ravel(), x[:, [1, 3]].T.ravel(), of_rows[:, 2], np.sum(
             of_rows[:, [1, 3]] * self._feedback, axis=1))
 
-    def _parts(self, late: np.ndarray, rows: LateRows) -> dict[str, np.ndarray]:
+    def _parts(self, late: np.ndarray, rows: ThrusterBudget) -> dict[str, np.ndarray]:
         """Returns bounds of e, ė, w and ë by source (4, 4), if those of what is late are these."""
         return {MODEL: self._wrong} | rows.parts(self._errors(late))
 
 
 def held_rows(basis: Basis, rows: np.ndarray, loops: tuple[RowLoop, ...],
-          table: Mapping[str, Parts], turning: float, regular: float) -> HeldRows:
+          table: Mapping[str, Parts], turning: float, regular: float) -> HeldCommandTube:
     """Returns what a command that is held adds."""
     contact = basis.contact
     assert contact is not None  # or `_unknown`
-    return HeldRows(basis, rows, loops, table, slower_plans(basis, rows, table),
+    return HeldCommandTube(basis, rows, loops, table, slower_plans(basis, rows, table),
                     turning, regular,
                     (contact.size + contact.error, contact.torque_error))
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from uvms_drake.model.frames.euler import COMPLEX_STEP
 from uvms_drake.model.uvms_model import UvmsModel
-from uvms_drake.tube.contact.sensor_gains import Sizes, tip_jacobian_and_gain
+from uvms_drake.tube.contact.sensor_gains import OperatorNorms, tip_jacobian_and_gain
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
 from uvms_drake.tube.loops.row_gains import instant_gains, lagged_gains
-from uvms_drake.tube.resolved.sensor_effect import Push
+from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 
@@ -28,7 +28,7 @@ SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "th
 
 
 @dataclass(frozen=True)
-class FeltForce:
+class MeasuredForceBounds:
     """The forces of a class of walls on the tip, and what a sensor makes of them.
 
     A force is F_N n + 𝔣, n the same at all times, F_N the size of the normal force and 𝔣 the rest:
@@ -44,9 +44,9 @@ class FeltForce:
     """Rate of F_N's slow part [N/s]."""
     ripple: float
     """Size of the rest of it [N]."""
-    aside_rate: float
+    tangential_rate: float
     """Rate of 𝔣's slow part [N/s]."""
-    aside_ripple: float
+    tangential_ripple: float
     """Size of the rest of it [N]."""
     error: float
     """Bound of ‖F̂ − F‖ in rest: noise, bias, drift, tool [N]."""
@@ -65,7 +65,7 @@ class FeltForce:
         return self.lag + self.period
 
 
-def by_source(force: FeltForce, A: Sizes, known: float, late: float, *, turning: float,
+def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, late: float, *, turning: float,
               qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
     """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
 
@@ -83,13 +83,13 @@ def by_source(force: FeltForce, A: Sizes, known: float, late: float, *, turning:
     return np.array([
         known * (A.force * force.error + A.torque * force.torque_error),
         known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
-        known * A.force * force.aside_rate * force.age + late * A.force * force.aside_ripple,
+        known * A.force * force.tangential_rate * force.age + late * A.force * force.tangential_ripple,
         known * (A.force * turning * force.size * force.age + moving
-                 + force.age * A_rate * (force.ripple + force.aside_ripple))])
+                 + force.age * A_rate * (force.ripple + force.tangential_ripple))])
 
 
-def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: float, sigma: float, *,
-            safety_factor: float = 1.0, seed: int = 0) -> Push:
+def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredForceBounds, k: float, sigma: float, *,
+            safety_factor: float = 1.0, seed: int = 0) -> SensorEffect:
     """Returns what the errors of a force sensor do to the law `resolved`.
 
     By (1), δ = A(q)(F̂ − F) drives the rows, A = J_bM⁻¹J_Eᵀ in axes of the tip or the rows of
@@ -123,12 +123,12 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
     turning = declared.nu2 + found.turning * declared.qdot
     instant, missed = instant_gains(k, sigma), lagged_gains(k, sigma, force.lag, force.period)
 
-    def parts(gain: str, A: Sizes, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+    def parts(gain: str, A: OperatorNorms, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
         """Returns the terms of (3) by source (number of `SOURCES`, ...)."""
         return by_source(force, A, getattr(instant, gain), getattr(missed, gain), turning=turning,
                          qdot=declared.qdot, moving=moving, turned=turned)
 
-    def through(A: Sizes) -> np.ndarray:
+    def through(A: OperatorNorms) -> np.ndarray:
         """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
         return np.asarray(
             A.force * reading_off(force, turning) + A.torque * force.torque_error)
@@ -144,9 +144,9 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
     position = parts("position", found.position, J_r, turned)
     depth = parts("position", found.depth, J_r, turned)
     speed = parts("velocity", found.depth, J_r, turned)
-    orientation = parts("position", Sizes(*(euler * size for size in found.rotation)),
+    orientation = parts("position", OperatorNorms(*(euler * size for size in found.rotation)),
                         euler_r, euler_rate * float(found.rotation.force))
-    return Push(
+    return SensorEffect(
         depth=float(np.sum(depth)), depth_speed=float(np.sum(speed)),
         position=float(np.sum(position)), orientation=float(np.sum(orientation)),
         tip_speed=float(np.sum(parts("velocity", found.position, J_r, turned))),
@@ -159,7 +159,7 @@ def push_of(model: UvmsModel, declared: ConstraintSet, force: FeltForce, k: floa
             ("depth", depth), ("depth_speed", speed), ("position", position))})
 
 
-def reading_off(force: FeltForce, turning: float) -> float:
+def reading_off(force: MeasuredForceBounds, turning: float) -> float:
     """Returns how far a reading is off the forces that it stands for, ε_f + ωF̄(T + h) [N].
 
     They are a mean of F in Σ_I over ages of T + h at most, which a plan has counted with. A reading
@@ -193,7 +193,7 @@ def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force:
             second_over_joints(sizes, lower, upper, seed))
 
 
-def contact_input_rest(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
+def contact_input_remainder(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
                        joints: float, orientation: float, seed: int = 0
                        ) -> tuple[np.ndarray, np.ndarray]:
     """Returns by how much the contact's parts of 𝔲 and of τ may differ (6+n,) inside of the tube.

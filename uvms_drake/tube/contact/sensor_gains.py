@@ -18,7 +18,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 
-class Sizes(NamedTuple):
+class OperatorNorms(NamedTuple):
     """Suprema of norms of matrices A(q), one or several of them."""
 
     force: np.ndarray | float
@@ -44,20 +44,20 @@ class Suprema(NamedTuple):
     """‖J_ω‖, of the tip's angular velocity by ζ."""
     angular_by_joints: float
     """(Σᵢ‖∂J_ω/∂qᵢ‖²)^½ in axes of the tip."""
-    depth: Sizes
+    depth: OperatorNorms
     """Of n·𝔭̇."""
-    position: Sizes
+    position: OperatorNorms
     """Of the tip's velocity, in its axes."""
-    rotation: Sizes
+    rotation: OperatorNorms
     """Of its angular velocity, likewise."""
-    zeta: Sizes
+    zeta: OperatorNorms
     """Of ν₁, ν₂ and q̇, (3,) each."""
-    rows: Sizes
+    rows: OperatorNorms
     """Of each row of ζ̇ (6+n,)."""
 
 
 ALONE = 5
-"""Number of `Suprema` before those that are `Sizes`."""
+"""Number of `Suprema` before those that are `OperatorNorms`."""
 
 
 def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ def tip_jacobian_and_gain(model: UvmsModel, q: np.ndarray) -> tuple[np.ndarray, 
     return J_E, np.linalg.solve(model.mass_matrix(kinematics), J_E.swapaxes(-1, -2))
 
 
-def sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
+def norms_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: float) -> tuple[
         Callable[[np.ndarray], np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Returns the norms by the joints and n in the cone about the tip's x-axis, and their box."""
     size, num_joints = model.size, model.num_joints
@@ -105,11 +105,11 @@ def sizes_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: flo
 
 
 def suprema_of(worst: np.ndarray) -> Suprema:
-    """Returns the suprema of `sizes_over_joints` by what they are of."""
+    """Returns the suprema of `norms_over_joints` by what they are of."""
     table = worst[ALONE:].reshape(-1, 4).T
     turning, linear, linear_by_joints, angular, angular_by_joints = map(float, worst[:ALONE])
     return Suprema(turning, linear, linear_by_joints, angular, angular_by_joints, *(
-        Sizes(*table[:, part]) for part in (0, 1, 2, slice(3, 6), slice(6, None))))
+        OperatorNorms(*table[:, part]) for part in (0, 1, 2, slice(3, 6), slice(6, None))))
 
 
 def in_vehicle(J_E: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ import numpy as np
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.tube.contact.enclosure import Enclosure, concatenated, crossing, exactly, inverse
 from uvms_drake.tube.contact.joint_enclosures import Expansion, inertia_of, link_jacobians
-from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norm, sizes_over_joints, suprema_of
+from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norm, norms_over_joints, suprema_of
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
@@ -50,7 +50,7 @@ POLYGON = 12
 ROUNDING = 1e-9
 """Relative allowance for rounding."""
 PROVABLE = ALONE + 4 * 6
-"""How many of the columns of `sizes_over_joints` are proven: all but those of single rows of ζ̇."""
+"""How many of the columns of `norms_over_joints` are proven: all but those of single rows of ζ̇."""
 
 
 class Claimed(NamedTuple):
@@ -88,7 +88,7 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
         safety_factor: The factor.
         seed: Seed of the searches.
     """
-    sizes, box = sizes_over_joints(model, declared, tool_angle)
+    sizes, box = norms_over_joints(model, declared, tool_angle)
     claims = safety_factor * supremum_over_joints(sizes, *box, seed)
     claims[[2, 4]] *= SLOPES_OF_J
     claims[ALONE + 3::4] *= SLOPES_OF_A
@@ -108,7 +108,7 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
 
 def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle: float,
              claims: np.ndarray, most_work: int) -> Proof:
-    """Returns whether the first of the suprema of `sizes_over_joints` are at most the claims.
+    """Returns whether the first of the suprema of `norms_over_joints` are at most the claims.
 
     Nothing is proven of a robot without joints, whose one box has no halves.
 
@@ -159,7 +159,7 @@ def corners_of_cone(angle: float) -> np.ndarray:
 
 
 class Bounds(NamedTuple):
-    """Of norms over m boxes, in the order of the columns of `sizes_over_joints`."""
+    """Of norms over m boxes, in the order of the columns of `norms_over_joints`."""
 
     value: np.ndarray
     """(m, c) at the centres, with n the tip's x-axis."""

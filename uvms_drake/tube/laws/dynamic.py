@@ -16,7 +16,7 @@ from uvms_drake.control.limits import TubeRadii
 from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditions
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.constants.constants import Constant
-from uvms_drake.tube.contact.sensor_error import push_of
+from uvms_drake.tube.contact.sensor_error import sensor_effect_of
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.laws.kinematic import undetermined_joints
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
@@ -28,7 +28,7 @@ from uvms_drake.tube.resolved.bounds import (
     transpose_velocity_radius,
 )
 from uvms_drake.tube.resolved.image import tube_image
-from uvms_drake.tube.resolved.sensor_effect import Push
+from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.estimate import together
 
 ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
@@ -72,34 +72,34 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
     gains = basis.row_norm("position"), basis.row_norm("orientation")
     position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
-    push = Push() if basis.contact is None else push_of(
+    sensor_effect = SensorEffect() if basis.contact is None else sensor_effect_of(
         basis.model, basis.declared, basis.contact, k, sigma,
         safety_factor=settings.safety_factor, seed=settings.seed)
     image = tube_image(
         basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
         k=k, sigma=sigma, samples=settings.tube_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed, push=push, largest_rate=basis.largest_rate, forces=basis.forces)
+        seed=settings.seed, sensor_effect=sensor_effect, largest_rate=basis.largest_rate, forces=basis.forces)
     tip_speed = 2.0 * sigma * position
-    pushed = float(np.linalg.norm([push.position, push.orientation, push.p[2]]))
+    pushed = float(np.linalg.norm([sensor_effect.position, sensor_effect.orientation, sensor_effect.p[2]]))
     tube = TubeRadii(
-        e=resolved_task_radius(law, basis) + pushed, position=position + push.position,
-        orientation=orientation + push.orientation,
+        e=resolved_task_radius(law, basis) + pushed, position=position + sensor_effect.position,
+        orientation=orientation + sensor_effect.orientation,
         joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
-        + float(push.p[2]),
+        + float(sensor_effect.p[2]),
         z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
-        qdot=image.qdot, tip_speed=tip_speed + push.tip_speed, roll=image.roll, pitch=image.pitch,
+        qdot=image.qdot, tip_speed=tip_speed + sensor_effect.tip_speed, roll=image.roll, pitch=image.pitch,
         u=image.u, tau=image.tau)
     if basis.contact is not None:
-        tube = replace(tube, depth=position + push.depth, depth_speed=tip_speed + push.depth_speed)
+        tube = replace(tube, depth=position + sensor_effect.depth, depth_speed=tip_speed + sensor_effect.depth_speed)
     by_d = {"depth": position, "depth_speed": tip_speed, "position": position}
-    budget = {name: {"d": by_d[name], **parts} for name, parts in push.budget.items()}
+    budget = {name: {"d": by_d[name], **parts} for name, parts in sensor_effect.budget.items()}
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
     estimated: tuple[str, ...] = ESTIMATED
-    if np.any(basis.weights != 1.0) or np.any(push.p):
+    if np.any(basis.weights != 1.0) or np.any(sensor_effect.p):
         estimated += ("roll", "pitch")
-    if basis.contact is not None and not push.proven:
+    if basis.contact is not None and not sensor_effect.proven:
         estimated = tuple(vars(tube))
-    check = together(image.check, push.check)
+    check = together(image.check, sensor_effect.check)
     return LawTube(tube, (condition,), budget, estimated, check)
 
 

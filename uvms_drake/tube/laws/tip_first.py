@@ -34,9 +34,14 @@ import numpy as np
 from uvms_drake.control.laws.tip_first import TipFirst
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.tube.actuation.held_command import HeldRows, drags_of, turning_of
-from uvms_drake.tube.actuation.lagged_wrench import LaggedRows
-from uvms_drake.tube.actuation.thruster_tube import LateTube, block_bounds, held_rows, slower_plans
+from uvms_drake.tube.actuation.held_command import HeldCommandTube, drags_of, turning_of
+from uvms_drake.tube.actuation.lagged_wrench import LaggedWrenchTube
+from uvms_drake.tube.actuation.thruster_tube import (
+    ActuationTube,
+    block_bounds,
+    held_rows,
+    slower_plans,
+)
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.law_tube import Basis, LawTube
@@ -48,8 +53,8 @@ from uvms_drake.tube.rows.disturbance_gains import (
     JOINTS,
     TIP,
     VEHICLE,
+    DisturbanceInputs,
     Parts,
-    Pushes,
     euler_stretch,
     grown_gains,
     in_joints,
@@ -101,15 +106,15 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     else:
         vehicle, tip = (loop_gains(*each, basis) for each in zip(loops, ages, strict=True))
         joints = tip
-    pushes = Pushes(basis)
+    inputs = DisturbanceInputs(basis)
     stretch, weights = euler_stretch(basis.declared.pitch), basis.weights
     tip_norm = basis.row_norm("position")
     table: dict[str, Parts] = {
-        VEHICLE: pushes.of(vehicle, float(np.max(weights[:3])), VEHICLE),
-        ATTITUDE: pushes.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
-        TIP: pushes.of(tip, tip_norm, TIP), DEPTH: pushes.of(tip, tip_norm, DEPTH),
-        JOINTS: in_joints(basis, arm, joints, pushes)}
-    late: LateTube | HeldRows | LaggedRows | None = None
+        VEHICLE: inputs.of(vehicle, float(np.max(weights[:3])), VEHICLE),
+        ATTITUDE: inputs.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
+        TIP: inputs.of(tip, tip_norm, TIP), DEPTH: inputs.of(tip, tip_norm, DEPTH),
+        JOINTS: in_joints(basis, arm, joints, inputs)}
+    late: ActuationTube | HeldCommandTube | LaggedWrenchTube | None = None
     free_check = no_estimates
     limits = np.array([basis.declared.nu1, basis.declared.nu2, basis.declared.qdot])
     if is_held:
@@ -118,10 +123,10 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         free, free_check = free_arm(model, basis.declared, rows, settings)
         conditions.append(Condition(
             "arm, least det J_g over det J_sq, estimated", free, ">", 0.0))
-        late = LaggedRows(basis, rows, *loops, table, np.minimum(
-            slower_plans(basis, rows, table), SHARE * limits), pushes)
+        late = LaggedWrenchTube(basis, rows, *loops, table, np.minimum(
+            slower_plans(basis, rows, table), SHARE * limits), inputs)
     elif actuators.late:
-        late = LateTube(law, basis, rows, loops, table)
+        late = ActuationTube(law, basis, rows, loops, table)
     if late is not None:
         table = late.table
     sums = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
@@ -142,7 +147,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         model, basis.declared, rows, block_bounds(sums, size),
         basis.u_limit, settings, forces=basis.forces, largest_rate=basis.largest_rate)
     position, attitude = float(sums[TIP][0]), float(sums[ATTITUDE][0])
-    beside = pushes.reading if late is None else pushes.reading + late.beside
+    beside = inputs.reading if late is None else inputs.reading + late.beside
     nu1, nu2, qdot = np.maximum(
         [image.nu1, image.nu2, image.qdot], (1.0 - SHARE) * limits if is_lagged else 0.0)
     tube = TubeRadii(
@@ -154,7 +159,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         depth_speed=float(sums[DEPTH][1]) if felt else None, u=image.u + beside[:size],
         tau=None if image.tau is None else image.tau + beside[size:])
     return LawTube(tube, tuple(conditions), budget, tuple(vars(tube)), together(
-        arm.check, turning_check, free_check, pushes.check, image.check,
+        arm.check, turning_check, free_check, inputs.check, image.check,
         no_estimates if late is None else late.check,
         lambda: checked_constants(
             model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)))

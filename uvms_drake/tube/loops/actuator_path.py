@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uvms_drake.model.sensor_actuator import ON_TIME, CommandPath, Lateness
+from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay, CommandPath
 
 SAME = 1e-6
 """Part of a period by which times differ that are meant to be the same."""
@@ -55,7 +55,7 @@ class Actuators:
         return self.vehicle.age > 0.0 or self.joints.age > 0.0
 
 
-def actuators_of(paths: Sequence[CommandPath | None], ahead: Lateness = ON_TIME) -> Actuators:
+def actuators_of(paths: Sequence[CommandPath | None], ahead: ActuationDelay = ON_TIME) -> Actuators:
     """Returns the actuators of a chain: thrusters behind a clock, either of them or none.
 
     Thrusters are sampled by a clock of their own. A command that goes out at δ after a tick meets

@@ -77,7 +77,7 @@ EXACT = 1e-6
 """Part of a period by which times differ that are meant to be the same."""
 FRACTION = 0.1
 """Length of a period of a loop without clocks, by its fastest rate: for the quadrature only."""
-AHEAD_POINTS = 256
+PREVIEW_POINTS = 256
 """Intervals of the quadrature over the time by which f̄ is asked for ahead."""
 E, RATE = 0, 1
 """The first two states: e and ė."""
@@ -283,13 +283,13 @@ def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, ahead: 
         asked: The part of it that is asked for.
         ahead: ℓ [s].
     """
-    m, step = len(f), ahead / AHEAD_POINTS
+    m, step = len(f), ahead / PREVIEW_POINTS
     flow = np.zeros((m + 1, m + 1))
     flow[:m, :m], flow[:m, m] = loop.A, asked
     advance = exponential(step * flow)
-    states = np.zeros((2, AHEAD_POINTS + 1, m + 1))
+    states = np.zeros((2, PREVIEW_POINTS + 1, m + 1))
     states[0, 0, :m], states[1, 0, m] = asked, 1.0
-    for i in range(AHEAD_POINTS):
+    for i in range(PREVIEW_POINTS):
         states[:, i + 1] = states[:, i] @ advance.T
     known = absolute_integral(np.moveaxis(states[..., :m] @ loop.C.T, 1, -1), step)
     settled = -np.linalg.solve(loop.A, f)  # by f̄ = 1

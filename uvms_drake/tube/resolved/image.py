@@ -38,8 +38,8 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.resolved.bounds import attitude_radii, joint_rate_radius, preimage_shift
-from uvms_drake.tube.resolved.search_problems import RestProblem, turning_problem
-from uvms_drake.tube.resolved.sensor_effect import Push
+from uvms_drake.tube.resolved.search_problems import RemainderProblem, turning_problem
+from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, together
@@ -86,7 +86,7 @@ class _Errors:
     """Diagonal of Ŵ (6+n,)."""
     shift: float
     """Of 𝔭, in the vehicle's components: in those of the joints, J_x⁻¹J̇_x has no rows."""
-    push: Push
+    sensor_effect: SensorEffect
     """What a felt contact adds, beyond 𝔢_p and 𝔢_o."""
 
     def of_blocks(self) -> list[Part]:
@@ -95,7 +95,7 @@ class _Errors:
         axes = np.diag(np.concatenate([np.ones(6), self.weights[6:], self.weights]))
         blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
         return _filled([*zip((axes[:, block] for block in blocks), self.radii, strict=True),
-                        *self._pushed((0.0, 0.0, float(self.push.p[2])))])
+                        *self._pushed((0.0, 0.0, float(self.sensor_effect.p[2])))])
 
     def of_preimage(self) -> list[Part]:
         """Returns those of (𝔭, 𝔯): of 𝔭₀, δ and Ŵ⁻¹𝔯."""
@@ -104,7 +104,7 @@ class _Errors:
         eye = np.eye(2 * size)
         axes = eye * np.tile(self.weights, 2)
         return _filled([(axes[:, :size], radius), (eye[:, :6], self.shift), (axes[:, size:], r),
-                        *self._pushed(tuple(self.push.p))])
+                        *self._pushed(tuple(self.sensor_effect.p))])
 
     def _pushed(self, p: tuple[float, ...]) -> list[Part]:
         """Returns balls in the blocks of 𝔢_y or 𝔭, and of 𝔯, of the radii `p` and the push's."""
@@ -112,7 +112,7 @@ class _Errors:
         eye, blocks = np.eye(2 * size), _blocks(size)
         return [*((eye[:, block], float(radius)) for block, radius in zip(blocks, p, strict=True)),
                 *((eye[:, size:][:, block], float(radius))
-                  for block, radius in zip(blocks, self.push.r, strict=True))]
+                  for block, radius in zip(blocks, self.sensor_effect.r, strict=True))]
 
 
 def _filled(parts: list[Part]) -> list[Part]:
@@ -140,7 +140,7 @@ def input_gain(k: float, sigma: float) -> float:
 def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.ndarray, *,
                d_bound: float, gains: tuple[float, float], k: float, sigma: float,
                samples: int, safety_factor: float, seed: int,
-               weights: np.ndarray | float = 1.0, push: Push | None = None,
+               weights: np.ndarray | float = 1.0, sensor_effect: SensorEffect | None = None,
                largest_rate: np.ndarray | float = np.inf, forces: bool = True) -> TubeImage:
     """Returns the deviations over the constraint set; infinite if σ ≤ ω.
 
@@ -156,11 +156,11 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         safety_factor: Factor of estimated suprema.
         seed: Seed of the searches.
         weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
-        push: What the errors of a force sensor add, if the contact is felt.
+        sensor_effect: What the errors of a force sensor add, if the contact is felt.
         largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,) beside those that |ūᵢ| gives.
         forces: Whether τ is wanted.
     """
-    push, size = push or Push(), model.size
+    sensor_effect, size = sensor_effect or SensorEffect(), model.size
     weights = weights * np.ones(size)
     checks: list[Check] = []
 
@@ -189,8 +189,8 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     if np.any(weights != 1.0):
         alpha = searched(["α"], turning[1], sampled(turning[1]), PATIENCE).get("α", 0.0)
     shift = preimage_shift(k, sigma, d_bound, omega, alpha)
-    if np.any(push.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
-        drift = omega * float(np.linalg.norm(push.p))
+    if np.any(sensor_effect.p):  # ‖J_x⁻¹J̇_x𝔭₀‖ ≤ ω‖𝔭₀‖
+        drift = omega * float(np.linalg.norm(sensor_effect.p))
         shift += drift / (sigma - omega) if omega < sigma else np.inf
     if not np.isfinite(shift):
         none = np.full(size, np.inf)
@@ -199,11 +199,11 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
 
     # The rests, each over the set of errors in which it is smaller.
     radius = d_bound / (k * sigma)
-    errors = _Errors((gains[0] * radius + push.position, gains[1] * radius + push.orientation,
-                      radius, d_bound / k), weights, shift, push)
-    problems = [RestProblem(model, constraint_set, errors.of_blocks(), u_limits, k, sigma,
+    errors = _Errors((gains[0] * radius + sensor_effect.position, gains[1] * radius + sensor_effect.orientation,
+                      radius, d_bound / k), weights, shift, sensor_effect)
+    problems = [RemainderProblem(model, constraint_set, errors.of_blocks(), u_limits, k, sigma,
                             forces=forces, largest_rate=largest_rate)]
-    if np.any(weights != 1.0) or np.any(push.p):
+    if np.any(weights != 1.0) or np.any(sensor_effect.p):
         problems.append(replace(problems[0], parts=errors.of_preimage(), preimage=True))
     names = [f"rest of {name}" for name in (
         "ν₁", "ν₂", "φ", "θ", *(f"{name}[{i}]" for name in ("u", "τ") for i in range(size)))]
@@ -214,26 +214,26 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     claims = dict.fromkeys(names, 0.0)
     for i, (problem, each) in enumerate(zip(problems, values, strict=True)):
         claims |= searched(names, problem, each * (smaller == i))
-    rests = np.array([claims[name] for name in names])
+    remainders = np.array([claims[name] for name in names])
 
-    roll, pitch = map(float, rests[2:4]) if len(problems) > 1 else attitude_radii(
+    roll, pitch = map(float, remainders[2:4]) if len(problems) > 1 else attitude_radii(
         constraint_set, errors.radii[1], errors.radii[2], model.num_joints)
 
     # The linear parts by their filters, with the shift δ of 𝔭; the rests as they were found.
     z = np.array([joint_rate_radius(k, sigma, d_bound * float(np.max(weights[block], initial=0.0)))
-                  for block in _blocks(size)]) + push.z
+                  for block in _blocks(size)]) + sensor_effect.z
     u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift
     tau = None
     if forces:
         inertia, check = _inertia(model, constraint_set, weights, safety_factor, seed)
         checks.append(check)
-        tau = (rests[4 + size:] + inertia[:, 0] * u + inertia[:, 1] * extra
-               + inertia[:, 2:] @ push.w)
+        tau = (remainders[4 + size:] + inertia[:, 0] * u + inertia[:, 1] * extra
+               + inertia[:, 2:] @ sensor_effect.w)
     return TubeImage(
-        nu1=float(rests[0] + z[0] + sigma * shift),
-        nu2=float(rests[1] + z[1] + sigma * shift), qdot=float(z[2]),
+        nu1=float(remainders[0] + z[0] + sigma * shift),
+        nu2=float(remainders[1] + z[1] + sigma * shift), qdot=float(z[2]),
         roll=roll, pitch=pitch,
-        u=rests[4: 4 + size] + weights * u + extra + push.u,
+        u=remainders[4: 4 + size] + weights * u + extra + sensor_effect.u,
         tau=tau, omega=omega, check=together(*checks))
 
 

@@ -8,7 +8,7 @@ from uvms_drake.model.frames.spatial import cross, cross_motion, times
 from uvms_drake.model.uvms_model import Kinematics
 
 
-def rests(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
+def remainders(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
          nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
          ) -> np.ndarray:
     """Returns the rests of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).

@@ -6,14 +6,14 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.spatial import times
-from uvms_drake.tube.resolved.remainders import jacobian_rate_times, rests
+from uvms_drake.tube.resolved.remainders import jacobian_rate_times, remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.search_problem import SearchProblem, input_within
 
 
 @dataclass(frozen=True)
-class RestProblem(SearchProblem):
-    """The rests of the law `resolved`; see `rests`."""
+class RemainderProblem(SearchProblem):
+    """The rests of the law `resolved`; see `remainders`."""
 
     u_limits: np.ndarray
     """|ūᵢ| (6+n,)."""
@@ -42,7 +42,7 @@ class RestProblem(SearchProblem):
             y, J = self.model.task_pose(config), self.model.task_jacobian(config)
             real = self.model.configuration(y + times(J, e_y))
             e_y = times(self.model.task_jacobian(real), e_y)
-        return rests(self.model, config, zeta, u, e_y, r, self.k, self.sigma)
+        return remainders(self.model, config, zeta, u, e_y, r, self.k, self.sigma)
 
 
 @dataclass(frozen=True)

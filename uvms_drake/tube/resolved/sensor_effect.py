@@ -8,7 +8,7 @@ from uvms_drake.tube.search.estimate import Check, no_estimates
 
 
 @dataclass(frozen=True)
-class Push:
+class SensorEffect:
     """What the errors of a sensor add to the radii of the law `resolved`."""
 
     depth: float = 0.0

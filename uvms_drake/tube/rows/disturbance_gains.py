@@ -14,7 +14,7 @@ from uvms_drake.tube.contact.sensor_error import (
     reading_input,
     reading_off,
 )
-from uvms_drake.tube.contact.sensor_gains import Sizes, Suprema
+from uvms_drake.tube.contact.sensor_gains import OperatorNorms, Suprema
 from uvms_drake.tube.contact.sensor_gains_proof import claimed_suprema
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.row_gains import lagged_gains
@@ -58,7 +58,7 @@ def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
     return LoopGains(known, 2.0 * known, np.zeros(4), age)
 
 
-class Pushes:
+class DisturbanceInputs:
     """What pushes the rows: d, and what a force sensor is off by, see (3) of `sensed`.
 
     Without J̃‖𝔯‖ in (3): here the rows themselves are driven by A(q)(F̂ − F).
@@ -95,17 +95,17 @@ class Pushes:
         turning = stretch * np.hypot(stretch, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
         vehicle, attitude = self.zeta([0]), self.zeta([1])
         tip_turned = self.turning * float(found.position.force)
-        self._rows: dict[str, tuple[Sizes, float]] = {
+        self._rows: dict[str, tuple[OperatorNorms, float]] = {
             VEHICLE: (vehicle, declared.nu2 * float(vehicle.force)),
-            ATTITUDE: (Sizes(*(stretch * size for size in attitude)),
+            ATTITUDE: (OperatorNorms(*(stretch * size for size in attitude)),
                        float(declared.nu2 * turning * attitude.force)),
             TIP: (found.position, tip_turned), DEPTH: (found.depth, tip_turned)}
         """Suprema of A of each block, and how fast its axes turn A."""
 
-    def zeta(self, blocks: list[int]) -> Sizes:
+    def zeta(self, blocks: list[int]) -> OperatorNorms:
         """Returns suprema of the rows of ν₁, ν₂ and q̇ (0, 1, 2) of M⁻¹J_Eᵀ, some of them."""
         assert self._found is not None
-        return Sizes(*(float(np.linalg.norm(np.asarray(size)[blocks]))
+        return OperatorNorms(*(float(np.linalg.norm(np.asarray(size)[blocks]))
                        for size in self._found.zeta))
 
     def of(self, loop: LoopGains, norm: float, name: str) -> Parts:
@@ -119,7 +119,7 @@ class Pushes:
         by_d = {"d": self._basis.d_bound * norm * loop.known}
         return by_d if self._found is None else by_d | self.felt(loop, *self._rows[name])
 
-    def felt(self, loop: LoopGains, A: Sizes, turned: float = 0.0) -> Parts:
+    def felt(self, loop: LoopGains, A: OperatorNorms, turned: float = 0.0) -> Parts:
         """Returns what the sensor's errors make of rows with suprema A, by source."""
         contact, basis = self._basis.contact, self._basis
         assert contact is not None
@@ -131,7 +131,7 @@ class Pushes:
         return dict(zip(SOURCES, terms.T, strict=True))
 
 
-def in_joints(basis: Basis, arm: Arm, tip: LoopGains, pushes: Pushes) -> Parts:
+def in_joints(basis: Basis, arm: Arm, tip: LoopGains, inputs: DisturbanceInputs) -> Parts:
     """Returns the bounds of x_q by source, by (2)."""
     J_dot, weights = basis.value("J_dot_max"), basis.weights
     lost = J_dot / arm.regular * tip.moment
@@ -140,9 +140,9 @@ def in_joints(basis: Basis, arm: Arm, tip: LoopGains, pushes: Pushes) -> Parts:
                                  + lost)}
     if basis.contact is None:
         return out
-    own, moved = (pushes.felt(tip, pushes.zeta(blocks)) for blocks in ([2], [0, 1]))
-    whole = pushes.felt(tip._replace(known=np.ones(4), late=np.full(4, 2.0)),
-                        pushes.zeta([0, 1, 2]))
+    own, moved = (inputs.felt(tip, inputs.zeta(blocks)) for blocks in ([2], [0, 1]))
+    whole = inputs.felt(tip._replace(known=np.ones(4), late=np.full(4, 2.0)),
+                        inputs.zeta([0, 1, 2]))
     return out | {source: own[source] + arm.carried * moved[source] + lost * whole[source]
                   for source in SOURCES}
 

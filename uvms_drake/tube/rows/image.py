@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.tube.rows.remainders import output_jacobian, tip_first_rests
+from uvms_drake.tube.rows.remainders import output_jacobian, tip_first_remainders
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of, no_estimates, together
@@ -39,7 +39,7 @@ LEADERS = 12
 
 @dataclass(frozen=True)
 class TipFirstProblem(SearchProblem):
-    """What errors (e, ė) make of the rest; see `tip_first_rests`."""
+    """What errors (e, ė) make of the rest; see `tip_first_remainders`."""
 
     rows: np.ndarray
     """The tip's task in (χ, q) (n,)."""
@@ -65,7 +65,7 @@ class TipFirstProblem(SearchProblem):
         config = self.config(pose)
         u = input_within(
             self.model, config, zeta, share, self.u_limits, self.largest_rate)
-        return tip_first_rests(self.model, self.rows, config, zeta, u, error[..., : self.size],
+        return tip_first_remainders(self.model, self.rows, config, zeta, u, error[..., : self.size],
                                error[..., self.size:])
 
 
@@ -114,7 +114,7 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
         model: The prediction model.
         declared: Where nominal and real state are.
         rows: The tip's task in (χ, q) (n,).
-        blocks: Bounds of x_η, and of x_q of the tip's rows; see `tip_first_rests`.
+        blocks: Bounds of x_η, and of x_q of the tip's rows; see `tip_first_remainders`.
         u_limits: |ūᵢ| (6+n,).
         settings: How hard to search.
         forces: Whether τ is wanted.

@@ -13,7 +13,7 @@ ITERATIONS = 6
 """Newton's steps to the joint angles of outputs."""
 
 
-def tip_first_rests(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
+def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
                     nominal_zeta: np.ndarray, nominal_u: np.ndarray, x: np.ndarray,
                     x_dot: np.ndarray) -> np.ndarray:
     """Returns what follows from errors of the outputs y = (η, s) (..., 4(6+n) − 3).

@@ -16,7 +16,7 @@ Found = TypeVar("Found")
 """What a search is to find again."""
 
 
-class Held:
+class SearchMemo:
     """What searches found, in the order in which those of a name were made."""
 
     def __init__(self) -> None:
@@ -37,18 +37,18 @@ class Held:
         return found[index], new
 
 
-_HELD: ContextVar[Held | None] = ContextVar("held", default=None)
+_HELD: ContextVar[SearchMemo | None] = ContextVar("held", default=None)
 
 
-def held() -> Held | None:
+def held() -> SearchMemo | None:
     """Returns the searches that are held, if any are."""
     return _HELD.get()
 
 
 @contextmanager
-def holding(searches: Held | None = None) -> Iterator[Held]:
-    """Holds the searches that are made meanwhile, after those of before; see `Held.again`."""
-    searches = searches or Held()
+def holding(searches: SearchMemo | None = None) -> Iterator[SearchMemo]:
+    """Holds the searches that are made meanwhile, after those of before; see `SearchMemo.again`."""
+    searches = searches or SearchMemo()
     token = _HELD.set(searches)
     try:
         yield searches

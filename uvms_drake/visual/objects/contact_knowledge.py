@@ -20,7 +20,7 @@ LINE = 0.06
 
 
 @dataclass(frozen=True)
-class Told:
+class ContactSpecification:
     """The part of a `SensedContact` that a picture needs."""
 
     direction: np.ndarray
@@ -30,10 +30,10 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Known:
-    """What was felt up to an instant; nothing, by default. See `ExploredFront`."""
+class ContactKnowledge:
+    """What was felt up to an instant; nothing, by default. See `ContactEstimator`."""
 
-    felt_force: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    force_last_valid: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """Force 𝔉_s that the law takes (6,) [N, N m]."""
     safe_depth: float = -np.inf
     """Depth x_safe up to which the planned tip may go [m]; −inf: nothing is explored."""
@@ -43,15 +43,15 @@ class Known:
     """Learned slope κ̂ [N/m]."""
 
 
-KNOWN = {"felt_force": 6, "safe_depth": 1, "contact_depth": 1, "slope": 1}
+KNOWN = {"force_last_valid": 6, "safe_depth": 1, "contact_depth": 1, "slope": 1}
 """Signals of a station that are known, and their sizes."""
 
 
-def known_from(signals: Mapping[str, np.ndarray]) -> Known:
+def contact_knowledge_from(signals: Mapping[str, np.ndarray]) -> ContactKnowledge:
     """Returns what is known by the values of `KNOWN` at an instant; nothing if one is missing."""
     if not signals.keys() >= KNOWN.keys():
-        return Known()
-    return Known(signals["felt_force"], *(
+        return ContactKnowledge()
+    return ContactKnowledge(signals["force_last_valid"], *(
         float(signals[name][0]) for name, size in KNOWN.items() if size == 1))
 
 
@@ -64,17 +64,17 @@ class DrawnKnowledge:
     Args:
         stage: Where to draw.
         board: Path of the numbers on the stage, in the xz-plane, seen from −y.
-        told: What the robot was told.
+        specification: What the robot was told.
         start: Where it is at t = 0 (3,) [m]: from there on explored depths are counted.
     """
 
-    FRONT, WALL = f"{NED}/explored_front", f"{NED}/believed_wall"
+    FRONT, WALL = f"{NED}/contact_estimator", f"{NED}/believed_wall"
     """Paths of the pane and the frame, by which they are hidden in Meshcat's controls."""
     SIDE, ROD = 0.6, 0.003  # m
 
-    def __init__(self, stage: Stage, board: str, told: Told, start: np.ndarray):
-        self._stage, self._told = stage, told
-        self._origin = float(told.direction @ start)
+    def __init__(self, stage: Stage, board: str, specification: ContactSpecification, start: np.ndarray):
+        self._stage, self._told = stage, specification
+        self._origin = float(specification.direction @ start)
         half, long = 0.5 * self.SIDE, self.SIDE + self.ROD
         corners = half * np.array([[-1.0, -1.0, 0], [1.0, -1.0, 0], [1.0, 1.0, 0], [-1.0, 1.0, 0]])
         stage.make(f"{self.FRONT}/size/pane", textured_mesh(
@@ -92,12 +92,12 @@ class DrawnKnowledge:
             self._numbers[name] = Readout(
                 stage, f"{path}/number", "", after, LARGEST, LINE, color, tenths=False)
 
-    def show(self, known: Known, tip: np.ndarray) -> None:
+    def show(self, known: ContactKnowledge, tip: np.ndarray) -> None:
         """Draws what is known with the tip at a place (3,) in Σ_I."""
         explored = known.safe_depth + self._told.margin
         self._show_at(self.FRONT, tip, explored)
         self._show_at(self.WALL, tip, known.contact_depth)
-        self._numbers["felt"].show(float(self._told.direction @ known.felt_force[:3]))
+        self._numbers["felt"].show(float(self._told.direction @ known.force_last_valid[:3]))
         self._numbers["explored"].show(1e3 * max(explored - self._origin, 0.0))
         self._numbers["slope"].show(known.slope)
 
