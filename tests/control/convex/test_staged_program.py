@@ -245,7 +245,7 @@ def test_many_limits_are_put_in_at_all_stages_and_few_are_not(short_ocp, start_p
                      kept.at_all_stages(program).rows(program) == kept.rows(program)))
         return solve(program, regulator, z, kept, sparse=sparse, softened=softened)
 
-    monkeypatch.setattr(staged_solver, "shortest", watched)
+    monkeypatch.setattr(staged_solver, "least_norm", watched)
     for ocp in (short_ocp, with_limits(short_ocp, nu1=0.03, nu2=0.02, qdot=0.05)):
         for where in ("off", "on"):
             solve_staged(ocp.staged_program(start_plans[where][0]))

@@ -35,7 +35,7 @@ from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.studies.compare_laws import compare_laws
-from uvms_drake.studies.pareto_front import front
+from uvms_drake.studies.pareto_front import pareto_front
 from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube.constants.constants import estimate_constants
 from uvms_drake.tube.law_tube import Basis
@@ -464,7 +464,7 @@ def test_options_that_break_the_theory_are_conditions(override, begins):
 
 
 @pytest.mark.parametrize("function", [
-    front, compare_laws, lambda scenario, model: propose_gains(scenario, model, 10.0)])
+    pareto_front, compare_laws, lambda scenario, model: propose_gains(scenario, model, 10.0)])
 def test_what_is_about_the_dynamics_refuses_the_kinematics(scenario, function):
     with pytest.raises(InvalidParameter, match="motion = 'kinematic'"):
         function(scenario, load_model(scenario))

@@ -249,7 +249,7 @@ def late(model, monkeypatch, vehicle: Path, joints: Path, **changed):
     monkeypatch.setattr("uvms_drake.tube.rows.image.supremum",
                         lambda problem, x, values, leaders: np.max(values, axis=0))
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)
-    for module in ("joint_search", "thruster_feedforward"):
+    for module in ("search.joint_search", "actuation.thruster_feedforward"):
         monkeypatch.setattr(f"uvms_drake.tube.{module}.ROUNDS", 0)
     still = replace(FELT, size=1.0, error=0.05, torque_error=0.0)
     law = TipFirst(BlockGains(4.0, 4.0), BlockGains(20.0, 10.0))
