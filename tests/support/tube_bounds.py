@@ -49,7 +49,7 @@ def resolved_preimage_tube(k: float, sigma: float, d_bound: float, mu: float) ->
         mu: μ, supremum of the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x [1/s].
     """
     a = sigma - mu
-    return Tube(a, 1.0, 0.0, k, d_bound, (Condition("σ, above μ", sigma, ">", mu),))
+    return Tube(a, 1.0, 0.0, k, d_bound, (Condition("σ, above μ", sigma, ">", mu, theorem="t"),))
 
 
 def resolved_velocity_radius(k: float, sigma: float, d_bound: float, mu: float, turning: float,

@@ -49,6 +49,11 @@ from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
+GUARANTEE = "control/theory.md#closed-loop-guarantee"
+TIGHTENING = "control/theory.md#constraint-tightening"
+TERMINAL = "control/theory.md#terminal-set"
+FEASIBILITY = "control/theory.md#recursive-feasibility"
+"""Theorems of the conditions."""
 UNLIMITED = 1.0
 """‖𝔉‖ of the declared set where no force acts and none is limited [N]; nothing depends on it."""
 
@@ -73,7 +78,8 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     motion = motion_of(scenario)
     if type(law) not in motion.tubes:
         return draft.adding([Condition(
-            f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0)])
+            f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0,
+            theorem=GUARANTEE)])
     try:
         progress("constants", 0.0)
         basis = basis_of(scenario, model)
@@ -108,7 +114,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     except NotOffered as error:
         return draft.adding([Condition(
             f"certificate of the surface {error.value}, it must be {error.allowed}",
-            1.0, "<=", 0.0)])
+            1.0, "<=", 0.0, theorem=GUARANTEE)])
 
 
 def assumptions(scenario: Scenario) -> list[Condition]:
@@ -123,7 +129,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.initial_state, plans start at the measured state", mpc.initial_state != "nominal"),
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
-    if scenario.contact.felt:
+    if scenario.contact.is_sensed:
         given_up.append(("contact.tangential_lag, friction that the law is told of late",
                          sensed_contact(scenario).tangential_lag))
     given_up += motion_of(scenario).given_up(mpc)
@@ -132,9 +138,9 @@ def assumptions(scenario: Scenario) -> list[Condition]:
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
         given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None
-                     and not (scenario.contact.felt and part.reading(0.0, 0.0) is not None)
+                     and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
                      and not is_counted(scenario, part)]
-    return [Condition(name, float(value), "<=", 0.0) for name, value in given_up]
+    return [Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE) for name, value in given_up]
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:
@@ -257,10 +263,12 @@ def tightening_margins(scenario: Scenario, tube: TubeRadii, model: ContactModel)
                         key=lambda limit: limit.labels != [limit.name]):
         if limit.tube_takes(tube) is None:
             conditions.append(Condition(
-                f"limits.{limit.name}, of which nobody says what the tube takes", 1.0, "<=", 0.0))
+                f"limits.{limit.name}, of which nobody says what the tube takes", 1.0, "<=", 0.0,
+                theorem=TIGHTENING))
         else:
-            conditions += [Condition(f"tube in limits.{label}", radius, "<", room)
-                           for label, radius, room in limit.margins(tube)]
+            conditions += [
+                Condition(f"tube in limits.{label}", radius, "<", room, theorem=TIGHTENING)
+                for label, radius, room in limit.margins(tube)]
     share = min((each.right / each.left for each in conditions if each.left > 0.0), default=1.0)
     advice = roomier(scenario, share)
     return [each if each.holds else replace(each, advice=advice) for each in conditions]
@@ -300,7 +308,8 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
         ocp = make_ocp(draft.applied_to(scenario), model)
         start = start_state(draft.applied_to(scenario), ocp)
     except InvalidParameter as error:
-        return draft.adding([Condition(f"left by the tube, {error}", 1.0, "<=", 0.0)])
+        return draft.adding([Condition(f"left by the tube, {error}", 1.0, "<=", 0.0,
+                                       theorem=TIGHTENING)])
     radius, check = largest_radius(ocp, settings.terminal_samples, settings.seed)
     terminal = TerminalResult(radius=radius, limiting=check.limiting, margins=check.margins,
                               samples=check.samples, P=ocp.terminal.P, gain=ocp.terminal.gain)
@@ -310,8 +319,9 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
                         found.radii, model.surface, ocp.y_des[:6],
                         np.asarray(scenario.task.force, dtype=float)))
     draft = draft.adding([
-        Condition("terminal set, ε", radius, ">", 0.0),
-        Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0)])
+        Condition("terminal set, ε", radius, ">", 0.0, theorem=TERMINAL),
+        Condition(f"terminal set, worst margin ({check.limiting})", worst, ">=", 0.0,
+                  theorem=TERMINAL)])
     if not draft.certified:
         return draft
     progress("first plan", plan)
@@ -334,16 +344,17 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
     solution = SequentialConvexSolver(ocp).solve(
         ocp.resting_plan(0.0, start[: ocp.state_size]), FIRST_SOLVE_ITERATIONS)
     if solution.plan is None or solution.evaluation is None:
-        return None, [Condition("first plan, none found", 1.0, "<=", 0.0)]
+        return None, [Condition("first plan, none found", 1.0, "<=", 0.0, theorem=FEASIBILITY)]
     violation, slack = solution.evaluation.violation, solution.evaluation.terminal_slack
     bulge = between_knots(ocp, solution.plan)
     where = f", of limits.{bulge.label} at {bulge.time:.3g} s" if bulge.label else ""
     return solution.plan, [
-        Condition("first plan, violation of a limit", violation, "<=", FEASIBLE),
+        Condition("first plan, violation of a limit", violation, "<=", FEASIBLE,
+                  theorem=FEASIBILITY),
         Condition(f"first plan, violation between its knots [rad, m]{where}", bulge.excess, "<=",
-                  FEASIBLE, bulge.advice),
+                  FEASIBLE, bulge.advice, theorem="control/theory.md#motion-between-two-knots"),
         Condition("first plan, distance to the terminal set", slack, "<=", REACHED,
-                  longer(ocp.horizon) if slack > REACHED else "")]
+                  longer(ocp.horizon) if slack > REACHED else "", theorem=FEASIBILITY)]
 
 
 class KnotOvershoot(NamedTuple):
@@ -375,7 +386,7 @@ def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> KnotOvershoot:
     for limit in ocp.limits.values():
         if not limit.overshoots or limit.about == "input":
             continue
-        excess, values = limit.excess(at) - limit.beyond, limit.values(at)
+        excess, values = limit.excess(at) - limit.between_knots_margin, limit.values(at)
         if excess.size == 0:  # Joints, of a robot that has none.
             continue
         point, i = np.unravel_index(np.argmax(excess), excess.shape)

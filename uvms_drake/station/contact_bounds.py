@@ -15,6 +15,8 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
+SAFE_REGION = "control/theory.md#safe-region-of-an-unknown-wall"
+"""Theorem of the conditions on readings and forces."""
 BETWEEN_KNOTS = 0.12
 """How much faster than its limit at the knots of a plan the tip may be between them, in parts."""
 UNEVEN = 1.2
@@ -136,10 +138,12 @@ def mission_conditions(scenario: Scenario) -> list[Condition]:
     for i, step in enumerate(scenario.mission.steps):
         if step.strongest > 0.0:
             conditions.append(Condition(f"mission.steps[{i}], what the front lets it press [N]",
-                                        step.strongest, "<", largest_force(scenario)))
+                                        step.strongest, "<", largest_force(scenario),
+                                        theorem=SAFE_REGION))
         if np.any(step.fastest > 0.0):
             conditions.append(Condition(f"mission.steps[{i}], how fast a plan goes across [m/s]",
-                                        float(np.max(step.fastest)), "<=", speed))
+                                        float(np.max(step.fastest)), "<=", speed,
+                                        theorem="control/theory.md#constraint-tightening"))
     return conditions
 
 

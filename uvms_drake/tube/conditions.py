@@ -6,12 +6,14 @@ much smaller tubes out of the same constants.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from uvms_drake.common.errors import require
 
 Relation = Literal["<", "<=", ">", ">="]
+LEMMA = "tube/theory.md#lemma-of-the-paper"
+"""Theorem of the conditions of `paper_conditions`."""
 BEYOND = "not with this vehicle, because "
 """How an advice begins where no key helps: why, and what the vehicle would need."""
 
@@ -27,6 +29,8 @@ class Condition:
     advice: str = ""
     """What to add to the command line, `--set key=value`, if it is not met and a value is known; or
     what begins with `BEYOND`."""
+    theorem: str = field(kw_only=True)
+    """Link, below `uvms_drake/`, to the theorem that needs it: `path/theory.md#heading`."""
 
     @property
     def holds(self) -> bool:
@@ -157,9 +161,9 @@ def _quadratic_tube(Lambda_1: float, Lambda_2: float, sigma_lower: float, k: flo
     alpha_2 = k - rho * Lambda_1 - Lambda_2
     smallest_rho = Lambda_1 / (4.0 * sigma_lower) if sigma_lower > 0.0 else math.inf
     conditions = (
-        Condition("σ̲ = σJ̲ − L_c", sigma_lower, ">", 0.0),
-        Condition("ρ, above Λ₁/(4σ̲)", rho, ">", smallest_rho),
-        Condition("k, above ρΛ₁ + Λ₂", k, ">", rho * Lambda_1 + Lambda_2))
+        Condition("σ̲ = σJ̲ − L_c", sigma_lower, ">", 0.0, theorem=LEMMA),
+        Condition("ρ, above Λ₁/(4σ̲)", rho, ">", smallest_rho, theorem=LEMMA),
+        Condition("k, above ρΛ₁ + Λ₂", k, ">", rho * Lambda_1 + Lambda_2, theorem=LEMMA))
     holds = all(item.holds for item in conditions)
     radius = d_bound / min(alpha_1, alpha_2) if holds else math.inf
     return QuadraticTube(radius, z_ratio * radius, Lambda_1, Lambda_2, sigma_lower, rho, alpha_1,
@@ -208,7 +212,8 @@ def kinematic_tubes(J_min: float, L_c: float, sigma: float, w_bound: float) -> K
         sigma: σ.
         w_bound: w̃, bound of ‖w‖₂; of w̃ sin(t) in six components it is √6 times the amplitude.
     """
-    condition = Condition("σJ̲, above L_c", sigma * J_min, ">", L_c)
+    condition = Condition("σJ̲, above L_c", sigma * J_min, ">", L_c,
+                          theorem="tube/theory.md#kinematic-tubes")
     corrected = w_bound / (sigma * J_min - L_c) if condition.holds else math.inf
     return KinematicTubes(
         w_bound / (sigma * J_min + L_c), corrected, w_bound / sigma, condition)

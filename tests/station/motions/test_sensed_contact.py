@@ -27,6 +27,8 @@ from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import LawTube
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("overrides", [
     ("surface.geometry.point.0=0.01",),
@@ -166,5 +168,5 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
 
 
 def test_a_law_without_a_tube_has_none_in_contact():
-    none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0),))
+    none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0, theorem="t"),))
     assert SensedContactMotion().in_contact(none, load_scenario("girona500_tip_first"), None) is none

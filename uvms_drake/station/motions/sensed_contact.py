@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram
 
 from uvms_drake.common.errors import require, within
 from uvms_drake.control.contact.contact_state import initial_contact_state, updated_contact_state
-from uvms_drake.control.contact.press_target import AHEAD
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH
 from uvms_drake.control.contact.safe_region import bounds, safe_depth
 from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.limits.input_in_contact import ForceCone, UnderContact
@@ -20,6 +20,7 @@ from uvms_drake.control.sensed_tube_mpc import make_sensed_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.contact_bounds import (
     BETWEEN_KNOTS,
+    SAFE_REGION,
     between_knots,
     fastest_advance,
     largest_force,
@@ -138,17 +139,20 @@ class SensedContactMotion(Dynamic):
         return LawTube(radii, (
             *tube.conditions,
             Condition("contact.force_error, not less than the sensor's error",
-                      contact.force_error, ">=", off),
+                      contact.force_error, ">=", off, theorem=SAFE_REGION),
             Condition("sensing, the force that is within the range [N]", reading.largest, ">",
-                      updated_contact_state.size + updated_contact_state.error),
+                      updated_contact_state.size + updated_contact_state.error,
+                      theorem=SAFE_REGION),
             Condition("contact.clearance, not less than the tip goes during the tare [m]",
                       contact.clearance, ">=",
-                      fastest_advance(contact) * reading.tare),
+                      fastest_advance(contact) * reading.tare, theorem=SAFE_REGION),
             Condition("contact.speed, what comes to it between two knots [m/s]", faster, "<=",
-                      BETWEEN_KNOTS * min(contact.speed, contact.speed_across)),
-            Condition("front, room from a reading without touch [m]", room, ">", 0.0),
+                      BETWEEN_KNOTS * min(contact.speed, contact.speed_across),
+                      theorem="control/theory.md#motion-between-two-knots"),
+            Condition("front, room from a reading without touch [m]", room, ">", 0.0,
+                      theorem=SAFE_REGION),
             Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
-                      largest_force(with_tube)),
+                      largest_force(with_tube), theorem=SAFE_REGION),
             *mission_conditions(with_tube)), tube.budget, tube.estimated,
             together(tube.check, lambda: (
                 largest_of("what the contact adds to u", rest, second),
@@ -166,7 +170,7 @@ class SensedContactMotion(Dynamic):
         margin = safe_depth_margin(scenario)
         depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
         across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
-        return ocp.aimed(TrackingTarget(across + (depth + AHEAD) * n,
+        return ocp.aimed(TrackingTarget(across + (depth + SEARCH_DEPTH) * n,
                              bounds(contact.walls, known.apex, margin)))
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]

@@ -87,7 +87,8 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
             with holding(searches):
                 conditions = tube_conditions(scenario, model, basis_of(scenario, model))
     except InvalidParameter as error:
-        return Condition(str(error), 1.0, "<=", 0.0)
+        return Condition(str(error), 1.0, "<=", 0.0,
+                         theorem="control/theory.md#closed-loop-guarantee")
     return worst_of(conditions)
 
 
@@ -114,7 +115,7 @@ def _values(scenario: Scenario) -> list[_Value]:
 
     found = [_Value("d, what pushes", "m/s², rad/s²", scenario.disturbance.bound, of_disturbance,
                     0.01)]
-    if not scenario.contact.felt:
+    if not scenario.contact.is_sensed:
         return found
     contact = sensed_contact(scenario)
 

@@ -146,8 +146,8 @@ class Unknown:
 
             def failing(size: float) -> Condition | None:
                 if size > self.most:
-                    return Condition(f"a size that has a meaning, {self.most:g}", size, "<=",
-                                     self.most)
+                    return Condition(f"a size that has a meaning, {self.most:g}", size, "<=", self.most,
+                                     theorem="tube/theory.md#model-error-as-a-disturbance")
                 ellipsoid = axes(size)
                 with holding(searches):
                     searches.again()

@@ -145,7 +145,8 @@ class HeldCommandTube:
         found, ratio = self._fixed_point(checks)
         self.table = self._table(found)
         self.condition = Condition(
-            "held command, what moves meanwhile over what is counted with", ratio, "<=", 1.0)
+            "held command, what moves meanwhile over what is counted with", ratio, "<=", 1.0,
+            theorem="tube/actuation/theory.md#held-command")
         self.check = together(*checks)
 
     def _of_blocks(self, loops: Sequence[RowLoop], pulses: int = 0, until: float = 0.0

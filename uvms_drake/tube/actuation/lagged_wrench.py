@@ -156,7 +156,7 @@ class LaggedWrenchTube:
         self.table = self._table(found)
         self.condition = Condition(
             "thrusters that lag, what errors make of loads over what is counted with", ratio,
-            "<=", 1.0)
+            "<=", 1.0, theorem="tube/actuation/theory.md#vehicle-wrench-with-a-first-order-lag")
         self.beside = joints @ self._late(found)
         self.check = together(*checks)
 

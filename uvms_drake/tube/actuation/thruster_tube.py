@@ -73,7 +73,8 @@ class ActuationTube:
         z, share = self._least_bounds(self._rows)
         self.condition = Condition(
             "late actuators, part of errors that comes back by loads", share, "<", 1.0,
-            "" if share < 1.0 else self._needed(basis.actuators, vehicle, tip))
+            "" if share < 1.0 else self._needed(basis.actuators, vehicle, tip),
+            theorem="tube/actuation/theory.md#error-budget-under-thrusters")
         endless = not np.isfinite(z).all()
         if endless:  # What there is before anything comes back, at least.
             z = np.zeros((4, 4))

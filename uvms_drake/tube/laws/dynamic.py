@@ -93,7 +93,8 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
         tube = replace(tube, depth=position + sensor_effect.depth, depth_speed=tip_speed + sensor_effect.depth_speed)
     by_d = {"depth": position, "depth_speed": tip_speed, "position": position}
     budget = {name: {"d": by_d[name], **parts} for name, parts in sensor_effect.budget.items()}
-    condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega)
+    condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega,
+                          theorem="tube/theory.md#image-of-the-tube-under-the-law-resolved")
     estimated: tuple[str, ...] = ESTIMATED
     if np.any(basis.weights != 1.0) or np.any(sensor_effect.p):
         estimated += ("roll", "pitch")

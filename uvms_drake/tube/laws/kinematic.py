@@ -91,7 +91,7 @@ def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
     """Returns that no joint is out of the reach of the tube of the law `transpose`."""
     free = 0 if law.joints else model.num_joints
     return Condition("n, joints that χ does not determine (the tube is in χ alone)",
-                     float(free), "<=", 0.0)
+                     float(free), "<=", 0.0, theorem="tube/theory.md#tube-of-the-law-transpose")
 
 
 def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:

@@ -63,6 +63,8 @@ from uvms_drake.tube.rows.disturbance_gains import (
 from uvms_drake.tube.rows.image import arm_of, free_arm, tip_first_image
 from uvms_drake.tube.search.estimate import no_estimates, together
 
+THEOREM = "tube/theory.md#tube-of-the-law-tip-first"
+"""Theorem of the conditions on task, arm and actuation."""
 SHARE = 0.15
 """Part of the limits of speeds that is a plan's where thrusters lag: the tube takes the rest, if it
 needs it or not. The less a plan may jump, the less there is that comes late."""
@@ -77,17 +79,22 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     is_held = actuators.late and not actuators.thrusters
     is_lagged = lag_is_proven(law, actuators, basis.time_step)
     loops = _row_loops(law, actuators)
-    conditions = [Condition(f"rows of the tip's task, {name} is not among them", 1.0, "<=", 0.0)
+    conditions = [Condition(f"rows of the tip's task, {name} is not among them", 1.0, "<=", 0.0,
+                            theorem=THEOREM)
                   for i, name in enumerate("xyz") if i not in rows]
-    conditions += [Condition(f"undriven {name}, of which no bound is known", 1.0, "<=", 0.0)
+    conditions += [Condition(f"undriven {name}, of which no bound is known", 1.0, "<=", 0.0,
+                             theorem=THEOREM)
                    for name in law.undriven]
-    conditions += [Condition(f"actuation, {what}, of which no bound is known", 1.0, "<=", 0.0)
+    conditions += [Condition(f"actuation, {what}, of which no bound is known", 1.0, "<=", 0.0,
+                             theorem=THEOREM)
                    for what in _unknown(law, basis)]
-    conditions += [Condition(f"{key}, loop that is not stable behind its actuators", 1.0, "<=", 0.0)
+    conditions += [Condition(f"{key}, loop that is not stable behind its actuators", 1.0, "<=", 0.0,
+                             theorem="tube/loops/theory.md#row-loop-behind-an-actuator")
                    for key, loop in zip(("vehicle", "tip"), loops, strict=True) if not loop.stable]
     arm = arm_of(model, basis.declared, rows, settings)
     conditions.append(Condition(
-        "arm, smallest singular value of J_sq, estimated", arm.regular, ">", 0.0))
+        "arm, smallest singular value of J_sq, estimated", arm.regular, ">", 0.0,
+        theorem=THEOREM))
     gone = [condition for condition in conditions if not condition.holds]
     if any(condition.name.startswith(("rows", "actuation", "vehicle", "tip", "arm"))
            for condition in gone):
@@ -122,7 +129,8 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
     elif is_lagged:
         free, free_check = free_arm(model, basis.declared, rows, settings)
         conditions.append(Condition(
-            "arm, least det J_g over det J_sq, estimated", free, ">", 0.0))
+            "arm, least det J_g over det J_sq, estimated", free, ">", 0.0,
+            theorem="tube/actuation/theory.md#vehicle-wrench-with-a-first-order-lag"))
         late = LaggedWrenchTube(basis, rows, *loops, table, np.minimum(
             slower_plans(basis, rows, table), SHARE * limits), inputs)
     elif actuators.late:

@@ -37,6 +37,9 @@ from uvms_drake.common.errors import require
 from uvms_drake.tube.conditions import Condition, LemmaConstants
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
+TRANSPOSE = "tube/theory.md#tube-of-the-law-transpose"
+"""Theorem of the conditions of `transpose_tube`."""
+
 
 @dataclass(frozen=True)
 class Tube:
@@ -203,10 +206,11 @@ def transpose_tube(constants: LemmaConstants, k: float, sigma: float, d_bound: f
     b = k - c.L_2 - sigma * J**2
     G = c.L_1 + sigma * (c.L_2 * J + c.L_c * J + c.J_dot) + sigma**2 * J**3
     return Tube(a, J, G, b, d_bound, (
-        Condition("a = σJ̲ − L_c", a, ">", 0.0),
-        Condition("b = k − L₂ − σJ̄²", b, ">", 0.0),
+        Condition("a = σJ̲ − L_c", a, ">", 0.0, theorem=TRANSPOSE),
+        Condition("b = k − L₂ − σJ̄²", b, ">", 0.0, theorem=TRANSPOSE),
         # A positive product of two negative numbers is no consolation.
-        Condition("ab, above J̄G", a * b if min(a, b) > 0.0 else -abs(a * b), ">", J * G)))
+        Condition("ab, above J̄G", a * b if min(a, b) > 0.0 else -abs(a * b), ">", J * G,
+                  theorem=TRANSPOSE)))
 
 
 def transpose_velocity_radius(tube: Tube, sigma: float) -> float:
