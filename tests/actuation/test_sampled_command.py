@@ -80,13 +80,13 @@ def test_the_law_is_asked_once_a_period_and_its_command_held(monkeypatch):
     record = simulate(scenario_of(0.4, "log_period=0.01", part=SampledCommand(0.02, 0.012)))
     # Every 10 ms, for the log and for the tick, and at 0.2 s again, after a plan is made.
     assert len(asked) == 41 + 1
-    held, tau = record.signals["held_command"], record.tau
-    np.testing.assert_array_equal(held[0], tau[0])
+    sampled, tau = record.signals["zoh_command"], record.tau
+    np.testing.assert_array_equal(sampled[0], tau[0])
     for k in range(1, 20):  # A log is made before the events of its instant.
-        np.testing.assert_array_equal(held[2 * k], held[2 * k + 1])
+        np.testing.assert_array_equal(sampled[2 * k], sampled[2 * k + 1])
         if k % 10:  # At 0.2 s the plan is made anew after the log.
-            np.testing.assert_array_equal(held[2 * k + 2], tau[2 * k])
-    assert np.all(np.any(np.diff(held[2::2], axis=0) != 0.0, axis=1))
+            np.testing.assert_array_equal(sampled[2 * k + 2], tau[2 * k])
+    assert np.all(np.any(np.diff(sampled[2::2], axis=0) != 0.0, axis=1))
     # What the clock leaves of the command is no disturbance.
     np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
 

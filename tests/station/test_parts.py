@@ -170,7 +170,7 @@ def test_parts_stand_in_the_loop_of_kinematic_motion_too():
     scenario = load_scenario("paper_kinematic_certified", ["duration=0.4"])
     record = simulate(replace(scenario, sensing=[Scaled()], actuation=[SampledCommand(0.01)]))
     assert record.signals["scaled"].shape == record.config.shape
-    assert record.signals["held_command"].shape == record.u.shape
+    assert record.signals["zoh_command"].shape == record.u.shape
 
 
 def test_every_motion_that_a_file_may_name_is_one():

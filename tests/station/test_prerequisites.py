@@ -18,7 +18,7 @@ MADE = {
     "target": lambda model: PressTarget(N, np.zeros(3)),
     "front": lambda model: ContactEstimator(
         model, SurfaceClass(), ForceSensorModel(45.0, 1.0), margin=0.01),
-    "last_finite": lambda model: HoldLastValue(6),
+    "hold_last_value": lambda model: HoldLastValue(6),
     "adversary": lambda model: TaskAdversary(0.1),
 }
 

@@ -22,7 +22,7 @@ def test_what_is_logged_as_felt_is_what_the_law_takes_slowly():
     station = make_station(load_scenario("girona500_real_loop"))
     sources = {(to[0].get_name(), to[0].get_input_port(to[1]).get_name()): of[0].get_name()
                for to, of in station.connection_map().items()}
-    assert sources["tangential_filter", "measured"] == sources["log.force_last_valid", "data"] == "last_finite"
+    assert sources["tangential_filter", "measured"] == sources["log.force_last_valid", "data"] == "hold_last_value"
     assert sources["tube_mpc", "force_measured"] == "tangential_filter"
 
 

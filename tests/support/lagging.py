@@ -43,7 +43,7 @@ def hover(time: float) -> tuple[np.ndarray, np.ndarray]:
 
 def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
         plan: Callable = hover, step: float = 0.02, largest: float = 1.0,
-        ahead: Callable | None = None) -> Motion:
+        preview: Callable | None = None) -> Motion:
     """Returns the motion until its end, or until an error exceeds `largest`.
 
     Args:
@@ -55,7 +55,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
         plan: Returns (𝔮̄, ζ̄) and ζ̄̇ of the time.
         step: Of RK4 [s].
         largest: [m, rad].
-        ahead: Returns what is asked for ahead (10,) of the time.
+        preview: Returns what is asked for ahead (10,) of the time.
     """
     rows, tip_first = tip_rows(model), isinstance(law, TipFirst)
     k, sigma, rates = (law.gains(key, 4) if tip_first else np.zeros(10)
@@ -70,7 +70,7 @@ def run(model, law, disturbance: Callable, duration: float, *, lag: float = 0.0,
         estimate = rates * (out.rate[0] - seen)
         if tip_first:
             now = now._replace(wrench=wrench if lag else None, estimate=estimate,
-                               ahead=None if ahead is None else ahead(time))
+                               preview=None if preview is None else preview(time))
         command = law.command(model, now, lambda: nominal_acceleration, None)
         asked, M = command.tau(), command.M()
         given = np.concatenate([wrench if lag else asked[:6], asked[6:]])

@@ -34,6 +34,8 @@ from uvms_drake.tube.terminal_set import (
     linear_radius,
 )
 
+pytestmark = pytest.mark.long
+
 FRESH = 10_000
 
 
@@ -354,7 +356,7 @@ def test_there_is_a_terminal_set_for_all_places_and_forces(tracking, found_anywh
     """The decrease does not depend on the force, nor on the place; the inputs' limits do."""
     radius, check = found_anywhere
     assert check.holds and radius > 0.4
-    assert {"front", "front_ahead", "u[7] pressed, most end"} <= set(check.margins)
+    assert {"safe_depth", "safe_depth_between_knots", "u[7] pressed, most end"} <= set(check.margins)
     free = TerminalLoop(tracking_ocp(force=0.0))
     loop = TerminalLoop(tracking)
     states = 0.5 * boundary_samples(tracking.terminal.P, 20, np.random.default_rng(1))
@@ -410,4 +412,4 @@ def test_where_the_tip_is_beyond_its_reach_the_set_is_refused(tracking):
     short = copy.copy(tracking)
     short.depth_reach = 0.9 * short.depth_reach
     check = check_terminal(short, 0.01)
-    assert {"front", "front_ahead"} & set(check.failures)
+    assert {"safe_depth", "safe_depth_between_knots"} & set(check.failures)

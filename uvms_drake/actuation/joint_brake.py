@@ -89,7 +89,7 @@ class JointBrake(LeafSystem):
         self._model, self._row, self._start = model, 6 + fault.joint, fault.start
         self._tau_port = self.DeclareVectorInputPort("commanded", model.size)
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
-        for _ in ("held", "taken"):
+        for _ in ("angle", "taken"):
             self.DeclareDiscreteState(1)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(ONLY_ONCE, fault.start, self._hold)
@@ -112,9 +112,9 @@ class JointBrake(LeafSystem):
         if context.get_time() > self._start:
             config, zeta = np.split(self._state_port.Eval(context), 2)
             row = self._row
-            held = context.get_discrete_state(0).value()[0] if self._taken(context) else config[row]
+            angle = context.get_discrete_state(0).value()[0] if self._taken(context) else config[row]
             inertia = self._model.mass_matrix(self._model.kinematics(config))[row, row]
-            tau[row] = brake_torque(inertia, config[row] - held, zeta[row])
+            tau[row] = brake_torque(inertia, config[row] - angle, zeta[row])
         output.SetFromVector(tau)
 
     @staticmethod

@@ -17,7 +17,7 @@ class SampledCommand(Part):
     At a tick t_k the law reads the measured state, the measured force and the plan of that instant;
     its command acts from t_k + δ to t_k + h + δ, and in between nobody asks the law. Before the
     first one goes out it is that of the start: a controller runs before a task begins. What acts on
-    the robot is logged as `held_command`; `u` and `tau` of the log are what the law would command.
+    the robot is logged as `zoh_command`; `u` and `tau` of the log are what the law would command.
 
     Vehicles run at 10 Hz (COLA2, of the Girona 500) to 50 or 100 Hz (BlueROV2 with an arm); the
     default delay is half a period. The MPC has a period of its own and takes no time: its plans
@@ -47,7 +47,7 @@ class SampledCommand(Part):
                signals: Signals, seed: int) -> OutputPort:
         """Adds a `SampledVector`; see `Part`."""
         clock = Clock(range(port.size()), self.period, self.delay)
-        held = SampledVector.AddToBuilder(
+        sampled = SampledVector.AddToBuilder(
             builder, [clock], vector=port, name="sampled_command").get_output_port()
-        signals["held_command"] = held
-        return held
+        signals["zoh_command"] = sampled
+        return sampled

@@ -105,36 +105,36 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     measured = state.get_output_port()
 
     # What was felt, and where to press next.
-    front = ContactEstimator.AddToBuilder(
+    estimator = ContactEstimator.AddToBuilder(
         builder, ocp.model, walls, sensing.watched, margin=margin, state=measured)
     normal = WallNormal.AddToBuilder(
-        builder, front, walls, TURNED_FREELY * ocp.turn, sensing.period)
+        builder, estimator, walls, TURNED_FREELY * ocp.turn, sensing.period)
     desired = DesiredForce.AddToBuilder(builder, walls.direction, force, largest)
     committed = committed_intervals(law, actuation_delay, ocp.time_step)
-    light = ocp.following_lag(committed) * search_speed(
+    search_lead = ocp.following_lag(committed) * search_speed(
         1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
-    press = PressTarget.AddToBuilder(builder, front, walls.direction, ocp.y_des[:3],
-                                     desired_force=desired.GetOutputPort("along"), light=light)
+    press = PressTarget.AddToBuilder(builder, estimator, walls.direction, ocp.y_des[:3],
+                                     desired_force=desired.GetOutputPort("along"), search_lead=search_lead)
 
     # The plan, and the feedback about it.
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured, committed=committed)
     for source, port in ((press.get_output_port(), "target"),
                          (normal.get_output_port(), "turn"),
-                         (front.GetOutputPort("front"), "safe_depth")):
+                         (estimator.GetOutputPort("facet_depths"), "safe_depth")):
         if port in ocp.inputs_given:
             builder.Connect(source, mpc.GetInputPort(port))
-    going = PlanExtent.AddToBuilder(builder, ocp, walls, plan=mpc.GetOutputPort("plan"))
-    builder.Connect(going.get_output_port(), front.GetInputPort("reach"))
+    extent = PlanExtent.AddToBuilder(builder, ocp, walls, plan=mpc.GetOutputPort("plan"))
+    builder.Connect(extent.get_output_port(), estimator.GetInputPort("extent"))
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
-    add_feedforward_preview(builder, ocp.model, law, feedback, actuation_delay, nominal=mpc, front=front,
+    add_feedforward_preview(builder, ocp.model, law, feedback, actuation_delay, nominal=mpc, estimator=estimator,
                      direction=walls.direction)
 
     builder.ExportInput(state.get_input_port(), "state")
     export_inputs(builder, feedback, add_observer(
         builder, ocp.model, law, feedback, state=measured))
-    builder.ExportInput(front.GetInputPort("force_measured"), "force_valid")
+    builder.ExportInput(estimator.GetInputPort("force_measured"), "force_valid")
     builder.ConnectInput("force_valid", normal.GetInputPort("force_measured"))
     builder.ExportInput(mpc.GetInputPort("fault"), "fault")
     builder.ExportInput(desired.GetInputPort("desired_force"), "desired_force")
@@ -146,7 +146,7 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         (desired, ("accepted_force",)),
         (press, ("target",)),
         (normal, ("turn",)),
-        (front, ("safe_depth", "touched", "slope", "contact_depth", "force_lost")),
+        (estimator, ("safe_depth", "touched", "slope", "contact_depth", "force_lost")),
     ):
         for name in names:
             builder.ExportOutput(system.GetOutputPort(name), name)

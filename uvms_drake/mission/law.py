@@ -179,12 +179,12 @@ def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State
         first = math.isnan(state.deepest)  # It was not seen at the start.
         state = state._replace(
             tip=measured.tip, deepest=float(measured.tip[0]) if first else state.deepest)
-    felt = measured.touched and not measured.lost
+    in_contact = measured.touched and not measured.lost
     asked = due_at(mission, state, t).force
-    good = (felt and isinstance(step, Pressing) and asked > 0.0
+    good = (in_contact and isinstance(step, Pressing) and asked > 0.0
             and abs(measured.force - asked) <= step.tolerance)
     since = (t if math.isnan(state.in_band) else state.in_band) if good else np.nan
-    return state._replace(in_band=since, touch=t if felt else state.touch)
+    return state._replace(in_band=since, touch=t if in_contact else state.touch)
 
 
 def _there(mission: Mission, state: State) -> bool:

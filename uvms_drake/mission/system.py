@@ -85,14 +85,14 @@ class MissionControl(LeafSystem):
         known = {self.all_state_ticket(), self.time_ticket(), self._state_port.ticket()}
         n, across = self._axes[0], self._axes[1:]
         lead = self._mission.lead
-        for name, size, ahead, calc in (
+        for name, size, preview, calc in (
             ("desired_force", 6, lead, lambda due: np.append(due.force * n, np.zeros(3))),
             ("place", 3, lead, lambda due: self._origin + due.place @ across),
             ("deepest", 1, lead, lambda due: [due.deepest]),
             ("due_place", 3, 0.0, lambda due: self._origin + due.place @ across),
             ("due_force", 1, 0.0, lambda due: [due.force]),
         ):
-            self.DeclareVectorOutputPort(name, size, self._of_due(calc, ahead), known)
+            self.DeclareVectorOutputPort(name, size, self._of_due(calc, preview), known)
         self.DeclareVectorOutputPort("progress", len(PROGRESS), self._calc_progress, known)
 
     def _tip(self, context: Context) -> np.ndarray:
@@ -110,9 +110,9 @@ class MissionControl(LeafSystem):
         return begin(self._mission, self._tip(context), context.get_time())
 
     def _look(self, context: Context, state: ContextState) -> EventStatus:
-        felt, stop = self._force_port.Eval(context), self._stop_port
+        force, stop = self._force_port.Eval(context), self._stop_port
         measured = Measured(
-            self._tip(context), float(self._axes[0] @ felt[:3]),
+            self._tip(context), float(self._axes[0] @ force[:3]),
             touched=bool(self._touched_port.Eval(context)[0] > 0.0),
             lost=bool(self._lost_port.Eval(context)[0] > 0.0),
             stop=bool(stop.HasValue(context) and stop.Eval(context)[0] > 0.0))
@@ -120,10 +120,10 @@ class MissionControl(LeafSystem):
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()
 
-    def _of_due(self, of: Callable[[Due], np.ndarray | list[float]], ahead: float
+    def _of_due(self, of: Callable[[Due], np.ndarray | list[float]], preview: float
                     ) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(
-            of(due_at(self._mission, self._now(context), context.get_time() + ahead)))
+            of(due_at(self._mission, self._now(context), context.get_time() + preview)))
 
     def _calc_progress(self, context: Context, output: BasicVector) -> None:
         now = self._now(context)

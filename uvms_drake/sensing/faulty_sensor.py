@@ -39,8 +39,8 @@ class SensorFault(Fault, Part):
     """Duration of the fault [s]."""
 
     @abstractmethod
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Returns the measurement during the fault, of a vector that was `held` at its start."""
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
+        """Returns the measurement during the fault, of a vector that was `frozen` at its start."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -56,9 +56,9 @@ class SensorFault(Fault, Part):
 class FrozenState(SensorFault):
     """The measured state stays what it was at `start`, or where a simulation begins after it."""
 
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement at the start."""
-        return held
+        return frozen
 
 
 @dataclass
@@ -74,12 +74,12 @@ class LostState(SensorFault):
                 "above 0: the first plan needs a measured state")
         super().check()
 
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns NaN."""
-        return np.full_like(held, np.nan)
+        return np.full_like(frozen, np.nan)
 
 
-def sensed(fault: SensorFault, time: float, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+def sensed(fault: SensorFault, time: float, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
     """Returns the measurement of a vector: the vector itself, or another during the fault.
 
     What is sampled at the fault's start is sampled before it, and a step that ends there is over.
@@ -88,11 +88,11 @@ def sensed(fault: SensorFault, time: float, true: np.ndarray, held: np.ndarray) 
         fault: The fault and its time.
         time: Present time [s].
         true: The vector.
-        held: Its value at the fault's start; not read before.
+        frozen: Its value at the fault's start; not read before.
     """
     if time <= fault.start or not is_active(fault.start, fault.duration, time):
         return true
-    return fault.faulty(true, held)
+    return fault.faulty(true, frozen)
 
 
 class FaultySensor(LeafSystem):
@@ -140,8 +140,8 @@ class FaultySensor(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         true = self._port.Eval(context)
-        held = context.get_discrete_state(0).value() if self._taken(context) else true
-        output.SetFromVector(sensed(self._fault, context.get_time(), true, held))
+        frozen = context.get_discrete_state(0).value() if self._taken(context) else true
+        output.SetFromVector(sensed(self._fault, context.get_time(), true, frozen))
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, fault: SensorFault, *, true: OutputPort,

@@ -43,7 +43,7 @@ class HoldLastValue(LeafSystem):
     def __init__(self, size: int):
         super().__init__()
         self._port = self.DeclareVectorInputPort("measured", size)
-        self._let_go_port = self.DeclareVectorInputPort("release", 1)
+        self._release_port = self.DeclareVectorInputPort("release", 1)
         self.DeclareDiscreteState(np.full(size, np.nan))
         self.DeclarePerStepDiscreteUpdateEvent(self._remember)
         self.DeclareVectorOutputPort(
@@ -58,13 +58,13 @@ class HoldLastValue(LeafSystem):
         measured = self._port.Eval(context)
         if np.isfinite(measured).all():
             output.SetFromVector(measured)
-        elif self._let_go_port.HasValue(context) and self._let_go_port.Eval(context)[0] > 0.0:
+        elif self._release_port.HasValue(context) and self._release_port.Eval(context)[0] > 0.0:
             output.SetFromVector(np.zeros_like(measured))
         else:
             output.SetFromVector(context.get_discrete_state_vector().value())
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
-                     release: OutputPort | None = None, name: str = "last_finite") -> "HoldLastValue":
+                     release: OutputPort | None = None, name: str = "hold_last_value") -> "HoldLastValue":
         """Adds the system behind the vector that `measured` gives; `release` may be None."""
         return added(builder, name, HoldLastValue(measured.size()), measured=measured, release=release)

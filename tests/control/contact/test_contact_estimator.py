@@ -16,7 +16,7 @@ from uvms_drake.control.contact.contact_state import (
     initial_contact_state,
     updated_contact_state,
 )
-from uvms_drake.control.contact.press_target import AHEAD, PressTarget
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH, PressTarget
 from uvms_drake.control.contact.stiffness_estimate import NOTHING, StiffnessEstimate, slope
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -51,12 +51,12 @@ def force(time, load=wall):
 def pressing(measured=force, true=state, sensing=SENSING, **options):
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(state=true, force=measured, desired=lambda time: [20.0]))
-    front = ContactEstimator.AddToBuilder(
+    estimator = ContactEstimator.AddToBuilder(
         builder, drill(), SURFACE, sensing, margin=MARGIN, state=script.GetOutputPort("state"),
         force_measured=script.GetOutputPort("force"), **options)
-    target = PressTarget.AddToBuilder(builder, front, SURFACE.direction, PLACE,
+    target = PressTarget.AddToBuilder(builder, estimator, SURFACE.direction, PLACE,
                                       desired_force=script.GetOutputPort("desired"))
-    return Simulator(builder.Build()), front, target
+    return Simulator(builder.Build()), estimator, target
 
 
 def values(simulator, system, *names):
@@ -65,11 +65,11 @@ def values(simulator, system, *names):
 
 
 def test_it_keeps_the_deepest_safe_place_and_never_less():
-    simulator, front, _ = pressing()
+    simulator, estimator, _ = pressing()
     before = -np.inf
     for time in np.arange(1, 78) * 0.1 + 0.05:
         simulator.AdvanceTo(time)
-        (safe,), _, (touched,), (_, x, _, load), *_ = values(simulator, front, *OUTPUTS)
+        (safe,), _, (touched,), (_, x, _, load), *_ = values(simulator, estimator, *OUTPUTS)
         assert safe >= before
         sampled = np.floor(time * 10.0 + 1e-6) / 10.0
         assert (x, load) == pytest.approx((depth(sampled), wall(sampled)))
@@ -80,10 +80,10 @@ def test_it_keeps_the_deepest_safe_place_and_never_less():
 
 
 def test_it_finds_where_the_wall_is_and_how_steep():
-    simulator, front, target = pressing()
+    simulator, estimator, target = pressing()
     simulator.AdvanceTo(3.95)
     (slope,), (begins,), (_, x, _, load) = values(
-        simulator, front, "slope", "contact_depth", "reading")
+        simulator, estimator, "slope", "contact_depth", "reading")
     assert 1000.0 <= slope <= 1300.0
     assert begins == pytest.approx(0.01, abs=3e-3)
     assert values(simulator, target, "target")[0] == pytest.approx(
@@ -91,49 +91,49 @@ def test_it_finds_where_the_wall_is_and_how_steep():
 
 
 def test_before_the_first_update_it_knows_what_it_sees():
-    simulator, front, target = pressing()
-    safe, apex, touched, reading, slope, begins, lost = values(simulator, front, *OUTPUTS)
+    simulator, estimator, target = pressing()
+    safe, apex, touched, reading, slope, begins, lost = values(simulator, estimator, *OUTPUTS)
     assert safe == pytest.approx((45.0 - 1.0) / 2000.0 - MARGIN)
     np.testing.assert_allclose(apex, [0.0, 0.022, 0.0])
     assert (touched, *reading, slope, lost) == (*np.zeros(5), 2000.0, 0.0)
     assert np.isnan(begins)
-    assert values(simulator, target, "target")[0][1] == pytest.approx(safe + AHEAD)
+    assert values(simulator, target, "target")[0][1] == pytest.approx(safe + SEARCH_DEPTH)
     target.GetInputPort("place").FixValue(
         target.GetMyMutableContextFromRoot(simulator.get_mutable_context()), [0.03, 7.0, 0.05])
     np.testing.assert_allclose(values(simulator, target, "target")[0], [0.03, 0.0, 0.05])
     np.testing.assert_array_equal(
-        front.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(2).value(),
+        estimator.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(2).value(),
         NOTHING.state)
 
 
 def test_a_clone_goes_on_as_the_run_does():
-    simulator, front, _ = pressing()
+    simulator, estimator, _ = pressing()
     simulator.AdvanceTo(3.0)
     other = Simulator(simulator.get_system(), simulator.get_context().Clone())
     for each in (simulator, other):
         each.AdvanceTo(5.0)
-    for one, two in zip(values(simulator, front, *OUTPUTS), values(other, front, *OUTPUTS),
+    for one, two in zip(values(simulator, estimator, *OUTPUTS), values(other, estimator, *OUTPUTS),
                         strict=True):
         np.testing.assert_array_equal(one, two)
 
 
 def test_a_reading_that_is_none_teaches_nothing():
     lost = partial(force, load=lambda time: np.nan if 1.95 < time < 3.95 else wall(time))
-    simulator, front, target = pressing(lost)
+    simulator, estimator, target = pressing(lost)
     simulator.AdvanceTo(1.95)
-    before = values(simulator, front, *OUTPUTS)
+    before = values(simulator, estimator, *OUTPUTS)
     for time, is_lost in ((2.85, 0.0), (2.95, 1.0), (3.5, 1.0)):  # Ten looks from 2.0 s on.
         simulator.AdvanceTo(time)
-        *known, (found,) = values(simulator, front, *OUTPUTS)
+        *known, (found,) = values(simulator, estimator, *OUTPUTS)
         assert found == is_lost
         for one, two in zip(before, known, strict=False):
             np.testing.assert_array_equal(one, two)
-    begins, (_, x, _, _) = values(simulator, front, "contact_depth", "reading")
+    begins, (_, x, _, _) = values(simulator, estimator, "contact_depth", "reading")
     assert np.isnan(begins)
     np.testing.assert_allclose(values(simulator, target, "target")[0], [0.03, x - 0.05, 0.02])
     simulator.AdvanceTo(4.05)
-    assert values(simulator, front, "reading")[0] == pytest.approx([0.0, 0.02, 0.0, 10.0])
-    assert values(simulator, front, "force_lost")[0] == 0.0
+    assert values(simulator, estimator, "reading")[0] == pytest.approx([0.0, 0.02, 0.0, 10.0])
+    assert values(simulator, estimator, "force_lost")[0] == 0.0
     assert values(simulator, target, "target")[0][1] > 0.02
 
 
@@ -157,17 +157,17 @@ def test_readings_of_a_watched_sensor_may_be_older():
 def test_a_wall_that_went_away_is_searched_for_again():
     """Touched, left, and not found where it was: the front stays, the line does not."""
     gone = partial(force, load=lambda time: wall(time) if time < 3.0 else 0.0)
-    simulator, front, target = pressing(gone)
+    simulator, estimator, target = pressing(gone)
     simulator.AdvanceTo(2.95)
-    assert np.isfinite(values(simulator, front, "contact_depth")[0])
+    assert np.isfinite(values(simulator, estimator, "contact_depth")[0])
     simulator.AdvanceTo(4.05)
-    safe, begins = values(simulator, front, "safe_depth", "contact_depth")
+    safe, begins = values(simulator, estimator, "safe_depth", "contact_depth")
     assert np.isnan(begins)
     assert safe == pytest.approx(0.02 + 44.0 / 2000.0 - MARGIN)
-    assert values(simulator, target, "target")[0][1] == pytest.approx(safe + AHEAD)
+    assert values(simulator, target, "target")[0][1] == pytest.approx(safe + SEARCH_DEPTH)
 
 
-LATE = ForceSensorModel(force_max=45.0, noise=1.0, period=0.1, window=0.3)
+OLD_READINGS = ForceSensorModel(force_max=45.0, noise=1.0, period=0.1, window=0.3)
 
 
 def out_and_in(time):
@@ -186,10 +186,10 @@ def test_what_was_not_measured_is_not_taken_for_a_place_without_force(lost):
         gap = lost == "state" and 1.05 < time < 1.35
         return np.full(14, np.nan) if gap else np.array([0.0, out_and_in(time), *np.zeros(12)])
 
-    simulator, front, _ = pressing(late, seen, LATE)
+    simulator, estimator, _ = pressing(late, seen, OLD_READINGS)
     for time in np.arange(1, 20) * 0.1 + 0.05:
         simulator.AdvanceTo(time)
-        apex, = values(simulator, front, "apex")
+        apex, = values(simulator, estimator, "apex")
         assert 2000.0 * (apex[1] - 0.01) <= 45.0 + 1e-9
     # Of the latest readings only ν is given away.
     assert 2000.0 * (apex[1] - 0.01) == pytest.approx(44.0)
@@ -203,12 +203,12 @@ def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
     By the last reading alone, the force there is F_max less ν, and less the 9 N by which the mean
     is above the first of four forces that are 6 N apart.
     """
-    speed, known = 0.03, initial_contact_state(LATE)
+    speed, known = 0.03, initial_contact_state(OLD_READINGS)
     true = np.maximum(2000.0 * speed * 0.1 * np.arange(-3, 8), 0.0)
     for i in range(8):
         load = np.dot(kernel, true[i: i + 4])
         tip = np.array([0.0, speed * 0.1 * i, 0.0, 0.0, speed, 0.0])
-        known = updated_contact_state(SURFACE, LATE, HERE, known, tip, np.array([0.0, load, 0.0]))
+        known = updated_contact_state(SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, load, 0.0]))
         assert 2000.0 * known.apex[1] <= 45.0 + 1e-9
         if i == 6:
             known = known._replace(apex=np.full(3, np.nan))
@@ -217,12 +217,12 @@ def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
 
 def test_a_late_sensor_makes_no_wall_look_much_softer():
     """A tip that goes in and out, and a force that is 0.3 s behind it: a press would converge."""
-    known, lowest = initial_contact_state(LATE), np.inf
+    known, lowest = initial_contact_state(OLD_READINGS), np.inf
     for time in np.arange(0.0, 30.0, 0.1):
         x, old = 0.02 + 0.01 * np.sin(2.0 * np.array([time, time - 0.3]))
         tip = np.array([0.0, x, 0.0, 0.0, 0.02 * np.cos(2.0 * time), 0.0])
-        known = updated_contact_state(SURFACE, LATE, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
-        lowest = min(lowest, slope(StiffnessEstimate.of(known.belief), SURFACE))
+        known = updated_contact_state(SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
+        lowest = min(lowest, slope(StiffnessEstimate.of(known.stiffness), SURFACE))
     assert lowest > 600.0
 
 
@@ -231,7 +231,7 @@ def test_a_tip_that_retreats_too_fast_feels_nothing():
     tip = np.array([0.0, 0.3, 0.0, 0.0, -0.6, 0.0])
     known = updated_contact_state(surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
     assert np.all(np.isnan(known.apex))
-    np.testing.assert_array_equal(known.belief, NOTHING.state)
+    np.testing.assert_array_equal(known.stiffness, NOTHING.state)
 
 
 @pytest.mark.parametrize("margin", [-1.0, np.inf])

@@ -13,7 +13,7 @@ from support.pressing import (
 
 from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.contact.press_target import (
-    AHEAD,
+    SEARCH_DEPTH,
     retreat_depth,
     search_speed,
     target_depth,
@@ -76,28 +76,28 @@ def test_what_remains_of_noise_and_tube(ratio, claimed):
 
 def test_it_searches_beyond_the_front_until_there_is_a_wall():
     found = target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, NOWHERE, 0.25)
-    assert found == pytest.approx(0.25 + AHEAD)
+    assert found == pytest.approx(0.25 + SEARCH_DEPTH)
 
 
 def test_beside_its_place_it_searches_no_deeper():
     """Where it has felt a wall, it presses as it would anywhere."""
-    for aside, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
+    for lateral_error, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
         found = target_depth(
-            20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, aside=aside)
+            20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, lateral_error=lateral_error)
         assert found == pytest.approx(expected)
 
 
 def test_a_light_press_searches_no_further_than_it_may():
     """At that speed the stiffest wall is pressed with twice the force until a plan knows of it."""
-    late, stiffness, lag = touch_to_plan(0.2, 0, SENSING), 1000.0, 0.4
-    assert late == pytest.approx(0.2 + 0.11 + 3 * 0.01)
-    assert touch_to_plan(0.2, 2, SENSING) == pytest.approx(late + 0.4)
-    speed = search_speed(6.0, stiffness, late)
-    assert stiffness * speed * late == pytest.approx(2.0 * 6.0)
-    for force, light, expected in ((6.0, lag * speed / 6.0, 0.2 + lag * speed),
-                                   (6.0, 1.0, 0.25 + AHEAD), (0.0, 1e-4, 0.25 + AHEAD)):
+    delay, stiffness, lag = touch_to_plan(0.2, 0, SENSING), 1000.0, 0.4
+    assert delay == pytest.approx(0.2 + 0.11 + 3 * 0.01)
+    assert touch_to_plan(0.2, 2, SENSING) == pytest.approx(delay + 0.4)
+    speed = search_speed(6.0, stiffness, delay)
+    assert stiffness * speed * delay == pytest.approx(2.0 * 6.0)
+    for force, search_lead, expected in ((6.0, lag * speed / 6.0, 0.2 + lag * speed),
+                                   (6.0, 1.0, 0.25 + SEARCH_DEPTH), (0.0, 1e-4, 0.25 + SEARCH_DEPTH)):
         found = target_depth(
-            force, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, light=light)
+            force, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, search_lead=search_lead)
         assert found == pytest.approx(expected)
 
 

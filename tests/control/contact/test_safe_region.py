@@ -10,7 +10,7 @@ from uvms_drake.control.contact.safe_region import (
     between_readings,
     bounds,
     replaces,
-    room,
+    free_distance,
     safe_depth,
 )
 from uvms_drake.model.surface.surface_class import SurfaceClass
@@ -44,7 +44,7 @@ def test_nowhere_in_the_cone_is_the_force_too_large(seed):
         tip = apex(surface, points, velocities, reading, FORCE_MAX, NOISE)
         p = tip + rng.uniform(-0.02, 0.02, (3000, 3))
         p -= np.maximum(surface.advance(p - tip), 0.0)[:, None] * surface.direction
-        left = room(surface, tip, p)
+        left = free_distance(surface, tip, p)
         assert np.isnan(tip[0]) or np.min(left) > -1e-12
         if not np.isnan(tip[0]):
             closest = max(closest, np.max(wall.static(p)) / FORCE_MAX)
@@ -58,7 +58,7 @@ def test_the_front_is_where_the_stiffest_wall_has_the_largest_force():
     tip = apex(surface, p[None], at_rest(p[None]), force, FORCE_MAX, NOISE)
     assert 12.0 + 5000.0 * (tip[0] - p[0]) == pytest.approx(FORCE_MAX)
     np.testing.assert_array_equal(tip[1:], p[1:])
-    assert room(surface, tip, p) == pytest.approx(33.0 / 5000.0)
+    assert free_distance(surface, tip, p) == pytest.approx(33.0 / 5000.0)
 
 
 def test_a_reading_above_the_limit_says_nothing_alone():
@@ -66,7 +66,7 @@ def test_a_reading_above_the_limit_says_nothing_alone():
     surface, p = straight(), np.zeros((1, 3))
     tip = apex(surface, p, p, np.array([46.0, 0.0, 0.0]), FORCE_MAX, 0.0)
     assert np.all(np.isnan(tip))
-    assert room(surface, tip, p[0]) == -np.inf
+    assert free_distance(surface, tip, p[0]) == -np.inf
     assert safe_depth(surface, tip, p[0], 0.0) == -np.inf
     formula = (FORCE_MAX - 46.0) / surface.stiffness
     assert 46.0 + 0.1 * surface.stiffness * formula > FORCE_MAX
@@ -182,7 +182,7 @@ def test_behind_the_bounds_a_tip_that_is_off_by_the_margin_is_in_the_cone():
         a = rng.uniform(0.0, 2.0 * np.pi, 100)
         real = planned + off_along * surface.direction + off_across * (
             np.cos(a)[:, None] * R[:, 1] + np.sin(a)[:, None] * R[:, 2])
-        assert np.min(room(surface, tip, real)) >= -1e-12
+        assert np.min(free_distance(surface, tip, real)) >= -1e-12
     assert safe_depth(straight(), tip, tip, margin) == pytest.approx(1.0 - margin)
 
 
@@ -190,17 +190,17 @@ def test_a_tip_that_slides_on_a_tilted_wall_keeps_contact_and_is_safe():
     """Along a wall that comes towards it, by apexes that are left behind."""
     surface = straight(angle=0.2)
     normal = np.array([np.cos(0.15), np.sin(0.15), 0.0])
-    reach, old, p = 0.02, np.full(3, np.nan), np.array([0.005, 0.0, 0.0])
+    extent, old, p = 0.02, np.full(3, np.nan), np.array([0.005, 0.0, 0.0])
     worst = 0.0
     for _ in range(400):
         force = surface.stiffness * max(p @ normal, 0.0)
         new = apex(surface, p[None], at_rest(p[None]), force * normal, FORCE_MAX, NOISE)
-        box = surface.across(p) + np.sort(np.outer([0.0, reach], surface.across(
+        box = surface.across(p) + np.sort(np.outer([0.0, extent], surface.across(
             np.array([0.0, 1.0, 0.0]))), axis=0)
         old = new if replaces(surface, new, old, box) else old
-        assert room(surface, old, p) > 0.0
+        assert free_distance(surface, old, p) > 0.0
         worst = max(worst, surface.stiffness * (normal @ (
-            p + room(surface, old, p) * surface.direction)))
+            p + free_distance(surface, old, p) * surface.direction)))
         p = p + np.array([0.0, 1e-3, 0.0])
         p[0] = 0.005 - p[1] * np.tan(0.15)
     assert 0.7 * FORCE_MAX < worst <= FORCE_MAX

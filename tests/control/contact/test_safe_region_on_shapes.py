@@ -5,7 +5,7 @@ import pytest
 from support.shapes import in_ball_of, near, surfaces
 from support.walls import SurfaceClass
 
-from uvms_drake.control.contact.safe_region import apex, room
+from uvms_drake.control.contact.safe_region import apex, free_distance
 
 ALL = surfaces(dissipation=1.7, friction=0.3, creep=0.004)
 REACH, LARGEST, NOISE = 0.03, 15.0, 0.5  # m, N, N
@@ -29,7 +29,7 @@ def test_what_a_reading_makes_safe_is_safe(surface):
         at = apex(walls, points[:, None], velocities[:, None], felt, LARGEST, NOISE)
         others = in_ball_of(center, REACH, 2000, rng)
         static = surface.static_force(np.pad(others, ((0, 0), (0, 3))))
-        safe = room(walls, at[:, None], others) >= 0.0
+        safe = free_distance(walls, at[:, None], others) >= 0.0
         assert np.all((static <= LARGEST) | ~safe)
         readings += np.count_nonzero(np.any(safe, axis=1))
         deepest = max(deepest, float(np.max(np.where(safe, static, 0.0))))

@@ -36,13 +36,13 @@ def path(depth, aside=0.0):
         np.broadcast_to(aside, np.shape(depth)), ASIDE)
 
 
-def read(tips, forces, belief=NOTHING, *, walls=WALLS, memory=MEMORY, period=PERIOD):
+def read(tips, forces, estimate=NOTHING, *, walls=WALLS, memory=MEMORY, period=PERIOD):
     """Returns the beliefs after each reading of a contact."""
-    beliefs = []
+    estimates = []
     for tip, force in zip(tips, forces, strict=True):
-        belief = with_reading(belief, walls, tip, force, True, NOISE, memory, period)
-        beliefs.append(belief)
-    return beliefs
+        estimate = with_reading(estimate, walls, tip, force, True, NOISE, memory, period)
+        estimates.append(estimate)
+    return estimates
 
 
 def felt(tips, force, seed=0, **options):
@@ -73,17 +73,17 @@ def test_it_is_the_least_squares_fit_of_a_wall_that_is_straight():
 
 
 def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
-    belief = initial_estimate(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
+    estimate = initial_estimate(WALLS, np.zeros(3), np.array(9.0), NOISE)._replace(
         mean=np.array([9.0, 600.0, 0.03, -0.05]))
     tip = np.array([0.01, 0.03, -0.02])
 
     def after(mean):
-        return moved(belief._replace(mean=mean), WALLS, tip, np.inf).mean
+        return moved(estimate._replace(mean=mean), WALLS, tip, np.inf).mean
 
     steps = 1e-6 * np.array([1.0, 600.0, 1.0, 1.0])
-    A = np.column_stack([(after(belief.mean + h) - after(belief.mean - h)) / (2.0 * np.max(h))
+    A = np.column_stack([(after(estimate.mean + h) - after(estimate.mean - h)) / (2.0 * np.max(h))
                          for h in np.diag(steps)])
-    P, expected = moved(belief, WALLS, tip, np.inf).covariance, A @ belief.covariance @ A.T
+    P, expected = moved(estimate, WALLS, tip, np.inf).covariance, A @ estimate.covariance @ A.T
     apart = ~np.eye(4, dtype=bool)
     np.testing.assert_allclose(P[apart], expected[apart], rtol=1e-6, atol=1e-9)
     assert np.all(np.diag(P) >= np.diag(expected) * (1.0 - 1e-9))
@@ -110,7 +110,7 @@ def test_a_tip_at_rest_neither_learns_nor_forgets():
     """Nor one whose position is measured with an error of 2 mm at most."""
     before, rng = pressed(300.0), np.random.default_rng(1)
     tips = before.at + 6.7e-4 * np.clip(rng.standard_normal((500, 3)), -2.0, 2.0)
-    after = felt(tips, lambda tips: np.full(500, 20.0), belief=before)[-1]
+    after = felt(tips, lambda tips: np.full(500, 20.0), estimate=before)[-1]
     np.testing.assert_array_equal(after.mean, before.mean)
     np.testing.assert_array_equal(after.covariance[1:], before.covariance[1:])
 
@@ -119,11 +119,11 @@ def test_a_tip_at_rest_neither_learns_nor_forgets():
 def test_a_slide_on_a_wall_that_runs_off_teaches_how_it_is_inclined(kappa):
     """At one force, 0.6 m along the wall: the wall that recedes does not look soft."""
     before, aside = pressed(kappa, tilted=DEG_3), np.linspace(0.0, 0.6, 200)
-    beliefs = felt(path(20.0 / kappa - DEG_3 * aside, aside), wall(kappa, DEG_3), belief=before)
-    learned = np.array([slope(belief, WALLS) for belief in beliefs])
+    estimates = felt(path(20.0 / kappa - DEG_3 * aside, aside), wall(kappa, DEG_3), estimate=before)
+    learned = np.array([slope(estimate, WALLS) for estimate in estimates])
     assert np.all(learned >= 0.9 * kappa)
     assert np.all(learned <= min(1.6 * kappa, MOST))
-    np.testing.assert_allclose(tilt(beliefs[-1], WALLS), DEG_3 * ASIDE, atol=0.15 * DEG_3)
+    np.testing.assert_allclose(tilt(estimates[-1], WALLS), DEG_3 * ASIDE, atol=0.15 * DEG_3)
 
 
 @pytest.mark.parametrize("kappa", [300.0, 900.0])
@@ -134,7 +134,7 @@ def test_a_slide_along_which_the_position_is_wrong_teaches_no_stiffness(kappa):
     tips = path(10.0 / kappa - DEG_3 * aside, aside)
     seen = tips + np.repeat(
         6.7e-4 * np.clip(rng.standard_normal((count // 2, 3)), -3.0, 3.0), 2, axis=0)
-    last = read(seen, wall(kappa, DEG_3)(tips), belief=before)[-1]
+    last = read(seen, wall(kappa, DEG_3)(tips), estimate=before)[-1]
     assert 0.9 * kappa <= slope(last, WALLS) <= min(1.6 * kappa, MOST)
     np.testing.assert_allclose(tilt(last, WALLS), DEG_3 * ASIDE, atol=0.25 * DEG_3)
 
@@ -144,19 +144,19 @@ def test_hard_below_soft_and_soft_below_hard_are_noticed_within_a_few_noises():
         before, start = pressed(first), 20.0 / first
         deeper = start + np.linspace(0.0, 5.0 * NOISE / MOST, 60)
         last = felt(path(deeper), lambda tips, at=start, k=second: 20.0 + k * (
-            tips @ WALLS.direction - at), belief=before)[-1]
+            tips @ WALLS.direction - at), estimate=before)[-1]
         assert slope(last, WALLS) > 0.8 * MOST or second < first
         longer = start + np.linspace(0.0, 15.0 / second, 120)
         last = felt(path(longer), lambda tips, at=start, k=second: 20.0 + k * (
-            tips @ WALLS.direction - at), belief=before)[-1]
+            tips @ WALLS.direction - at), estimate=before)[-1]
         assert 0.9 * second <= slope(last, WALLS) <= max(2.0 * second, 0.3 * MOST)
 
 
 def test_a_wall_that_hardens_is_followed():
     depth = np.linspace(0.0, 0.06, 300)
-    beliefs = felt(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
+    estimates = felt(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
     for i in (150, 299):
-        assert 0.6 <= slope(beliefs[i], WALLS) / (1e4 * depth[i]) <= 1.5
+        assert 0.6 <= slope(estimates[i], WALLS) / (1e4 * depth[i]) <= 1.5
 
 
 def test_a_wall_that_is_gone_is_forgotten_and_one_ahead_is_not():
@@ -176,12 +176,12 @@ def test_a_fast_press_teaches_the_slope_too(kappa, late):
     depth = np.where(time * speed < 20.0 / kappa, time * speed, 20.0 / kappa)
     before = np.interp(time - window, time, depth, left=0.0)
     force = kappa * np.interp(time - late, time, depth, left=0.0)
-    belief, rng = NOTHING, np.random.default_rng(3)
+    estimate, rng = NOTHING, np.random.default_rng(3)
     for tip, F, way in zip(path(depth), force, depth - before, strict=True):
         F += SIGMA * np.clip(rng.standard_normal(), -3.0, 3.0)
-        belief = with_reading(belief, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, way)
-        assert slope(belief, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
-    assert slope(belief, WALLS) < max(2.0 * kappa, 0.25 * MOST)
+        estimate = with_reading(estimate, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, way)
+        assert slope(estimate, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
+    assert slope(estimate, WALLS) < max(2.0 * kappa, 0.25 * MOST)
 
 
 def test_a_reading_that_may_be_of_another_place_is_of_another_wall_only_beyond_that():
@@ -218,15 +218,15 @@ def test_the_state_has_all_of_it():
 def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
     """A tip that follows its target T late, along a wall that comes nearer; else κ̂Tv tan θ is."""
     kappa, speed, lag, desired = 700.0, 0.02, 0.6, 20.0
-    belief, force_at = pressed(kappa, tilted=DEG_3), wall(kappa, DEG_3)
+    estimate, force_at = pressed(kappa, tilted=DEG_3), wall(kappa, DEG_3)
     tip = path(desired / kappa)
     for time in np.arange(0.0, 20.0, 0.1):
         force, place = force_at(tip), path(0.0, speed * time)
-        belief = with_reading(belief, WALLS, tip, force, True, NOISE, MEMORY, 0.1)
-        estimate = slope(belief, WALLS) if known else kappa
-        beside = tilt(belief, WALLS) @ (tip - place) if known else 0.0
-        depth = target_depth(desired, np.array([WALLS.depth(tip), force]), True, estimate, 0.0,
-                             np.inf, beside=beside)
+        estimate = with_reading(estimate, WALLS, tip, force, True, NOISE, MEMORY, 0.1)
+        kappa_hat = slope(estimate, WALLS) if known else kappa
+        depth_offset = tilt(estimate, WALLS) @ (tip - place) if known else 0.0
+        depth = target_depth(desired, np.array([WALLS.depth(tip), force]), True, kappa_hat, 0.0,
+                             np.inf, depth_offset=depth_offset)
         tip = tip + 0.1 / lag * (place + depth * WALLS.direction - tip)
     left = 0.0 if known else kappa * lag * speed * DEG_3
     assert force - desired == pytest.approx(left, abs=0.05)

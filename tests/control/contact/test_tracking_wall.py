@@ -102,16 +102,16 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
     watch = ForceFaultDetector.AddToBuilder(
         builder, ocp.model, sensing.period, repeats=sensing.repeats,
         state=robot.GetOutputPort("state"), force_measured=given)
-    front = ContactEstimator.AddToBuilder(
+    estimator = ContactEstimator.AddToBuilder(
         builder, ocp.model, WALLS, sensing.watched, margin=MARGIN,
         state=robot.GetOutputPort("state"), force_measured=watch.get_output_port())
     desired = builder.AddSystem(ConstantVectorSource([DESIRED]))
-    target = PressTarget.AddToBuilder(builder, front, DIRECTION, POSITION,
+    target = PressTarget.AddToBuilder(builder, estimator, DIRECTION, POSITION,
                                       desired_force=desired.get_output_port())
     builder.Connect(target.get_output_port(), mpc.GetInputPort("target"))
-    builder.Connect(front.GetOutputPort("front"), mpc.GetInputPort("safe_depth"))
+    builder.Connect(estimator.GetOutputPort("facet_depths"), mpc.GetInputPort("safe_depth"))
     logs = [LogVectorOutput(robot.GetOutputPort("state"), builder, SENSING.period),
-            LogVectorOutput(front.GetOutputPort("force_lost"), builder, SENSING.period),
+            LogVectorOutput(estimator.GetOutputPort("force_lost"), builder, SENSING.period),
             LogVectorOutput(mpc.GetOutputPort("report"), builder, H)]
     diagram = builder.Build()
     simulator = Simulator(diagram)

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 
 from uvms_drake.control.contact.wall_normal import (
     LENGTH,
-    PER_WAY,
+    TURN_PER_METRE,
     STEADY,
     STEP,
     UNKNOWN,
@@ -140,9 +140,9 @@ def test_the_system_reads_its_ports_and_keeps_what_it_learned_off_the_wall():
         if along == 0.04:
             first = system.get_output_port().Eval(context)[0]
     assert context.get_discrete_state(0).value() == pytest.approx(known.tilt, abs=1e-12)
-    assert 0.5 * PER_WAY * 0.04 < first <= PER_WAY * 0.04
-    gone = PER_WAY * way[-1]
-    assert system.get_output_port().Eval(context)[0] == pytest.approx(gone, abs=PER_WAY * 2 * STEP)
+    assert 0.5 * TURN_PER_METRE * 0.04 < first <= TURN_PER_METRE * 0.04
+    gone = TURN_PER_METRE * way[-1]
+    assert system.get_output_port().Eval(context)[0] == pytest.approx(gone, abs=TURN_PER_METRE * 2 * STEP)
     before = system.get_output_port().Eval(context)[0]
     fix(tip(d, way[-1]), 1.0)  # At rest, then off the wall: it does not turn.
     simulator.AdvanceTo(1.0)

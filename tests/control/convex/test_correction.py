@@ -48,8 +48,8 @@ def revalued_is_the_program(ocp, guess) -> None:
     np.testing.assert_allclose(moved.terminal.value, own.terminal.value, atol=1e-12)
     for one, another in zip(moved.norms, own.norms, strict=True):
         np.testing.assert_allclose(one.value, another.value, atol=1e-12)
-    if own.terminal.room is not None:
-        np.testing.assert_allclose(moved.terminal.room.size, own.terminal.room.size, atol=1e-12)
+    if own.terminal.radius_bound is not None:
+        np.testing.assert_allclose(moved.terminal.radius_bound.size, own.terminal.radius_bound.size, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal", "paper_kinematic",
@@ -108,9 +108,9 @@ def test_where_there_is_room_for_nothing_the_end_comes_back_all_the_same():
         before, after = (problem.evaluate(each).terminal_slack for each in (plan, moved))
         if before > 1e-5 and problem.is_sound(problem.evaluate(guess)):
             outside.append(after / before)
-            room = np.min(problem.staged_program(moved).terminal.room.size)
+            radius_bound = np.min(problem.staged_program(moved).terminal.radius_bound.size)
     assert len(outside) > 3
-    assert room < 1e-3
+    assert radius_bound < 1e-3
     assert max(outside) < 0.1
 
 

@@ -22,15 +22,15 @@ def random_polyhedron(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
 def is_empty(E: np.ndarray, e: np.ndarray, G: np.ndarray, b: np.ndarray) -> bool:
     """Returns whether no r keeps the rows by more than rounding, by another solver."""
     prog = MathematicalProgram()
-    r, room = prog.NewContinuousVariables(E.shape[1]), prog.NewContinuousVariables(1)
+    r, slack = prog.NewContinuousVariables(E.shape[1]), prog.NewContinuousVariables(1)
     if len(E):
         prog.AddLinearEqualityConstraint(E, e, r)
     prog.AddLinearConstraint(np.hstack([G, np.ones((len(G), 1))]), np.full(len(b), -np.inf), b,
-                             np.append(r, room))
-    prog.AddBoundingBoxConstraint(-1.0, 1.0, room)
-    prog.AddLinearCost(-room[0])
+                             np.append(r, slack))
+    prog.AddBoundingBoxConstraint(-1.0, 1.0, slack)
+    prog.AddLinearCost(-slack[0])
     result = ClarabelSolver().Solve(prog)
-    return bool(not result.is_success() or result.GetSolution(room)[0] < -1e-6)
+    return bool(not result.is_success() or result.GetSolution(slack)[0] < -1e-6)
 
 
 def test_random_polyhedra_have_an_optimum_or_are_empty():

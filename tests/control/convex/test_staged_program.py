@@ -64,12 +64,12 @@ def in_full(program: StagedProgram) -> tuple[np.ndarray, float, float, float] | 
         A[0, nx], A[1:, :nx] = 1.0, terminal.T
         prog.AddLorentzConeConstraint(
             A, np.concatenate([[terminal.radius], terminal.value]), np.concatenate([x[N], s]))
-    if terminal.room is not None:
-        for row, room in zip(terminal.room.rows, terminal.room.size, strict=True):
+    if terminal.radius_bound is not None:
+        for row, size in zip(terminal.radius_bound.rows, terminal.radius_bound.size, strict=True):
             A = np.zeros((1 + len(terminal.T), nx + 1))
             A[0, nx], A[0, :nx], A[1:, :nx] = 1.0, row, terminal.T
             prog.AddLorentzConeConstraint(
-                A, np.append(room, terminal.value), np.concatenate([x[N], s]))
+                A, np.append(size, terminal.value), np.concatenate([x[N], s]))
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None
@@ -88,14 +88,14 @@ def value(program: StagedProgram, w: np.ndarray, slack: float, excess: float) ->
     return total + program.slack_penalty * slack + program.excess_penalty * excess
 
 
-def random_program(seed: int, room: float, radius: float = 0.2) -> StagedProgram:
-    """Returns a program of 5 stages, 4 states and 2 decisions; more `room` leaves more free."""
+def random_program(seed: int, scale: float, radius: float = 0.2) -> StagedProgram:
+    """Returns a program of 5 stages, 4 states and 2 decisions; more `scale` leaves more free."""
     rng = np.random.default_rng(seed)
     N, nx, nw, m = 5, 4, 2, 3
     roots = rng.normal(size=(N, nx + nw, nx + nw))
     C = rng.normal(size=(N + 1, m, nx + nw))
     C[N, :, nx:] = 0.0
-    bound = room * rng.uniform(0.5, 1.5, size=(N + 1, m))
+    bound = scale * rng.uniform(0.5, 1.5, size=(N + 1, m))
     bound[0] = np.inf
     T = rng.normal(size=(3, nx))
     return StagedProgram(
@@ -106,10 +106,10 @@ def random_program(seed: int, room: float, radius: float = 0.2) -> StagedProgram
                             np.array([True, False, False])),
         norms=(NormLimit(np.hstack([rng.normal(size=(2, nx)), np.zeros((2, nw))]),
                          0.1 * rng.normal(size=(N + 1, 2)),
-                         np.concatenate([[np.inf], np.full(N, room)])),
+                         np.concatenate([[np.inf], np.full(N, scale)])),
                NormLimit(np.eye(6)[4:], 0.1 * rng.normal(size=(N + 1, 2)),
-                         np.concatenate([np.full(N, room), [np.inf]]))),
-        terminal=TerminalLimit(T, 0.1 * rng.normal(size=3), radius * room),
+                         np.concatenate([np.full(N, scale), [np.inf]]))),
+        terminal=TerminalLimit(T, 0.1 * rng.normal(size=3), radius * scale),
         slack_penalty=1.0, excess_penalty=2.0)
 
 
@@ -136,10 +136,10 @@ def compare(program: StagedProgram) -> str:
 
 @pytest.mark.parametrize("seeds", [12, pytest.param(250, marks=pytest.mark.long)])
 def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
-    kinds = [compare(random_program(seed, room))
-             for room in (0.03, 0.3, 1.0, 100.0) for seed in range(seeds)]
-    kinds += [compare(random_program(seed, room, radius=100.0))
-              for room in (0.3, 1.0) for seed in range(seeds)]
+    kinds = [compare(random_program(seed, scale))
+             for scale in (0.03, 0.3, 1.0, 100.0) for seed in range(seeds)]
+    kinds += [compare(random_program(seed, scale, radius=100.0))
+              for scale in (0.3, 1.0) for seed in range(seeds)]
     assert set(KINDS) == {kind for kind in KINDS if kinds.count(kind) > 5}
 
 
@@ -151,10 +151,10 @@ def test_the_end_has_to_be_where_there_is_room_for_it(size, off):
     for seed in range(12):
         program = random_program(seed, 1.0)
         row = np.random.default_rng(seed).normal(size=4)
-        room = RadiusBound(np.array([size]), row[None])
+        radius_bound = RadiusBound(np.array([size]), row[None])
         program = replace(program, terminal=program.terminal._replace(
             value=off * program.terminal.value))
-        inside = replace(program, terminal=program.terminal._replace(room=room))
+        inside = replace(program, terminal=program.terminal._replace(radius_bound=radius_bound))
         compare(inside)
         one, other = solve_staged(program), solve_staged(inside)
         mattered += one is not None and other is not None and not np.allclose(
@@ -176,8 +176,8 @@ def test_plans_in_front_of_a_wall_end_where_there_is_room_for_nothing():
 
 def test_both_relaxations_and_more_than_one_conic_program_occur():
     """Otherwise the comparison would say nothing about them."""
-    found = [solve_staged(random_program(seed, room))
-             for room in (0.1, 0.3, 1.0) for seed in range(12)]
+    found = [solve_staged(random_program(seed, scale))
+             for scale in (0.1, 0.3, 1.0) for seed in range(12)]
     found = [solution for solution in found if solution is not None]
     assert max(solution.slack for solution in found) > 0.1
     assert min(solution.slack for solution in found) < 1e-6
@@ -208,8 +208,8 @@ def both_forms(program: StagedProgram, *, softened: bool) -> bool:
 def test_the_condensed_and_the_sparse_conic_program_have_one_solution(short_ocp, start_plans):
     """For few limits and for many, without solution too."""
     for softened in (False, True):
-        solved = [both_forms(random_program(seed, room), softened=softened)
-                  for room in (0.03, 1.0) for seed in range(6)]
+        solved = [both_forms(random_program(seed, scale), softened=softened)
+                  for scale in (0.03, 1.0) for seed in range(6)]
         assert 0 < sum(solved) < len(solved)
         assert all(both_forms(short_ocp.staged_program(guess), softened=softened)
                    for guess in start_plans["off"][:3])

@@ -43,11 +43,11 @@ def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
 
 def test_it_is_what_the_plans_forces_change_until_they_act(model):
     plan, time, late = jumping(), 0.25, ActuationDelay(0.3, 0.04)
-    ahead = previewed_forces(model, plan, time, late, plan.at(time))
+    preview = previewed_forces(model, plan, time, late, plan.at(time))
     now = planned_forces(model, plan, time)
-    np.testing.assert_allclose(ahead[:6], planned_forces(model, plan, 0.55)[:6] - now[:6],
+    np.testing.assert_allclose(preview[:6], planned_forces(model, plan, 0.55)[:6] - now[:6],
                                atol=1e-9)
-    np.testing.assert_allclose(ahead[6:], planned_forces(model, plan, 0.29)[6:] - now[6:],
+    np.testing.assert_allclose(preview[6:], planned_forces(model, plan, 0.29)[6:] - now[6:],
                                atol=1e-9)
     # Beyond the end the last forces are meant; what is on time asks for nothing.
     np.testing.assert_array_equal(*(
@@ -84,9 +84,9 @@ def test_only_a_law_that_knows_of_actuators_asks_ahead(short_ocp):
         assert not make_tube_mpc(short_ocp, law, actuation_delay=actuation_delay).HasSubsystemNamed(
             "previewed_forces")
     controller = make_tube_mpc(short_ocp, TipFirst(), actuation_delay=late)
-    ahead, feedback = (controller.GetSubsystemByName(name) for name in (
+    preview, feedback = (controller.GetSubsystemByName(name) for name in (
         "previewed_forces", "ancillary"))
-    assert controller.AreConnected(ahead.get_output_port(), feedback.GetInputPort("ahead"))
+    assert controller.AreConnected(preview.get_output_port(), feedback.GetInputPort("preview"))
 
 
 def test_it_is_as_late_as_the_parts_of_the_actuation_together(model):
@@ -148,13 +148,13 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
         config, zeta, zeta_dot = plan.at(time)
         return np.append(config, zeta), zeta_dot
 
-    def ahead(time: float) -> np.ndarray:
+    def preview(time: float) -> np.ndarray:
         return previewed_forces(model, plan, time, ActuationDelay(lag), plan.at(time))
 
     def moved(**settings) -> Motion:
         return run(model, law, lambda time, J: np.zeros(10), 1.0, plan=nominal, lag=lag, **settings)
 
-    early, late = moved(ahead=ahead), moved()
+    early, late = moved(preview=preview), moved()
     e, largest = early.error[:, :6], np.max(np.abs(late.error[:, :6]), axis=0)
     f = np.einsum("tij,tj->ti", late.carried, late.asked[:, :6]) - late.feedback[:, :6]
     assert np.all(np.max(np.abs(e), axis=0) < 0.2 * largest)

@@ -24,6 +24,8 @@ from uvms_drake.plant.disturbance import (
 from uvms_drake.plant.kinematic_plant import make_kinematic_plant
 from uvms_drake.tube.conditions import kinematic_tubes
 
+pytestmark = pytest.mark.long
+
 W_BOUND = 0.05
 LAWS = {"resolved": Resolved(sigma=3.0), "transpose": Transpose(sigma=4.0)}
 CONSTANT = ConstantDisturbance(W_BOUND, np.array([1.0, -2.0, 0.5, 0.3, -0.4, 1.0]))

@@ -72,8 +72,8 @@ def test_mu_bounds_how_fast_the_preimage_grows_by_the_turning_of_j(model, pair):
     real, nominal = pair
     _, mu = gains_and_growth(pair_of(model, real, nominal), np.ones(10))
     rate = configuration_rate(real[:10], real[10:])
-    J, ahead, behind = (model.task_jacobian(real[:10] + s * rate) for s in (0.0, 1e-5, -1e-5))
-    turning = np.linalg.solve(J, ahead - behind) / 2e-5
+    J, forward, backward = (model.task_jacobian(real[:10] + s * rate) for s in (0.0, 1e-5, -1e-5))
+    turning = np.linalg.solve(J, forward - backward) / 2e-5
     w = np.random.default_rng(0).normal(size=(1000, 10))
     growth = -np.sum(w * (w @ turning.T), axis=1) / np.sum(w * w, axis=1)
     assert np.max(growth) <= mu

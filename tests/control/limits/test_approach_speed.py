@@ -33,9 +33,9 @@ def test_slopes_are_those_of_complex_steps(limit, points):
 
 def test_the_speeds_are_differences_of_places(model, points):
     step = 1e-6
-    ahead, behind = (model.task_pose(points.config + sign * step * configuration_rate(
+    forward, backward = (model.task_pose(points.config + sign * step * configuration_rate(
         points.config, points.zeta))[:, :3] for sign in (1.0, -1.0))
-    expected = (ahead - behind) / (2.0 * step) @ AXES.T
+    expected = (forward - backward) / (2.0 * step) @ AXES.T
     np.testing.assert_allclose(LIMITS[0].values(points), expected, atol=1e-8)
 
 

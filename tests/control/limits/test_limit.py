@@ -67,12 +67,12 @@ def test_rows_change_as_the_slopes_say(model, at, name):
     for argument in ("y", "zeta", "u"):
         slope = getattr(rows.slopes, argument)
         for j, step in enumerate(h * np.eye(10)):
-            ahead, behind = (limit.rows(points(model, *(
+            forward, backward = (limit.rows(points(model, *(
                 getattr(at, each) + sign * step * (each == argument)
                 for each in ("y", "zeta", "u")))).value for sign in (1.0, -1.0))
             found = 0.0 if slope is None else slope[..., j]
             np.testing.assert_allclose(
-                np.broadcast_to(found, rows.value.shape), (ahead - behind) / (2.0 * h),
+                np.broadcast_to(found, rows.value.shape), (forward - backward) / (2.0 * h),
                 rtol=1e-6, atol=1e-6 * (1.0 + np.max(np.abs(rows.value))))
 
 

@@ -34,14 +34,14 @@ def test_slopes_are_those_of_complex_steps(limit, points):
 
 def test_values_are_depths_now_and_half_an_interval_ahead(model, points):
     depth = SafeDepth(FACETS, DEPTHS).values(points)
-    ahead = SafeDepthBetweenKnots(FACETS, DEPTHS, H).values(points)
+    between = SafeDepthBetweenKnots(FACETS, DEPTHS, H).values(points)
     still = np.zeros((1, 10))
     for k in range(len(depth)):
         plans = [DynamicPlan.from_accelerations(
             0.0, 1e-6, points.config[k], sign * points.zeta[k], still) for sign in (1, -1)]
         after, before = (model.task_pose(plan.config[1])[:3] for plan in plans)
         velocity = (after - before) / 2e-6
-        assert ahead[k] == pytest.approx(depth[k] + 0.5 * H * FACETS @ velocity, abs=1e-8)
+        assert between[k] == pytest.approx(depth[k] + 0.5 * H * FACETS @ velocity, abs=1e-8)
     np.testing.assert_allclose(depth, points.y[:, :3] @ FACETS.T, atol=1e-15)
 
 

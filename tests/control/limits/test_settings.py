@@ -40,51 +40,51 @@ def less(limits, tube, q_lower=Q_LOWER, q_upper=Q_UPPER) -> dict[str, Limit]:
 def margins(limits, tube) -> list[tuple[str, float, float]]:
     """Returns label, radius and room of every limit."""
     tube = resolved_radii(tube)
-    return [room for limit in make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
-            for room in limit.margins(tube)]
+    return [available for limit in make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
+            for available in limit.margins(tube)]
 
 
 def test_every_limit_loses_the_radius_of_its_own_block():
-    rest = less(LIMITS, TUBE)
-    assert rest["nu1"].upper[0] == pytest.approx(0.21)
-    assert rest["nu2"].upper[0] == pytest.approx(0.17)
-    assert rest["qdot"].upper[0] == pytest.approx(0.25)
-    assert rest["roll"].upper[0] == pytest.approx(0.27)
-    assert rest["pitch"].upper[0] == pytest.approx(0.29)
-    assert rest["tip_pitch"].upper[0] == pytest.approx(0.79)
-    np.testing.assert_allclose(rest["u"].upper, [0.3, 0.2, 0.2, 0.2, 0.2, 0.2, 5.5, 7.3])
-    np.testing.assert_allclose(rest["tau"].upper, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
-    np.testing.assert_allclose(rest["q"].lower, [-0.488, -1.288])
-    np.testing.assert_allclose(rest["q"].upper, [1.388, 0.688])
+    remaining = less(LIMITS, TUBE)
+    assert remaining["nu1"].upper[0] == pytest.approx(0.21)
+    assert remaining["nu2"].upper[0] == pytest.approx(0.17)
+    assert remaining["qdot"].upper[0] == pytest.approx(0.25)
+    assert remaining["roll"].upper[0] == pytest.approx(0.27)
+    assert remaining["pitch"].upper[0] == pytest.approx(0.29)
+    assert remaining["tip_pitch"].upper[0] == pytest.approx(0.79)
+    np.testing.assert_allclose(remaining["u"].upper, [0.3, 0.2, 0.2, 0.2, 0.2, 0.2, 5.5, 7.3])
+    np.testing.assert_allclose(remaining["tau"].upper, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
+    np.testing.assert_allclose(remaining["q"].lower, [-0.488, -1.288])
+    np.testing.assert_allclose(remaining["q"].upper, [1.388, 0.688])
 
 
 @pytest.mark.parametrize("key", ["nu1", "nu2", "qdot"])
 def test_the_worst_deviation_in_the_tube_reaches_the_limit_and_does_not_exceed_it(key):
     """For a velocity on the tightened ball and 100 deviations: the radius is not too small."""
-    rest = less(LIMITS, TUBE)
+    remaining = less(LIMITS, TUBE)
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    nominal = rest[key].upper[0] * directions[0]
+    nominal = remaining[key].upper[0] * directions[0]
     real = np.linalg.norm(nominal + getattr(TUBE, key) * directions, axis=1)
     assert np.max(real) == pytest.approx(getattr(LIMITS, key))  # directions[0] is the worst
     assert np.all(real <= getattr(LIMITS, key) + 1e-12)
 
 
 def test_without_a_tube_the_limits_stay():
-    rest = less(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)))
+    remaining = less(LIMITS, TubeRadii(u=np.zeros(8), tau=np.zeros(8)))
     for key in ("nu1", "nu2", "qdot", "roll", "pitch", "tip_pitch"):
-        assert rest[key].upper[0] == getattr(LIMITS, key)
-    np.testing.assert_array_equal(rest["u"].upper, LIMITS.u)
-    np.testing.assert_array_equal(rest["tau"].upper, LIMITS.tau)
-    np.testing.assert_array_equal(rest["q"].lower, Q_LOWER)
-    np.testing.assert_array_equal(rest["q"].upper, Q_UPPER)
+        assert remaining[key].upper[0] == getattr(LIMITS, key)
+    np.testing.assert_array_equal(remaining["u"].upper, LIMITS.u)
+    np.testing.assert_array_equal(remaining["tau"].upper, LIMITS.tau)
+    np.testing.assert_array_equal(remaining["q"].lower, Q_LOWER)
+    np.testing.assert_array_equal(remaining["q"].upper, Q_UPPER)
 
 
 @pytest.mark.parametrize("tau", [None, TUBE.tau, np.full(3, -1.0)])
 def test_without_limits_on_forces_none_are_left_whatever_the_tube_says(tau):
-    rest = less(replace(LIMITS, tau=None), replace(TUBE, tau=tau))
-    assert "tau" not in rest
+    remaining = less(replace(LIMITS, tau=None), replace(TUBE, tau=tau))
+    assert "tau" not in remaining
 
 
 BLOCKS = {"position": "e", "orientation": "e", "joints": "e", "nu1": "z", "nu2": "z", "qdot": "z"}
@@ -95,15 +95,15 @@ def test_a_block_without_a_radius_of_its_own_takes_the_total():
     resolved = resolved_radii(tube)
     assert {block: getattr(resolved, block) for block in BLOCKS} == {
         block: getattr(TUBE, total) for block, total in BLOCKS.items()}
-    rest = less(LIMITS, tube)
-    assert rest["nu1"].upper[0] == pytest.approx(0.25 - 0.17)
-    assert rest["nu2"].upper[0] == pytest.approx(0.2 - 0.17)
-    assert rest["qdot"].upper[0] == pytest.approx(0.3 - 0.17)
-    assert rest["tip_pitch"].upper[0] == pytest.approx(0.8 - 0.19)
-    np.testing.assert_allclose(rest["q"].lower, [-0.31, -1.11])
-    np.testing.assert_allclose(rest["q"].upper, [1.21, 0.51])
+    remaining = less(LIMITS, tube)
+    assert remaining["nu1"].upper[0] == pytest.approx(0.25 - 0.17)
+    assert remaining["nu2"].upper[0] == pytest.approx(0.2 - 0.17)
+    assert remaining["qdot"].upper[0] == pytest.approx(0.3 - 0.17)
+    assert remaining["tip_pitch"].upper[0] == pytest.approx(0.8 - 0.19)
+    np.testing.assert_allclose(remaining["q"].lower, [-0.31, -1.11])
+    np.testing.assert_allclose(remaining["q"].upper, [1.21, 0.51])
     assert margins(LIMITS, tube) == margins(LIMITS, resolved)
-    assert rest["roll"].upper[0] == pytest.approx(0.27)
+    assert remaining["roll"].upper[0] == pytest.approx(0.27)
 
 
 @pytest.mark.parametrize("block", BLOCKS)
@@ -130,15 +130,15 @@ def test_joint_limits_are_the_robots_or_the_narrower_ones_asked_for():
 
 def test_narrower_joint_limits_are_tightened():
     asked = replace(LIMITS, q_lower=np.array([-0.4, -1.0]), q_upper=np.array([0.1, 0.2]))
-    rest = less(asked, TUBE)
-    np.testing.assert_allclose(rest["q"].lower, [-0.388, -0.988])
-    np.testing.assert_allclose(rest["q"].upper, [0.088, 0.188])
+    remaining = less(asked, TUBE)
+    np.testing.assert_allclose(remaining["q"].lower, [-0.388, -0.988])
+    np.testing.assert_allclose(remaining["q"].upper, [0.088, 0.188])
 
 
 def test_joints_without_limits_stay_so():
-    rest = less(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]))
-    np.testing.assert_allclose(rest["q"].lower, [-np.inf, -1.288])
-    np.testing.assert_allclose(rest["q"].upper, [np.inf, 0.688])
+    remaining = less(LIMITS, TUBE, np.array([-np.inf, -1.3]), np.array([np.inf, 0.7]))
+    np.testing.assert_allclose(remaining["q"].lower, [-np.inf, -1.288])
+    np.testing.assert_allclose(remaining["q"].upper, [np.inf, 0.688])
 
 
 # What is left ------------------------------------------------------------------------------------
@@ -158,8 +158,8 @@ def test_the_parts_are_every_limit_with_its_radius():
 
 def test_the_parts_may_be_empty_and_are_not_refused():
     wide = replace(TUBE, nu1=0.3, joints=2.0)
-    empty = [name for name, radius, room in margins(LIMITS, wide)
-             if radius >= room]
+    empty = [name for name, radius, available in margins(LIMITS, wide)
+             if radius >= available]
     assert empty == ["nu1", "q1", "q2"]
 
 
@@ -167,14 +167,14 @@ def test_the_parts_may_be_empty_and_are_not_refused():
     ("nu1", "nu1"), ("nu2", "nu2"), ("qdot", "qdot"), ("roll", "roll"), ("pitch", "pitch"),
     ("orientation", "tip_pitch")])
 def test_a_tube_as_wide_as_a_limit_is_refused_and_a_little_less_is_not(radius, limit):
-    room = getattr(LIMITS, limit)
-    rest = less(LIMITS, replace(TUBE, **{radius: 0.999 * room}))
-    assert rest[limit].upper[0] == pytest.approx(0.001 * room)
+    available = getattr(LIMITS, limit)
+    remaining = less(LIMITS, replace(TUBE, **{radius: 0.999 * available}))
+    assert remaining[limit].upper[0] == pytest.approx(0.001 * available)
     with pytest.raises(InvalidParameter) as caught:
-        less(LIMITS, replace(TUBE, **{radius: room}))
+        less(LIMITS, replace(TUBE, **{radius: available}))
     assert caught.value.key == f"limits.{limit}"
-    assert caught.value.value == room
-    assert f"larger than the tube's {room:.4g}" in str(caught.value)
+    assert caught.value.value == available
+    assert f"larger than the tube's {available:.4g}" in str(caught.value)
 
 
 @pytest.mark.parametrize("radius", ["e", "position", "z"])

@@ -17,7 +17,7 @@ from uvms_drake.control.mpc.planner import (
     FAILED,
     HOVERED,
     KEPT,
-    LATE,
+    TIMED_OUT,
     MPC_REPORT,
     SOLVED,
     SOLVERS_KEPT,
@@ -235,7 +235,7 @@ def test_a_plan_that_is_kept_because_it_is_sounder_is_no_failure(
     assert not caplog.records
 
 
-@pytest.mark.parametrize("fault", [FAILED, LATE])
+@pytest.mark.parametrize("fault", [FAILED, TIMED_OUT])
 def test_a_fault_of_the_solver_takes_the_continued_plan(short_ocp, start, fault):
     solver = FailingSolver(short_ocp)
     setup = Setup(solver, start)
@@ -325,7 +325,7 @@ def test_a_context_with_dropped_samples_goes_on_in_a_clone(short_ocp, start):
 
 
 def test_a_plan_after_its_deadline_is_thrown_away(short_ocp, start):
-    for deadline, status in ((1e-9, LATE), (1e6, SOLVED)):
+    for deadline, status in ((1e-9, TIMED_OUT), (1e6, SOLVED)):
         ocp = copy.copy(short_ocp)
         ocp.deadline = deadline
         solver = FailingSolver(ocp)
@@ -336,10 +336,10 @@ def test_a_plan_after_its_deadline_is_thrown_away(short_ocp, start):
         setup.go(1.5 * H)
         assert (setup.report()["status"], solver.calls) == (status, 2)
         kept = np.array_equal(setup.read("plan").zeta_dot, ocp.continued(plan).zeta_dot)
-        assert kept == (status == LATE)
+        assert kept == (status == TIMED_OUT)
 
 
-@pytest.mark.parametrize("fault", [FAILED, LATE, "deadline"])
+@pytest.mark.parametrize("fault", [FAILED, TIMED_OUT, "deadline"])
 def test_without_a_new_plan_there_is_no_new_force_either(short_ocp, start, fault):
     """It is asked for and refused, and accepted when a plan is made again."""
     force, other = np.full(6, 20.0), np.full(6, 21.0)
@@ -352,7 +352,7 @@ def test_without_a_new_plan_there_is_no_new_force_either(short_ocp, start, fault
     else:
         setup.give("fault", [fault])
     setup.go(1.5 * H)
-    assert setup.report()["status"] == (LATE if fault == "deadline" else fault)
+    assert setup.report()["status"] == (TIMED_OUT if fault == "deadline" else fault)
     assert setup.report()["refused"] == 1.0
     np.testing.assert_array_equal(setup.read("accepted_force"), force)
     setup.ocp.deadline = None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, TIMED_OUT, SOLVED
 from uvms_drake.control.mpc.solver_faults import (
     DroppedPeriod,
     SolverFailure,
@@ -21,7 +21,7 @@ def statuses(*faults, seed=0, count=20) -> list[int]:
 
 
 @pytest.mark.parametrize(("kind", "status"), [
-    (SolverFailure, FAILED), (SolverTimeout, LATE), (DroppedPeriod, DROPPED)])
+    (SolverFailure, FAILED), (SolverTimeout, TIMED_OUT), (DroppedPeriod, DROPPED)])
 def test_a_certain_fault_is_at_every_sample_of_its_time(kind, status):
     """[start, end), whatever the rounding of either."""
     assert statuses(kind()) == 20 * [status]

@@ -9,6 +9,8 @@ from support.limits import with_limits
 from uvms_drake.control.ocp.nlp import NonlinearSolver
 from uvms_drake.control.plan.plan import Plan
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def nlp(short_ocp) -> NonlinearSolver:

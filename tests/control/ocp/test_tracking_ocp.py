@@ -54,7 +54,7 @@ def tip(ocp: TrackingOcp, config: np.ndarray) -> np.ndarray:
 
 
 AIMS = {"free": TrackingTarget(POSITION + [0.4, -0.1, 0.2]),
-        "front": TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12)}
+        "safe_depth": TrackingTarget(POSITION + [0.4, -0.1, 0.2], POSITION[0] + 0.12)}
 
 
 @pytest.fixture(params=AIMS)
@@ -97,13 +97,13 @@ def test_the_optimum_is_that_of_the_nonlinear_program(seed, aim):
     assert one.evaluation.cost == pytest.approx(other.evaluation.cost, rel=1e-7)
     np.testing.assert_allclose(one.plan.a, other.plan.a, atol=1e-5)
     np.testing.assert_allclose(one.plan.zeta_dot, other.plan.zeta_dot, atol=1e-3)
-    room = ocp.terminal.radius if np.isinf(aim.safe_depth) else (
+    radius = ocp.terminal.radius if np.isinf(aim.safe_depth) else (
         aim.safe_depth - ocp.reference(one.plan)[0]) / ocp.depth_reach
-    assert ocp.terminal_radius(one.plan) == pytest.approx(room)
+    assert ocp.terminal_radius(one.plan) == pytest.approx(radius)
     if seed:  # The front leaves less than the whole set, and all of that is used.
         end = ocp.errors(one.plan, ocp.model.task_pose(one.plan.config))[-1]
-        assert np.linalg.norm(ocp.terminal.root @ end) == pytest.approx(room, abs=EXCEEDED)
-        assert room < ocp.terminal.radius
+        assert np.linalg.norm(ocp.terminal.root @ end) == pytest.approx(radius, abs=EXCEEDED)
+        assert radius < ocp.terminal.radius
 
 
 @pytest.mark.long
@@ -183,12 +183,12 @@ def test_between_knots_the_tip_stays_behind_the_front_but_for_its_third_derivati
 
 def test_a_retarget_costs_a_copy_and_one_program(ocp, monkeypatch):
     """Nothing is computed anew: neither terminal ingredients nor limits, nor their reach."""
-    one, other = ocp.aimed(AIMS["free"]), ocp.aimed(AIMS["front"])
+    one, other = ocp.aimed(AIMS["free"]), ocp.aimed(AIMS["safe_depth"])
     for key, value in vars(ocp).items():
         if key not in ("aim", "limits"):
             assert getattr(one, key) is value
     assert all(one.limits[name] is limit for name, limit in ocp.limits.items())
-    assert set(other.limits) - set(ocp.limits) == {"front", "front_ahead"}
+    assert set(other.limits) - set(ocp.limits) == {"safe_depth", "safe_depth_between_knots"}
     plan = one.continued(SequentialConvexSolver(one).solve(somewhere(ocp, 0), 20).plan)
     made = []
     monkeypatch.setattr(TrackingOcp, "staged_program", lambda self, plan, real=(
@@ -242,7 +242,7 @@ def test_what_is_not_the_same_everywhere_is_refused(ocp, model):
 
 def test_a_strict_problem_never_leaves_a_sound_plan_for_another(ocp):
     """Where a full step breaks a limit by curvature alone, a shorter one is taken."""
-    problem = ocp.aimed(AIMS["front"])
+    problem = ocp.aimed(AIMS["safe_depth"])
     lax = copy.copy(problem)
     lax.strict = False
     guess = problem.resting_plan(0.0, at_rest(ocp, POSITION))

@@ -38,17 +38,17 @@ def test_what_an_acceleration_that_changes_adds(jerk):
 
 
 def test_where_the_tube_is_thicker_than_what_the_wall_forgives_there_is_no_approach():
-    room = stopping_distance(45.0, 1.0, 20e3, 2.4e-3)
-    assert room == pytest.approx(43.0 / 20e3 - 4.8e-3)
-    assert room < 0.0
+    distance = stopping_distance(45.0, 1.0, 20e3, 2.4e-3)
+    assert distance == pytest.approx(43.0 / 20e3 - 4.8e-3)
+    assert distance < 0.0
 
 
 def test_a_tip_that_swings_back_hides_more_from_the_room():
     """The front after a reading of 0 N + ν of a tip that retreats with 0.1 m/s at c₊ = 2 s/m."""
     surface = SurfaceClass(np.array([1.0, 0.0, 0.0]), 2000.0, dissipation=2.0)
     point, velocity = np.zeros((1, 3)), np.array([[-0.1, 0.0, 0.0]])
-    front = apex(surface, point, velocity, np.array([1.0, 0.0, 0.0]), 45.0, 1.0)[0]
-    room = stopping_distance(45.0, 1.0, 2000.0, 2.4e-3, retreat=0.2)
-    assert room == pytest.approx(front - 2.0 * 2.4e-3)
-    assert room < stopping_distance(45.0, 1.0, 2000.0, 2.4e-3)
+    edge = apex(surface, point, velocity, np.array([1.0, 0.0, 0.0]), 45.0, 1.0)[0]
+    distance = stopping_distance(45.0, 1.0, 2000.0, 2.4e-3, retreat=0.2)
+    assert distance == pytest.approx(edge - 2.0 * 2.4e-3)
+    assert distance < stopping_distance(45.0, 1.0, 2000.0, 2.4e-3)
     assert stopping_distance(45.0, 1.0, 2000.0, 0.0, retreat=1.0) == -np.inf

@@ -48,7 +48,7 @@ from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, TIMED_OUT, SOLVED
 from uvms_drake.control.mpc.solver_faults import (
     DroppedPeriod,
     SolverFailure,
@@ -63,6 +63,8 @@ from uvms_drake.station.diagram import make_station
 from uvms_drake.station.scenario.faults import check_faults
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
+
+pytestmark = pytest.mark.long
 
 CLOSE = "start.eta=[-1.13, -0.05, -0.05, 0.02, 0.02, 0.05]"
 """The tip starts 4 cm off the wall and touches it within a second."""
@@ -114,7 +116,7 @@ def assert_no_command_exceeds_the_limits(record) -> None:
 
 @pytest.mark.parametrize(("kind", "status", "which"), [
     (SolverFailure, FAILED, "at random"), (SolverFailure, FAILED, "for ever"),
-    (SolverTimeout, LATE, "for 2 s")])
+    (SolverTimeout, TIMED_OUT, "for 2 s")])
 def test_without_a_new_plan_the_tube_is_kept_and_it_is_in_the_log(kind, status, which):
     fault, samples = {
         "at random": (kind(probability=0.4), None),
@@ -175,7 +177,7 @@ def test_a_deadline_throws_plans_away_that_take_longer():
     """The first plan is exempt."""
     record, report = run(scenario_of(4.0, overrides=["mpc.deadline=1e-9"]))
     np.testing.assert_array_equal(record.mpc_status[:1], SOLVED)
-    np.testing.assert_array_equal(record.mpc_status[1:], LATE)
+    np.testing.assert_array_equal(record.mpc_status[1:], TIMED_OUT)
     assert_tube_kept(record, report)
 
 

@@ -56,10 +56,10 @@ class ContactEstimator(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `reach` (4): least, then largest place across n of the rest of the plan that is followed, see
+    - `extent` (4): least, then largest place across n of the rest of the plan that is followed, see
       `replaces` [m]; where it is not connected, plans stay where the tip is.
     - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
-    - `front` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `front.bounds`.
+    - `estimator` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `estimator.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
     - `touched` (1): 1 if the last reading was a touch, else 0.
     - `reading` (4): where the tip was at the last reading (3) [m], and its force n·𝐅 [N].
@@ -87,7 +87,7 @@ class ContactEstimator(LeafSystem):
         self._model, self._surface, self._sensing = model, surface, sensing
         self._state_port = self.DeclareVectorInputPort("state", 2 * model.size)
         self._force_port = self.DeclareVectorInputPort("force_measured", 6)
-        self._reach_port = self.DeclareVectorInputPort("reach", 4)
+        self._extent_port = self.DeclareVectorInputPort("extent", 4)
         for part in initial_contact_state(sensing):
             self.DeclareDiscreteState(part)
         self.DeclarePeriodicDiscreteUpdateEvent(sensing.period, 0.0, self._read)
@@ -95,14 +95,14 @@ class ContactEstimator(LeafSystem):
         known = {self.xd_ticket(), self.all_input_ports_ticket()}
         for name, size, calc in (
             ("safe_depth", 1, lambda now: safe_depth(surface, now.apex, now.past[-6:-3], margin)),
-            ("front", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
+            ("facet_depths", len(surface.facets), lambda now: bounds(surface, now.apex, margin)),
             ("apex", 3, lambda now: now.apex),
             ("touched", 1, lambda now: now.reading[4:]),
             ("reading", 4, lambda now: now.reading[:4]),
-            ("slope", 1, lambda now: slope(StiffnessEstimate.of(now.belief), surface)),
-            ("tilt", 3, lambda now: tilt(StiffnessEstimate.of(now.belief), surface)),
+            ("slope", 1, lambda now: slope(StiffnessEstimate.of(now.stiffness), surface)),
+            ("tilt", 3, lambda now: tilt(StiffnessEstimate.of(now.stiffness), surface)),
             ("contact_depth", 1, lambda now: surface_depth(
-                StiffnessEstimate.of(now.belief), surface, now.past[-6:-3])),
+                StiffnessEstimate.of(now.stiffness), surface, now.past[-6:-3])),
             ("force_lost", 1, lambda now: now.missing >= sensing.patience),
         ):
             self.DeclareVectorOutputPort(name, size, self._calc(calc), known)
@@ -128,10 +128,10 @@ class ContactEstimator(LeafSystem):
         else:
             tip = without_reading(before)
         force = self._force_port.Eval(context)[:3]
-        reach = np.tile(self._surface.across(tip[:3]), (2, 1))
-        if np.isfinite(before.apex[0]) and self._reach_port.HasValue(context):
-            reach = self._reach_port.Eval(context).reshape(2, 2)
-        return updated_contact_state(self._surface, self._sensing, reach, before, tip, force)
+        extent = np.tile(self._surface.across(tip[:3]), (2, 1))
+        if np.isfinite(before.apex[0]) and self._extent_port.HasValue(context):
+            extent = self._extent_port.Eval(context).reshape(2, 2)
+        return updated_contact_state(self._surface, self._sensing, extent, before, tip, force)
 
     def _read(self, context: Context, state: DiscreteValues) -> EventStatus:
         for i, part in enumerate(self._after(context)):
@@ -155,5 +155,5 @@ class ContactEstimator(LeafSystem):
             force_measured: Gives 𝔉 as the sensor does; left to the caller if None.
             name: Name of the system.
         """
-        front = ContactEstimator(model, surface, sensing, margin=margin)
-        return added(builder, name, front, state=state, force_measured=force_measured)
+        estimator = ContactEstimator(model, surface, sensing, margin=margin)
+        return added(builder, name, estimator, state=state, force_measured=force_measured)

@@ -67,7 +67,7 @@ class ContactState(NamedTuple):
     reading: np.ndarray
     """Where the tip was at the last reading (3) [m], its force n·𝐅 [N], 1 if it was a touch, else 0
     (5,)."""
-    belief: np.ndarray
+    stiffness: np.ndarray
     """The `StiffnessEstimate` (23,)."""
     past: np.ndarray
     """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `without_reading`.
@@ -87,7 +87,7 @@ def without_reading(before: ContactState) -> np.ndarray:
     return np.append(before.past[-6:-3], np.full(3, np.nan))
 
 
-def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, reach: np.ndarray, before: ContactState,
+def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, extent: np.ndarray, before: ContactState,
          tip: np.ndarray, force: np.ndarray) -> ContactState:
     """Returns what is known after one more reading.
 
@@ -97,7 +97,7 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, reac
     Args:
         surface: The class of walls.
         sensing: The sensor.
-        reach: Where plans go (2, 2), see `replaces` [m].
+        extent: Where plans go (2, 2), see `replaces` [m].
         before: What was known.
         tip: Position and velocity now (6,) [m, m/s]; or `without_reading`.
         force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.
@@ -109,16 +109,16 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, reac
     before = before._replace(past=past, missing=np.zeros(1) if known else before.missing + 1.0)
     if not (known and np.all(np.isfinite(tip))):
         return before
-    nu, belief = sensing.noise, StiffnessEstimate.of(before.belief)
+    nu, stiffness = sensing.noise, StiffnessEstimate.of(before.stiffness)
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
-    if not replaces(surface, new, before.apex, reach):
+    if not replaces(surface, new, before.apex, extent):
         new = before.apex
     touch, pressed = np.linalg.norm(force) > nu, surface.depth(force)
-    feels = touch or not np.isnan(belief.mean[0])  # Else there is nothing to be learned.
+    feels = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to be learned.
     if feels and np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):
         gone = tip[:3] - points
         way, back = (np.max(surface.advance(each)) for each in (gone, -gone))
         way = way if back <= nu / surface.stiffness else np.inf
-        belief = with_reading(belief, surface, tip[:3], pressed, touch, nu, sensing.memory,
+        stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
                               sensing.period, way)
-    return ContactState(new, np.array([*tip[:3], pressed, touch]), belief.state, past, before.missing)
+    return ContactState(new, np.array([*tip[:3], pressed, touch]), stiffness.state, past, before.missing)

@@ -51,13 +51,13 @@ remains one at F_des > 3ν + κ₊E_n.
 limits of speed and front let it. If it is lost, the law goes on with no force from where the wall
 should begin, or from where the tip is, if that is further: it comes back to a wall it has left, and
 follows one that yields. A wall that should be felt there and is not is forgotten
-(`slope.with_reading`), and the search begins again. While the tip is `ASIDE` of its place or
+(`slope.with_reading`), and the search begins again. While the tip is `LATERAL_TOLERANCE` of its place or
 further it steers for the depth at which it is: where a tip touches, it is dragged along the wall
 from there on, slowly and against the friction. So it goes no deeper by the plan, but by what it is
 off the plan, e: with a plan that follows T behind it creeps at e/T. A place that runs away from a
-tip, by more than `ASIDE` all the time, is not searched at. It aims `AHEAD` of the front and no
+tip, by more than `LATERAL_TOLERANCE` all the time, is not searched at. It aims `SEARCH_DEPTH` of the front and no
 further: to move across n uses up α of the front for each metre, so a tip whose target is r away
-stops αr beside its place; that has to be less than `ASIDE`, or it would wait there.
+stops αr beside its place; that has to be less than `LATERAL_TOLERANCE`, or it would wait there.
 
 *A light press comes up slowly.* A tip at speed v that touches is κ₊vt_r deep in the stiffest wall,
 in force, until a plan follows that knows of it, t_r later at most (`touch_to_plan`). For that to be
@@ -94,7 +94,7 @@ from uvms_drake.common.wiring import added
 from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.contact.contact_state import ForceSensorModel
 
-AHEAD = 0.1
+SEARCH_DEPTH = 0.1
 """How far beyond the front the search aims [m]."""
 CLEARANCE = 0.05
 """How far the retreat goes back [m]."""
@@ -102,14 +102,14 @@ TINY = 1e-9
 """Force that is none [N]."""
 OVER = 2.0
 """Force over F_des up to which a search may come before a plan knows of the touch."""
-ASIDE = 0.05
+LATERAL_TOLERANCE = 0.05
 """How far from its place, across n, the tip goes no deeper in search of the wall [m]."""
 
 
 def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, slope: np.ndarray,
                  contact_depth: np.ndarray, safe_depth: np.ndarray,
-                 beside: np.ndarray | float = 0.0, aside: np.ndarray | float = 0.0,
-                 light: float = np.inf) -> np.ndarray:
+                 depth_offset: np.ndarray | float = 0.0, lateral_error: np.ndarray | float = 0.0,
+                 search_lead: float = np.inf) -> np.ndarray:
     """Returns the depth to steer for [m]; see the module. Of one wall, or of arrays of them.
 
     Args:
@@ -119,17 +119,17 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
         slope: κ̂ [N/m].
         contact_depth: Where the wall begins [m]; NaN: nobody knows.
         safe_depth: x_safe [m].
-        beside: −𝔱·(𝔲 − 𝔭), how much deeper the wall is at the place than at the tip [m].
-        aside: How far the tip is from the place, across n [m].
-        light: How far ahead of the tip it searches at most, for each newton that is asked for, if
+        depth_offset: −𝔱·(𝔲 − 𝔭), how much deeper the wall is at the place than at the tip [m].
+        lateral_error: How far the tip is from the place, across n [m].
+        search_lead: How far ahead of the tip it searches at most, for each newton that is asked for, if
             any is [m/N].
     """
     depth = np.where(touched, reading[0], np.maximum(reading[0], contact_depth))
     force = np.where(touched, reading[1], 0.0)
-    pressing = depth + (desired - force) / slope + beside
-    ahead = np.where(desired > 0.0, light * np.maximum(desired, TINY), np.inf)
+    pressing = depth + (desired - force) / slope + depth_offset
+    lead = np.where(desired > 0.0, search_lead * np.maximum(desired, TINY), np.inf)
     search = np.where(
-        aside < ASIDE, np.minimum(safe_depth + AHEAD, reading[0] + ahead), reading[0])
+        lateral_error < LATERAL_TOLERANCE, np.minimum(safe_depth + SEARCH_DEPTH, reading[0] + lead), reading[0])
     return np.where(np.isnan(pressing), search, pressing)
 
 
@@ -144,15 +144,15 @@ def touch_to_plan(time_step: float, committed: int, sensing: ForceSensorModel) -
     return (1 + committed) * time_step + sensing.watched.window
 
 
-def search_speed(force: float, stiffness: float, late: float) -> float:
+def search_speed(force: float, stiffness: float, delay: float) -> float:
     """Returns the speed v of the search [m/s] for a desired force [N]; see the module.
 
     Args:
         force: F_des [N].
         stiffness: κ₊ [N/m].
-        late: t_r, from a touch to a plan that knows of it [s].
+        delay: t_r, from a touch to a plan that knows of it [s].
     """
-    return OVER * force / (stiffness * late)
+    return OVER * force / (stiffness * delay)
 
 
 def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray) -> np.ndarray:
@@ -200,13 +200,13 @@ class PressTarget(LeafSystem):
     Args:
         direction: n (3,).
         place: The default (3,) [m].
-        light: See `target_depth` [m/N].
+        search_lead: See `target_depth` [m/N].
     """
 
-    def __init__(self, direction: np.ndarray, place: np.ndarray, *, light: float = np.inf):
+    def __init__(self, direction: np.ndarray, place: np.ndarray, *, search_lead: float = np.inf):
         super().__init__()
-        require(light > 0.0, "light", light, "positive")
-        self._light = light
+        require(search_lead > 0.0, "light", search_lead, "positive")
+        self._search_lead = search_lead
         self._direction, self._place = vector("direction", direction, 3), vector("place", place, 3)
         self._desired_port = self.DeclareVectorInputPort("desired_force", 1)
         self._place_port = self.DeclareVectorInputPort("place", 3)
@@ -217,16 +217,16 @@ class PressTarget(LeafSystem):
         self.DeclareVectorOutputPort("target", 3, self._calc, {self.all_input_ports_ticket()})
 
     def _depth(self, context: Context, line: np.ndarray) -> np.ndarray:
-        felt = {name: port.Eval(context) for name, port in self._ports.items()}
-        (*tip, force), tilt = felt.pop("reading"), felt.pop("tilt")
-        depth, (lost,) = self._direction @ tip, felt.pop("force_lost")
+        estimate = {name: port.Eval(context) for name, port in self._ports.items()}
+        (*tip, force), tilt = estimate.pop("reading"), estimate.pop("tilt")
+        depth, (lost,) = self._direction @ tip, estimate.pop("force_lost")
         reading, off = np.array([depth, force]), tip - depth * self._direction - line
         if lost:
-            depth = retreat_depth(reading, felt["contact_depth"])
+            depth = retreat_depth(reading, estimate["contact_depth"])
         else:
-            depth = target_depth(self._desired_port.Eval(context), reading, **felt,
-                                 beside=tilt @ (tip - line), aside=float(np.linalg.norm(off)),
-                                 light=self._light)
+            depth = target_depth(self._desired_port.Eval(context), reading, **estimate,
+                                 depth_offset=tilt @ (tip - line), lateral_error=float(np.linalg.norm(off)),
+                                 search_lead=self._search_lead)
         if self._deepest_port.HasValue(context):
             depth = np.fmin(depth, self._deepest_port.Eval(context))
         return depth
@@ -245,20 +245,20 @@ class PressTarget(LeafSystem):
         output.SetFromVector(self._depth(context, line) * self._direction + line)
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, front: ContactEstimator, direction: np.ndarray,
-                     place: np.ndarray, *, desired_force: OutputPort, light: float = np.inf,
+    def AddToBuilder(builder: DiagramBuilder, estimator: ContactEstimator, direction: np.ndarray,
+                     place: np.ndarray, *, desired_force: OutputPort, search_lead: float = np.inf,
                      name: str = "press_target") -> "PressTarget":
         """Adds the target and connects it, but for `place` and `deepest`.
 
         Args:
             builder: Where to add it.
-            front: What was felt.
+            estimator: What was felt.
             direction: n (3,).
             place: Where to press if nobody says where [m].
             desired_force: Gives F_des along n.
-            light: See the constructor.
+            search_lead: See the constructor.
             name: Name of the system.
         """
-        system = PressTarget(direction, place, light=light)
+        system = PressTarget(direction, place, search_lead=search_lead)
         return added(builder, name, system, desired_force=desired_force, **{
-            port: front.GetOutputPort(port) for port in system._ports})
+            port: estimator.GetOutputPort(port) for port in system._ports})

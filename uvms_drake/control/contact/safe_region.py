@@ -23,7 +23,7 @@ so the force is at most the reading over 1 − e^(−W/T): take W = 3T and ν fo
 *The pyramid never shrinks* where the plan goes. A plan keeps linear rows, `SurfaceClass.facets`:
 the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
 if nothing is lost over all places across n at which the rest of the plan that is followed is
-(`plan_reach`), see `replaces`, so a plan that was allowed still is. What lies behind a tip that
+(`plan_extent`), see `replaces`, so a plan that was allowed still is. What lies behind a tip that
 slides is lost, for no plan goes there.
 
 *The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
@@ -58,8 +58,8 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
     now = points[..., -1:, :]
     back = np.max(surface.advance(now - points), axis=-1)
     back += between_readings(surface, velocities, period)
-    ahead = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
-    return now[..., 0, :] + ahead[..., None] * surface.direction
+    safe_distance = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
+    return now[..., 0, :] + safe_distance[..., None] * surface.direction
 
 
 def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: float) -> np.ndarray:
@@ -87,16 +87,16 @@ def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: floa
     return period * np.max(turned, axis=-1, initial=0.0)
 
 
-def room(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
+def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Returns how far ahead of 𝔭 (..., 3) along n the cone of an apex (..., 3) ends (...) [m].
 
     It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
     """
-    left = -surface.advance(point - at)
-    return np.where(np.isnan(left), -np.inf, left)
+    distance = -surface.advance(point - at)
+    return np.where(np.isnan(distance), -np.inf, distance)
 
 
-def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: np.ndarray
+def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, extent: np.ndarray
              ) -> np.ndarray:
     """Returns whether an apex takes the place of the old one: nothing is lost where plans go.
 
@@ -114,10 +114,10 @@ def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, reach: np.
         surface: The class of walls.
         new: Apex of the latest reading (..., 3); NaN replaces nothing.
         old: The one so far (..., 3); NaN is replaced by any.
-        reach: Ends of the box, least and largest 𝔲 = (t₁, t₂)·𝔭 of places (..., 2, 2) [m].
+        extent: Ends of the box, least and largest 𝔲 = (t₁, t₂)·𝔭 of places (..., 2, 2) [m].
     """
     places = surface.across(new)[..., None, :], surface.across(old)[..., None, :]
-    closer = np.subtract(*(np.abs(reach - place) for place in places))
+    closer = np.subtract(*(np.abs(extent - place) for place in places))
     lost = surface.tilt * np.sum(np.max(closer, axis=-2), axis=-1)
     better = surface.depth(new - old) >= lost
     return ~np.isnan(new[..., 0]) & (np.isnan(old[..., 0]) | better)

@@ -105,75 +105,75 @@ def initial_estimate(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, 
                   np.broadcast_to(tip, (*mean.shape[:-1], 3)))
 
 
-def _way(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _way(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns s (...) and the first row of A (..., 4), without s where κ is not learned."""
-    motion = tip - belief.at
+    motion = tip - estimate.at
     across = motion @ surface.axes[1:].T
-    s = surface.depth(motion) + np.sum(belief.mean[..., 2:] * across, axis=-1)
-    row = np.empty(belief.mean.shape)
-    row[..., 0], row[..., 2:] = 1.0, belief.mean[..., 1:2] * across
+    s = surface.depth(motion) + np.sum(estimate.mean[..., 2:] * across, axis=-1)
+    row = np.empty(estimate.mean.shape)
+    row[..., 0], row[..., 2:] = 1.0, estimate.mean[..., 1:2] * across
     row[..., 1] = np.where(np.abs(s) >= np.linalg.norm(across, axis=-1), s, 0.0)
     return s, row
 
 
-def moved(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, memory: float) -> StiffnessEstimate:
+def moved(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, memory: float) -> StiffnessEstimate:
     """Returns what is believed where the tip is now, NaN of nothing.
 
     Args:
-        belief: What was believed where it was.
+        estimate: What was believed where it was.
         surface: The class of walls.
         tip: Where the tip is (..., 3) [m].
         memory: Change of the force with which κ changes by `HARDENING` [N].
     """
-    s, row = _way(belief, surface, tip)
-    kappa, mean = belief.mean[..., 1], belief.mean.copy()
+    s, row = _way(estimate, surface, tip)
+    kappa, mean = estimate.mean[..., 1], estimate.mean.copy()
     mean[..., 0] += kappa * s
-    A = np.broadcast_to(np.eye(4), belief.covariance.shape).copy()
+    A = np.broadcast_to(np.eye(4), estimate.covariance.shape).copy()
     A[..., 0, :] = row
-    P = A @ belief.covariance @ np.swapaxes(A, -1, -2)
+    P = A @ estimate.covariance @ np.swapaxes(A, -1, -2)
     # Each of κ, t₁, t₂ comes to be as unknown as at first, and no more.
     most = np.array([0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2]) ** 2
     harder = (HARDENING * kappa) ** 2 * kappa * np.abs(row[..., 1]) / memory
-    bent = surface.tilt**2 * surface.aside(tip - belief.at) / BEND
+    bent = surface.tilt**2 * surface.aside(tip - estimate.at) / BEND
     grown = np.minimum(np.stack([harder, bent, bent], axis=-1), np.maximum(
         most - np.diagonal(P, axis1=-2, axis2=-1)[..., 1:], 0.0))
     grown = np.concatenate([np.zeros_like(s)[..., None], grown], axis=-1)
     return StiffnessEstimate(mean, P + grown[..., None] * np.eye(4), tip)
 
 
-def unlike(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
+def unlike(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
            noise: np.ndarray | float) -> np.ndarray:
     """Returns by how much a reading is above (> 0) or below what the wall's may be [N]; or 0.
 
     The arguments are those of `with_reading`.
     """
-    s, row = _way(belief, surface, tip)
-    variance = np.sum((row[..., None, :] @ belief.covariance)[..., 0, :] * row, axis=-1)
-    off = force - belief.mean[..., 0] - belief.mean[..., 1] * s
+    s, row = _way(estimate, surface, tip)
+    variance = np.sum((row[..., None, :] @ estimate.covariance)[..., 0, :] * row, axis=-1)
+    off = force - estimate.mean[..., 0] - estimate.mean[..., 1] * s
     allowed = noise + STRANGE * np.sqrt(variance)
     return np.nan_to_num(np.maximum(off - allowed, 0.0) + np.minimum(off + allowed, 0.0))
 
 
-def corrected(belief: StiffnessEstimate, surface: SurfaceClass, force: np.ndarray,
+def corrected(estimate: StiffnessEstimate, surface: SurfaceClass, force: np.ndarray,
               deviation: np.ndarray | float) -> StiffnessEstimate:
     """Returns what is believed after a reading at the same place; κ and 𝔱 those of the class.
 
     Args:
-        belief: What was believed.
+        estimate: What was believed.
         surface: The class of walls.
         force: F, along n (...) [N].
         deviation: σ (...) [N].
     """
-    P = belief.covariance
+    P = estimate.covariance
     gain = P[..., 0] / (P[..., 0, 0] + deviation**2)[..., None]
-    mean = belief.mean + gain * (force - belief.mean[..., 0])[..., None]
+    mean = estimate.mean + gain * (force - estimate.mean[..., 0])[..., None]
     mean[..., 1] = np.clip(mean[..., 1], SOFTEST * surface.stiffness, surface.stiffness)
     size = np.linalg.norm(mean[..., 2:], axis=-1, keepdims=True)
     mean[..., 2:] *= surface.tilt / np.maximum(size, max(surface.tilt, 1e-9))
-    return belief._replace(mean=mean, covariance=P - gain[..., None] * P[..., None, 0, :])
+    return estimate._replace(mean=mean, covariance=P - gain[..., None] * P[..., None, 0, :])
 
 
-def with_reading(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
+def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
                  touched: np.ndarray | np.bool, noise: float, memory: float, period: float,
                  way: np.ndarray | float = 0.0) -> StiffnessEstimate:
     """Returns what is believed after one more reading.
@@ -182,7 +182,7 @@ def with_reading(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarr
     below zero.
 
     Args:
-        belief: What was believed.
+        estimate: What was believed.
         surface: The class of walls.
         tip: Where the tip is (..., 3) [m].
         force: F, along n (...) [N].
@@ -193,47 +193,47 @@ def with_reading(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarr
         way: How much deeper the tip came while the force may have been read (...) [m]; inf: the
             reading says nothing.
     """
-    enough, first = noise / surface.stiffness, np.isnan(belief.mean[..., 0])
+    enough, first = noise / surface.stiffness, np.isnan(estimate.mean[..., 0])
     if np.all(first & np.logical_not(touched)):
-        return belief
-    covariance = belief.covariance.copy()
+        return estimate
+    covariance = estimate.covariance.copy()
     covariance[..., 0, 0] = np.minimum(
         covariance[..., 0, 0] + (WANDER * noise) ** 2 * period,
         np.maximum(covariance[..., 0, 0], noise**2))
-    belief = belief._replace(covariance=covariance)
-    late = slope(belief, surface) * way
-    off = unlike(belief, surface, tip, force, noise + late)
-    far = (np.linalg.norm(tip - belief.at, axis=-1) >= enough) & touched
-    after = belief
+    estimate = estimate._replace(covariance=covariance)
+    late = slope(estimate, surface) * way
+    off = unlike(estimate, surface, tip, force, noise + late)
+    far = (np.linalg.norm(tip - estimate.at, axis=-1) >= enough) & touched
+    after = estimate
     if np.any(far | (off != 0.0)):
-        here, deviation = moved(belief, surface, tip, memory), np.hypot(SCATTER * noise, 0.5 * late)
-        after = _chosen(far, corrected(here, surface, force, deviation), belief)
+        here, deviation = moved(estimate, surface, tip, memory), np.hypot(SCATTER * noise, 0.5 * late)
+        after = _chosen(far, corrected(here, surface, force, deviation), estimate)
         # Another wall, as far as its stiffness goes: what is believed of 𝔱 stays.
         new = initial_estimate(surface, tip, force, noise)
         mean, P = new.mean.copy(), new.covariance.copy()
         mean[..., 2:], P[..., 2:, 2:] = here.mean[..., 2:], here.covariance[..., 2:, 2:]
         after = _chosen(off != 0.0, new._replace(mean=mean, covariance=P), after)
-        after = _chosen(touched, after, _chosen(off < 0.0, NOTHING, belief))
+        after = _chosen(touched, after, _chosen(off < 0.0, NOTHING, estimate))
     if np.any(begins := first & touched):
         after = _chosen(begins, initial_estimate(surface, tip, force, noise), after)
     return after
 
 
-def slope(belief: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
+def slope(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
     """Returns κ̂ (...) [N/m], in (0, κ₊]."""
-    above = belief.mean[..., 1] + np.sqrt(belief.covariance[..., 1, 1])
+    above = estimate.mean[..., 1] + np.sqrt(estimate.covariance[..., 1, 1])
     return np.fmin(above, surface.stiffness)
 
 
-def tilt(belief: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
+def tilt(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
     """Returns 𝔱 (..., 3) in Σ_I; zero as long as nothing was felt."""
-    inclined: np.ndarray = np.nan_to_num(belief.mean[..., 2:]) @ surface.axes[1:]
+    inclined: np.ndarray = np.nan_to_num(estimate.mean[..., 2:]) @ surface.axes[1:]
     return inclined
 
 
-def surface_depth(belief: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> np.ndarray:
+def surface_depth(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> np.ndarray:
     """Returns x − φ/κ̂ (...) [m], where the wall begins at a place (..., 3); NaN: nothing felt."""
-    motion = tip - belief.at
-    deep = belief.mean[..., 0] / slope(belief, surface) + np.sum(
-        motion * (surface.direction + tilt(belief, surface)), axis=-1)
+    motion = tip - estimate.at
+    deep = estimate.mean[..., 0] / slope(estimate, surface) + np.sum(
+        motion * (surface.direction + tilt(estimate, surface)), axis=-1)
     return surface.depth(tip) - deep

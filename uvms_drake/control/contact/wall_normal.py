@@ -17,7 +17,7 @@ on a wall that bends it is where the tip was `LENGTH` ago. What
 It is no bound, and need be none: by how much a reference turns is in no limit of a plan
 (`TrackingOcp`). A robot that may turn about the vertical turns by the angle between the horizontal
 parts of n and n + 𝔱, so that the tool follows the normal as far as a turn can make it: on its way,
-and by `PER_WAY` of it, for a robot that turns about its tip has to be moved, too. Its plans leave
+and by `TURN_PER_METRE` of it, for a robot that turns about its tip has to be moved, too. Its plans leave
 the tip beside its place by about 0.4 s of a metre for each radian: at 20 mm/s, 3 mm. In a hold it
 does not turn.
 """
@@ -44,9 +44,9 @@ LENGTH = 0.03
 """Way across n over which it is averaged [m]."""
 STEADY = 0.05
 """Largest Δφ/κ over the way at which the path says how the wall lies."""
-PER_WAY = 0.4
+TURN_PER_METRE = 0.4
 """By how much the turn that is asked for changes at most on a way across n [rad/m]."""
-LIGHT = 1.0
+SMALLEST_FORCE = 1.0
 """Force along n below which its direction says nothing [N]."""
 
 
@@ -77,22 +77,22 @@ def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: 
     """
     n = surface.direction
     reading = np.append(tip, n @ force)
-    if not reading[3] >= LIGHT:
+    if not reading[3] >= SMALLEST_FORCE:
         return before._replace(reading=UNKNOWN.reading)
     if np.isnan(before.reading[0]):
         return before._replace(reading=reading)
     change = reading - before.reading
     deeper = n @ change[:3]
-    way = change[:3] - deeper * n
-    length = float(np.linalg.norm(way))
+    displacement = change[:3] - deeper * n
+    length = float(np.linalg.norm(displacement))
     if length < STEP:
         return before
-    d, felt, pressed = way / length, force / reading[3] - n, change[3] / slope
+    d, inclination, pressed = displacement / length, force / reading[3] - n, change[3] / slope
     along = d @ before.tilt
     if abs(pressed) <= STEADY * length:
         along = (pressed - deeper) / length
     tilt = before.tilt + (1.0 - np.exp(-length / LENGTH)) * (
-        felt + (along - d @ felt) * d - before.tilt)
+        inclination + (along - d @ inclination) * d - before.tilt)
     size = float(np.linalg.norm(tilt))
     return Inclination(tilt * min(1.0, surface.tilt / max(size, 1e-12)), reading)
 
@@ -126,7 +126,7 @@ class WallNormal(LeafSystem):
 
     - `reading`, `touched`, `slope`: those of an `ContactEstimator`.
     - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `turn` (1): goes to `wall_turn` with `PER_WAY` [rad]; it stays where it is off the wall.
+    - `turn` (1): goes to `wall_turn` with `TURN_PER_METRE` [rad]; it stays where it is off the wall.
 
     The discrete state is an `Inclination` and the turn.
 
@@ -166,24 +166,24 @@ class WallNormal(LeafSystem):
         if np.all(np.isfinite([known.reading, before.reading])):
             wanted = np.clip(wall_turn(self._surface.direction, known.tilt),
                              -self._most, self._most)
-            step = PER_WAY * self._surface.aside(known.reading[:3] - before.reading[:3])
+            step = TURN_PER_METRE * self._surface.aside(known.reading[:3] - before.reading[:3])
             turn += np.clip(wanted - turn, -step, step)
         for i, part in enumerate((*known, [turn])):
             state.set_value(i, part)
         return EventStatus.Succeeded()
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, front: ContactEstimator, surface: SurfaceClass,
+    def AddToBuilder(builder: DiagramBuilder, estimator: ContactEstimator, surface: SurfaceClass,
                      most: float, period: float, name: str = "wall_normal") -> "WallNormal":
         """Adds the system and connects it, but for `force_measured`.
 
         Args:
             builder: Where to add it.
-            front: What was felt.
+            estimator: What was felt.
             surface: The class of walls.
             most: Largest turn, to either side [rad].
             period: Time between two looks [s].
             name: Name of the system.
         """
         return added(builder, name, WallNormal(surface, most, period), **{
-            port: front.GetOutputPort(port) for port in ("reading", "touched", "slope")})
+            port: estimator.GetOutputPort(port) for port in ("reading", "touched", "slope")})

@@ -72,42 +72,42 @@ class Correction:
         self._wanted = np.where(predicted > -REACHED, np.minimum(predicted, -INSIDE), -INSIDE)
         self._goal = program.terminal.value + program.terminal.T @ z[-1, :nx]
 
-    def of(self, ahead: StagedProgram) -> np.ndarray:
+    def of(self, program: StagedProgram) -> np.ndarray:
         """Returns the change of the decision (N, nw) that takes the second-order rest of limits.
 
         Where the end is outside of the terminal set, all of value + T x_N is made what the program
         predicted, not its norm alone: where there is room for next to nothing, the norm has a kink.
 
         Args:
-            ahead: A program with the values at the plan after the step, and with the slopes there
+            program: A program with the values at the plan after the step, and with the slopes there
                 or, which is nearly as good after a short step, of before.
         """
         response, wanted = self._response, self._wanted
-        (_, nx, nw), end, goal = ahead.B.shape, ahead.terminal, self._goal
-        end_r, room = response[-1, :nx], ahead.terminal.room_at(np.zeros(nx))
+        (_, nx, nw), end, goal = program.B.shape, program.terminal, self._goal
+        end_r, radius_bound = response[-1, :nx], program.terminal.radius_bounds(np.zeros(nx))
         least = np.linalg.norm(goal) + INSIDE
-        held, r = np.zeros(wanted.shape, dtype=bool), np.zeros(response.shape[-1])
-        ends, tight = False, np.zeros(len(room.size), dtype=bool)
+        active, r = np.zeros(wanted.shape, dtype=bool), np.zeros(response.shape[-1])
+        ends, tight = False, np.zeros(len(radius_bound.size), dtype=bool)
         for _ in range(ROUNDS):
             # Norms are not linear: their gradients are taken where the last round came to.
-            value, C = excesses(ahead, response @ r)
-            held |= value > wanted
+            value, C = excesses(program, response @ r)
+            active |= value > wanted
             x = end_r @ r
             ends = ends or end.excess(x) > -INSIDE
-            size = room.size + room.rows @ x
+            size = radius_bound.size + radius_bound.rows @ x
             tight |= ends & (size < least)
-            rest = np.concatenate([
-                (wanted - value)[held], (least - size)[tight],
+            residual = np.concatenate([
+                (wanted - value)[active], (least - size)[tight],
                 goal - end.value - end.T @ x if ends else []])
-            if np.max(np.abs(rest), initial=0.0) < INSIDE:
+            if np.max(np.abs(residual), initial=0.0) < INSIDE:
                 break
             F = np.concatenate([
-                *(C[k, held[k]] @ response[k] for k in range(len(C))), room.rows[tight] @ end_r,
+                *(C[k, active[k]] @ response[k] for k in range(len(C))), radius_bound.rows[tight] @ end_r,
                 end.T @ end_r if ends else end.T[:0] @ end_r])
             sizes = np.linalg.norm(F, axis=1)
             moves = sizes > 0.0
-            F, rest = F[moves] / sizes[moves, None], rest[moves] / sizes[moves]
-            r = least_norm_solution(F, rest + F @ r)
+            F, residual = F[moves] / sizes[moves, None], residual[moves] / sizes[moves]
+            r = least_norm_solution(F, residual + F @ r)
         return (response @ r)[:-1, nx:].reshape(-1, nw)
 
 

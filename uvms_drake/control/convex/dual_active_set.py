@@ -39,7 +39,7 @@ class DualActiveSet:
         self._equalities = len(e)
         self._G, self._b = np.zeros((0, E.shape[1])), np.zeros(0)
         self._size, self._M = np.zeros(0), np.zeros((0, 0))
-        self._held = np.arange(len(e))
+        self._active = np.arange(len(e))
         self.add(E, e)
 
     def add(self, G: np.ndarray, b: np.ndarray) -> None:
@@ -59,36 +59,36 @@ class DualActiveSet:
         nothing; a vector that is returned keeps all rows, those that are held to the same
         tolerance, with multipliers of the right sign.
         """
-        M, first, held = self._M, self._equalities, self._held
+        M, first, active = self._M, self._equalities, self._active
         if not np.isfinite(M).all() or np.isnan(self._b).any():
             return None
         tolerance, left = BROKEN / self._size, STEPS * len(self._b)
         while True:
             # Made anew, for what is updated gathers errors, and once more for what is left.
-            of_held = M[np.ix_(held, held)]
+            gram = M[np.ix_(active, active)]
             try:
-                inverse = np.linalg.inv(of_held)
+                inverse = np.linalg.inv(gram)
             except np.linalg.LinAlgError:
                 return None
-            multiplier = -inverse @ self._b[held]
-            multiplier -= inverse @ (of_held @ multiplier + self._b[held])
-            excess = -M[:, held] @ multiplier - self._b
-            missed = np.abs(excess[held])
-            excess[held] = -np.inf
+            multiplier = -inverse @ self._b[active]
+            multiplier -= inverse @ (gram @ multiplier + self._b[active])
+            excess = -M[:, active] @ multiplier - self._b
+            missed = np.abs(excess[active])
+            excess[active] = -np.inf
             if np.all(excess <= tolerance):
-                if np.any(missed > tolerance[held]) or np.any(
+                if np.any(missed > tolerance[active]) or np.any(
                         multiplier[first:] < -ROUNDING * np.max(np.abs(multiplier), initial=0.0)):
                     return None
                 break
             while np.any(excess > tolerance):
-                row, paid = int(np.argmax(excess - tolerance)), 0.0
+                row, own_multiplier = int(np.argmax(excess - tolerance)), 0.0
                 # What the multipliers and the rows become with that of this row, as long as none of
                 # the others is used up, and no longer than until it is kept.
                 while True:
                     if left == 0:
                         return None
                     left -= 1
-                    by = M[held, row]
+                    by = M[active, row]
                     change = inverse @ by
                     rate = 1.0 - by @ change
                     falls = np.flatnonzero(change[first:] > 0.0) + first
@@ -97,24 +97,24 @@ class DualActiveSet:
                     step = min(whole, np.min(lasts, initial=np.inf))
                     if step == np.inf:
                         return None
-                    multiplier, paid = multiplier - step * change, paid + step
-                    excess -= step * (M[:, row] - M[:, held] @ change)
+                    multiplier, own_multiplier = multiplier - step * change, own_multiplier + step
+                    excess -= step * (M[:, row] - M[:, active] @ change)
                     if step == whole:
                         break
                     out = falls[np.argmin(lasts)]
-                    excess[held[out]] = 0.0
-                    stay = np.arange(len(held)) != out
+                    excess[active[out]] = 0.0
+                    stay = np.arange(len(active)) != out
                     by_out = inverse[out, stay]
                     inverse = inverse[np.ix_(stay, stay)] - np.outer(
                         by_out, by_out / inverse[out, out])
-                    held, multiplier = held[stay], multiplier[stay]
+                    active, multiplier = active[stay], multiplier[stay]
                 corner = np.append(change, -1.0)
                 inverse = _bordered(inverse, corner, rate)
-                held, multiplier, excess[row] = np.append(held, row), np.append(multiplier, paid), -np.inf
-        self._held = held
-        all_prices = np.zeros(len(self._b))
-        all_prices[held] = multiplier / self._size[held]
-        return -(multiplier @ self._G[held]), all_prices
+                active, multiplier, excess[row] = np.append(active, row), np.append(multiplier, own_multiplier), -np.inf
+        self._active = active
+        all_multipliers = np.zeros(len(self._b))
+        all_multipliers[active] = multiplier / self._size[active]
+        return -(multiplier @ self._G[active]), all_multipliers
 
 
 def _bordered(inverse: np.ndarray, corner: np.ndarray, rate: float) -> np.ndarray:

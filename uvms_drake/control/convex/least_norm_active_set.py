@@ -55,15 +55,15 @@ def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.nd
     size, nx, terminal = response.shape[-1], program.A.shape[-1], program.terminal
     form = Form(np.zeros((0, size)), [slice(size)] * len(z), list(response), np.arange(size),
                 np.eye(size))
-    ends, rooms, polyhedron = 0, 0, DualActiveSet(np.zeros((0, size)), np.zeros(0))
+    ends, num_bounds, polyhedron = 0, 0, DualActiveSet(np.zeros((0, size)), np.zeros(0))
     if kept.terminal:
-        if terminal.room is None or np.linalg.norm(terminal.value) > AT_THE_END:
+        if terminal.radius_bound is None or np.linalg.norm(terminal.value) > AT_THE_END:
             return None
         end, end_r = z[-1, :nx], response[-1, :nx]
-        ends, rooms = len(terminal.T), len(terminal.room.size)
+        ends, num_bounds = len(terminal.T), len(terminal.radius_bound.size)
         polyhedron = DualActiveSet(terminal.T @ end_r, -terminal.value - terminal.T @ end)
-        polyhedron.add(-terminal.room.rows @ end_r, terminal.room.size + terminal.room.rows @ end)
-    soft = np.zeros(ends + rooms, dtype=bool)
+        polyhedron.add(-terminal.radius_bound.rows @ end_r, terminal.radius_bound.size + terminal.radius_bound.rows @ end)
+    soft = np.zeros(ends + num_bounds, dtype=bool)
     new = kept
     tangents, levels = _tangents(program, response, z, kept, 0.0 * z)
     for _ in range(ROUNDS):
@@ -90,10 +90,10 @@ def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.nd
             break
     else:
         return None
-    multiplier, slack_price = float(np.sum(multipliers[soft])), float(np.sum(multipliers[ends: ends + rooms]))
+    multiplier, slack_multiplier = float(np.sum(multipliers[soft])), float(np.sum(multipliers[ends: ends + num_bounds]))
     holds = not (broken.any() or multiplier > program.excess_penalty
-                 or slack_price > program.slack_penalty
-                 or np.linalg.norm(multipliers[:ends]) > (1.0 + DUAL) * slack_price + DUAL)
+                 or slack_multiplier > program.slack_penalty
+                 or np.linalg.norm(multipliers[:ends]) > (1.0 + DUAL) * slack_multiplier + DUAL)
     return (LeastNorm(r, 0.0, 0.0, multiplier), kept) if holds else None
 
 

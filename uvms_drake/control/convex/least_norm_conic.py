@@ -100,14 +100,14 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
     if kept.terminal:
         # ‖value + T x_N‖ ≤ t
         end, Z_x = z[-1, : program.A.shape[-1]], form.Z[-1][: program.A.shape[-1]]
-        terminal, room = program.terminal, program.terminal.room_at(end)
+        terminal, radius_bound = program.terminal, program.terminal.radius_bounds(end)
         prog.AddLorentzConeConstraint(
             np.block([[np.zeros((1, Z_x.shape[1])), np.ones((1, 1))],
                       [terminal.T @ Z_x, np.zeros((len(terminal.T), 1))]]),
             np.append(0.0, terminal.value + terminal.T @ end), np.append(x[form.y[-1]], x[t]))
-        bounds = np.zeros((len(room.size), len(x)))
-        bounds[:, form.y[-1]], bounds[:, s], bounds[:, t] = -room.rows @ Z_x, -1.0, 1.0
-        A, b = np.concatenate([A, bounds]), np.append(b, room.size)
+        bounds = np.zeros((len(radius_bound.size), len(x)))
+        bounds[:, form.y[-1]], bounds[:, s], bounds[:, t] = -radius_bound.rows @ Z_x, -1.0, 1.0
+        A, b = np.concatenate([A, bounds]), np.append(b, radius_bound.size)
     limits = prog.AddLinearConstraint(A, np.full(len(b), -np.inf), b, x) if len(b) else None
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
@@ -147,8 +147,8 @@ def _condensed(program: StagedProgram, response: np.ndarray, kept: WorkingSet) -
                   for limit, stages in zip(program.norms, kept.norms, strict=True)]
     if kept.terminal:
         ends = program.terminal.T
-        if program.terminal.room is not None:
-            ends = np.concatenate([ends, program.terminal.room.rows])
+        if program.terminal.radius_bound is not None:
+            ends = np.concatenate([ends, program.terminal.radius_bound.rows])
         gradients.append(ends @ response[-1, :nx])
     basis = np.linalg.qr(np.concatenate(gradients).T)[0]
     size = basis.shape[1]
@@ -161,13 +161,13 @@ def _sparse(program: StagedProgram, regulator: Regulator) -> Form:
     N, nx, nw = program.B.shape
     Z = np.zeros((N + 1, nx + nw, nx + nw))
     Z[:, :nx, :nx], Z[:-1, nx:, :nx], Z[:-1, nx:, nx:] = np.eye(nx), regulator.K, regulator.W
-    ahead = np.concatenate([program.A, program.B], axis=2) @ Z[:-1]
+    next_state = np.concatenate([program.A, program.B], axis=2) @ Z[:-1]
     y = [slice(max(k * (nx + nw) - nx, 0), (k + 1) * (nx + nw) - nx) for k in range(N)]
     y.append(slice(y[-1].stop, y[-1].stop + nx))
     motion = np.zeros((N, nx, y[-1].stop))
     for k in range(N):
         now = y[k]
-        motion[k, :, now] = ahead[k, :, now.start - now.stop:]
+        motion[k, :, now] = next_state[k, :, now.start - now.stop:]
         motion[k, :, now.stop: now.stop + nx] = -np.eye(nx)
     r = np.concatenate([np.arange(now.stop - nw, now.stop) for now in y[:-1]])
     return Form(motion.reshape(N * nx, -1), y, [Z[0, :, nx:], *Z[1:-1], Z[N, :, :nx]], r,

@@ -64,27 +64,27 @@ class TerminalLimit(NamedTuple):
     T: np.ndarray
     value: np.ndarray
     radius: float
-    room: RadiusBound | None = None
+    radius_bound: RadiusBound | None = None
     """None if there is room everywhere."""
 
-    def room_at(self, x: np.ndarray) -> RadiusBound:
+    def radius_bounds(self, x: np.ndarray) -> RadiusBound:
         """Returns all that bounds the norm, less s, about x_N (nx,); what is infinite does not."""
         size, rows = np.array([self.radius]), np.zeros((1, len(x)))
-        if self.room is not None:
-            size = np.append(size, self.room.size + self.room.rows @ x)
-            rows = np.concatenate([rows, self.room.rows])
+        if self.radius_bound is not None:
+            size = np.append(size, self.radius_bound.size + self.radius_bound.rows @ x)
+            rows = np.concatenate([rows, self.radius_bound.rows])
         finite = np.isfinite(size)
         return RadiusBound(size[finite], rows[finite])
 
     def excess(self, x: np.ndarray) -> float:
         """Returns how far the end is outside for x_N (nx,); negative inside."""
-        room = np.inf if self.room is None else np.min(self.room.size + self.room.rows @ x)
-        return float(np.linalg.norm(self.value + self.T @ x) - min(self.radius, room))
+        radius_bound = np.inf if self.radius_bound is None else np.min(self.radius_bound.size + self.radius_bound.rows @ x)
+        return float(np.linalg.norm(self.value + self.T @ x) - min(self.radius, radius_bound))
 
     def nearly_left(self, part: float) -> bool:
         """Returns whether the plan is within this part of the size of the set of its boundary."""
-        room = np.inf if self.room is None else np.min(self.room.size)
-        return bool(np.linalg.norm(self.value) > (1.0 - part) * min(self.radius, room))
+        radius_bound = np.inf if self.radius_bound is None else np.min(self.radius_bound.size)
+        return bool(np.linalg.norm(self.value) > (1.0 - part) * min(self.radius, radius_bound))
 
 @dataclass(frozen=True)
 class StagedProgram:

@@ -51,10 +51,10 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
     kept |= WorkingSet.near(program, NEAR)
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
-    by_rows = least_norm_active_set(program, regulator, z, kept)
-    if by_rows is not None:
-        return StagedSolution(motion(program, regulator, by_rows[0].r)[:-1, nx:], 0.0, 0.0, 0,
-                              by_rows[1].rows(program))
+    by_active_set = least_norm_active_set(program, regulator, z, kept)
+    if by_active_set is not None:
+        return StagedSolution(motion(program, regulator, by_active_set[0].r)[:-1, nx:], 0.0, 0.0, 0,
+                              by_active_set[1].rows(program))
     while True:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:

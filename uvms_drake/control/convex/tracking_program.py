@@ -13,7 +13,7 @@ from uvms_drake.control.convex.staged_program import (
 
 
 def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.ndarray,
-               room: RadiusBound | None) -> StagedProgram:
+               radius_bound: RadiusBound | None) -> StagedProgram:
     """Returns a program in which a, what the reference is moved by, changes as well, by b ∈ R^m.
 
     The state of the program given is ξ = (y − y_des − E a, ζ), which moves back when the reference
@@ -30,7 +30,7 @@ def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.n
         moved: Which components of ξ the reference moves (m,): E selects them.
         H: Hessian of the cost of b (m, m).
         g: Gradient of the cost of b (m,).
-        room: For the end, a function of (ξ, a).
+        radius_bound: For the end, a function of (ξ, a).
     """
     N, nx, nw = program.B.shape
     m = len(moved)
@@ -66,4 +66,4 @@ def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.n
             after(np.inf, linear.upper), linear.soft),
         norms=tuple(NormLimit(spread(limit.C), after(0.0, limit.value), after(np.inf, limit.bound))
                     for limit in program.norms),
-        terminal=end._replace(T=np.pad(end.T, ((0, 0), (0, m))), room=room))
+        terminal=end._replace(T=np.pad(end.T, ((0, 0), (0, m))), radius_bound=radius_bound))

@@ -62,10 +62,10 @@ class WorkingSet:
         """Returns the limits that z (N+1, nx+nw) breaks, soft ones by more than `excess`."""
         linear, terminal = program.linear, program.terminal
         value = linear.value + times(linear.C, z)
-        room = KEPT + excess * linear.soft
+        tolerance = KEPT + excess * linear.soft
         return WorkingSet(
-            upper=value > linear.upper + room,
-            lower=value < linear.lower - room,
+            upper=value > linear.upper + tolerance,
+            lower=value < linear.lower - tolerance,
             norms=np.array([np.linalg.norm(limit.value + z @ limit.C.T, axis=1)
                             > limit.bound + KEPT for limit in program.norms], dtype=bool),
             terminal=terminal.excess(z[-1, : terminal.T.shape[1]]) > KEPT)

@@ -117,7 +117,7 @@ class AncillaryFeedback(LeafSystem):
     - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, to a law that takes what the thrusters give
       now; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n), from a `RowObserver`, to a law that asks for one.
-    - `ahead`: what the plan's forces change until they act (6+n), from a `FeedforwardPreview`.
+    - `preview`: what the plan's forces change until they act (6+n), from a `FeedforwardPreview`.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
@@ -148,11 +148,11 @@ class AncillaryFeedback(LeafSystem):
         self._force_port = self.DeclareVectorInputPort(MEASURED_FORCE, 6)
         self._wrench_port = self.DeclareVectorInputPort(VEHICLE_WRENCH, 6)
         self._estimate_port = self.DeclareVectorInputPort("estimate", model.size)
-        self._ahead_port = self.DeclareVectorInputPort("ahead", model.size)
+        self._preview_port = self.DeclareVectorInputPort("preview", model.size)
         # One cache entry each for the two motions and for the command: all outputs read them.
         state, *others = (self.input_port_ticket(self.GetInputPort(name).get_index()) for name in (
             "state", "nominal_state", "nominal_acceleration", "nominal_input", MEASURED_FORCE,
-            VEHICLE_WRENCH, "estimate", "ahead"))
+            VEHICLE_WRENCH, "estimate", "preview"))
         self._command = self.DeclareCacheEntry(
             description="the command",
             value_producer=ValueProducer(
@@ -182,8 +182,8 @@ class AncillaryFeedback(LeafSystem):
             now = now._replace(wrench=self._wrench_port.Eval(context))
         if self._estimate_port.HasValue(context):
             now = now._replace(estimate=self._estimate_port.Eval(context))
-        if self._ahead_port.HasValue(context):
-            now = now._replace(ahead=self._ahead_port.Eval(context))
+        if self._preview_port.HasValue(context):
+            now = now._replace(preview=self._preview_port.Eval(context))
         wanted = self._law.command(
             self._model, now, partial(self._acceleration_port.Eval, context),
             partial(self._input_port.Eval, context))

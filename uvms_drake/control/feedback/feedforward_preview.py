@@ -52,7 +52,7 @@ from uvms_drake.control.plan.plan import DynamicPlan
 from uvms_drake.model.sensor_actuator import ActuationDelay
 from uvms_drake.model.uvms_model import UvmsModel
 
-FELT = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3, "force_lost": 1}
+CONTACT_PORTS = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3, "force_lost": 1}
 """Ports of an `ContactEstimator` that say what was felt, and their sizes."""
 
 
@@ -80,7 +80,7 @@ def previewed_forces(model: UvmsModel, plan: DynamicPlan, time: float, actuation
         pressed: A wall that the model does not know; None if none is touched.
     """
     end = plan.start_time + (len(plan.config) - 1) * plan.time_step
-    later = (plan.at(min(time + late, end)) if late > 0.0 else now for late in actuation_delay)
+    later = (plan.at(min(time + delay, end)) if delay > 0.0 else now for delay in actuation_delay)
     config, zeta, zeta_dot = (np.array(item) for item in zip(now, *later, strict=True))
     kinematics = model.kinematics(config)
     tau = model.inverse_dynamics(kinematics, zeta, zeta_dot)
@@ -88,8 +88,8 @@ def previewed_forces(model: UvmsModel, plan: DynamicPlan, time: float, actuation
         deeper = (kinematics.chi[:, :3] - kinematics.chi[0, :3]) @ pressed.gradient
         along = np.maximum(pressed.force + deeper, 0.0)
         tau = tau + along[:, None] * (pressed.direction @ kinematics.J_chi[:, :3])
-    ahead: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
-    return ahead
+    preview: np.ndarray = np.append(tau[1, :6], tau[2, 6:]) - tau[0]
+    return preview
 
 
 class FeedforwardPreview(LeafSystem):
@@ -114,7 +114,7 @@ class FeedforwardPreview(LeafSystem):
     - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.
     - `touched` (1), `reading` (4), `slope` (1), `tilt` (3), `force_lost` (1): of an
       `ContactEstimator`. While the force is lost nothing is known of the wall.
-    - `ahead`: see `previewed_forces` (6+n) [N, N m].
+    - `preview`: see `previewed_forces` (6+n) [N, N m].
 
     It has no state.
 
@@ -126,37 +126,37 @@ class FeedforwardPreview(LeafSystem):
 
     def __init__(self, model: UvmsModel, actuation_delay: ActuationDelay, direction: np.ndarray | None = None):
         super().__init__()
-        self._model, self._lateness, self._direction = model, actuation_delay, direction
+        self._model, self._delay, self._direction = model, actuation_delay, direction
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
         self._state_port = self.DeclareVectorInputPort("nominal_state", 2 * model.size)
         self._acceleration_port = self.DeclareVectorInputPort("nominal_acceleration", model.size)
         if direction is not None:
-            self._felt_ports = {name: self.DeclareVectorInputPort(name, size)
-                                for name, size in FELT.items()}
-        self.DeclareVectorOutputPort("ahead", model.size, self._calc)
+            self._contact_ports = {name: self.DeclareVectorInputPort(name, size)
+                                for name, size in CONTACT_PORTS.items()}
+        self.DeclareVectorOutputPort("preview", model.size, self._calc)
 
     def _pressed(self, context: Context) -> SurfaceReaction | None:
         if self._direction is None:
             return None
-        touched, lost = (self._felt_ports[name].Eval(context)[0]
+        touched, lost = (self._contact_ports[name].Eval(context)[0]
                          for name in ("touched", "force_lost"))
         if lost or not touched:
             return None
         reading, slope, tilt = (
-            self._felt_ports[name].Eval(context) for name in ("reading", "slope", "tilt"))
+            self._contact_ports[name].Eval(context) for name in ("reading", "slope", "tilt"))
         return SurfaceReaction(self._direction, float(reading[3]), slope * (self._direction + tilt))
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state = self._state_port.Eval(context)
         now = (*np.split(state, 2), self._acceleration_port.Eval(context))
         output.SetFromVector(previewed_forces(
-            self._model, self._plan_port.Eval(context), context.get_time(), self._lateness, now,
+            self._model, self._plan_port.Eval(context), context.get_time(), self._delay, now,
             self._pressed(context)))
 
 
 def add_feedforward_preview(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
                      feedback: AncillaryFeedback, actuation_delay: ActuationDelay, *, nominal: LeafSystem,
-                     front: ContactEstimator | None = None, direction: np.ndarray | None = None,
+                     estimator: ContactEstimator | None = None, direction: np.ndarray | None = None,
                      name: str = "previewed_forces") -> FeedforwardPreview | None:
     """Adds what a law asks for ahead and connects it, or returns None where nothing is late.
 
@@ -167,17 +167,17 @@ def add_feedforward_preview(builder: DiagramBuilder, model: UvmsModel, law: Anci
         feedback: The law as a system.
         actuation_delay: Of the vehicle and of the joints, as the controller believes.
         nominal: A `NominalMpc`.
-        front: What was felt of a wall that the model does not know, if there is one.
+        estimator: What was felt of a wall that the model does not know, if there is one.
         direction: n of such walls (3,).
         name: Name of the system.
     """
     if not law.takes_wrench or not any(actuation_delay):
         return None
-    ahead = builder.AddNamedSystem(name, FeedforwardPreview(model, actuation_delay, direction))
+    preview = builder.AddNamedSystem(name, FeedforwardPreview(model, actuation_delay, direction))
     for port in ("plan", "nominal_state", "nominal_acceleration"):
-        builder.Connect(nominal.GetOutputPort(port), ahead.GetInputPort(port))
-    if front is not None:
-        for port in FELT:
-            builder.Connect(front.GetOutputPort(port), ahead.GetInputPort(port))
-    builder.Connect(ahead.get_output_port(), feedback.GetInputPort("ahead"))
-    return ahead
+        builder.Connect(nominal.GetOutputPort(port), preview.GetInputPort(port))
+    if estimator is not None:
+        for port in CONTACT_PORTS:
+            builder.Connect(estimator.GetOutputPort(port), preview.GetInputPort(port))
+    builder.Connect(preview.get_output_port(), feedback.GetInputPort("preview"))
+    return preview

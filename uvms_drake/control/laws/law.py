@@ -45,7 +45,7 @@ class Pair(NamedTuple):
     estimate: np.ndarray | None = None
     """δ̂, what an observer takes the disturbance of the law's outputs for (6+n,) [m/s², rad/s²];
     None: there is no observer."""
-    ahead: np.ndarray | None = None
+    preview: np.ndarray | None = None
     """τ̄(t + ℓ) − τ̄(t), what the plan's forces change until a command acts (6+n,) [N, N m]; None: it
     acts at once."""
 
@@ -157,7 +157,7 @@ class AncillaryLaw(ABC):
     takes_force: ClassVar[bool] = False
     """Whether the command takes `Pair.contact`."""
     takes_wrench: ClassVar[bool] = False
-    """Whether it knows of actuators: the command takes `Pair.wrench` and `Pair.ahead`."""
+    """Whether it knows of actuators: the command takes `Pair.wrench` and `Pair.preview`."""
 
     @property
     def name(self) -> str:

@@ -125,10 +125,10 @@ class TipFirst(AncillaryLaw):
         """Returns τ of (L), with a wrench the joints' of (A), ahead if told; it asks for ζ̄̇ only."""
         n, out = model.num_joints, outputs_of(now, tip_rows(model, tuple(self.rows)))
         k, sigma = self.gains("k", n), self.gains("sigma", n)
-        wanted = out.J[1] @ nominal_acceleration() + out.bias[1]  # ÿ̄
-        wanted += -(k + sigma) * (out.rate[0] - out.rate[1]) - k * sigma * out.error
+        desired_output_acceleration = out.J[1] @ nominal_acceleration() + out.bias[1]  # ÿ̄
+        desired_output_acceleration += -(k + sigma) * (out.rate[0] - out.rate[1]) - k * sigma * out.error
         if now.estimate is not None:
-            wanted -= now.estimate
+            desired_output_acceleration -= now.estimate
         measured, zeta = now.kinematics.at(0), now.zeta[0]
         M, b = model.mass_matrix(measured), model.inverse_dynamics(
             measured, zeta, np.zeros_like(zeta), now.contact)
@@ -136,7 +136,7 @@ class TipFirst(AncillaryLaw):
 
         def torques(axes: np.ndarray) -> np.ndarray:
             """Returns τ (6+n,) where the vehicle gets what is given about these axes."""
-            A, right = out.J[0].copy(), wanted - out.bias[0]
+            A, right = out.J[0].copy(), desired_output_acceleration - out.bias[0]
             A[axes], right[axes] = M[axes], given[axes] - b[axes]
             return M @ _solve(A, right, now.y[0, 6:]) + b
 
@@ -144,8 +144,8 @@ class TipFirst(AncillaryLaw):
         tau = torques(undriven)
         if now.wrench is not None:
             tau[6:] = torques(np.arange(6))[6:]
-        if now.ahead is not None:
-            tau += now.ahead
+        if now.preview is not None:
+            tau += now.preview
         tau[undriven] = 0.0
         return Command(u=cache(lambda: np.linalg.solve(M, tau)), tau=lambda: tau, M=lambda: M)
 

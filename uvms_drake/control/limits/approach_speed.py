@@ -51,8 +51,8 @@ class ContactSpeed(Limit):
     @property
     def bars(self) -> list[str]:
         """The speed into the surface, and the larger one of the others."""
-        return [f"tip {way} n  ≤ {most:.3g} m/s"
-                for way, most in zip(("along", "across"), self.upper, strict=False)]
+        return [f"tip {axis} n  ≤ {most:.3g} m/s"
+                for axis, most in zip(("along", "across"), self.upper, strict=False)]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
         """Returns that of n·𝔭̇ and the largest of the other two."""

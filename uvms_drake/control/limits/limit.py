@@ -60,7 +60,7 @@ class Limit(ABC):
     """Part of a task or start that is to blame for breaking it: `pose`, `joints` or `force`."""
     margin: np.ndarray | float = 0.0
     """Margin that has been taken off both bounds (m,) or ()."""
-    beyond: np.ndarray | float = 0.0
+    between_knots_margin: np.ndarray | float = 0.0
     """Part of the margin that is for what a plan does between its knots (m,) or ()."""
 
     @abstractmethod
@@ -168,10 +168,10 @@ class Limit(ABC):
 
     def tightened(self, tube: TubeRadii) -> Self:
         """Returns the limit tightened by the tube and for plans, if it says by how much."""
-        taken, beyond = self.tube_takes(tube), self.plan_takes(tube)
+        taken, between_knots_margin = self.tube_takes(tube), self.plan_takes(tube)
         out = copy(self)
-        out.margin = self.margin + beyond if taken is None else self.margin + taken + beyond
-        out.beyond = beyond
+        out.margin = self.margin + between_knots_margin if taken is None else self.margin + taken + between_knots_margin
+        out.between_knots_margin = between_knots_margin
         return out
 
     # Names and units ------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from uvms_drake.control.plan.points import About, Points, Slopes
 class SafeDepth(Limit):
     """N·𝔭 ≤ depth, for each of some facets N."""
 
-    name = "front"
+    name = "safe_depth"
     soft: ClassVar[bool] = False
     overshoots: ClassVar[bool] = False
 
@@ -52,7 +52,7 @@ class SafeDepth(Limit):
 class SafeDepthBetweenKnots(Limit):
     """N·𝔭 + ½h N·𝔭̇ ≤ depth for each facet."""
 
-    name = "front_ahead"
+    name = "safe_depth_between_knots"
     overshoots: ClassVar[bool] = False
     about: ClassVar[About] = "speed"
 

@@ -114,9 +114,9 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
             with within("limits"):
                 limits.append(ThrusterForces.of(thrusters, settings.thrusters, 6 + len(q_lower)))
     if surface.contact is not None:
-        told = surface.contact
-        limits += [ContactSpeed(told.walls.axes, told.speed, told.speed_across),
-                   ToolAngle(told.direction, told.tool_angle)]
+        contact = surface.contact
+        limits += [ContactSpeed(contact.walls.axes, contact.speed, contact.speed_across),
+                   ToolAngle(contact.direction, contact.tool_angle)]
     by_name = {limit.name: limit for limit in limits}
     for i, limit in enumerate(settings.more):
         with within(f"limits.more[{i}]"):
@@ -145,10 +145,10 @@ def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
                 "left out, unless tube.tau says what the tube takes of it (6 + n numbers)")
     check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau=bool(by_force))
     for limit in limits.values():
-        for label, radius, room in limit.margins(tube):
-            if room <= radius < np.inf:
+        for label, radius, available in limit.margins(tube):
+            if available <= radius < np.inf:
                 raise InvalidParameter(
-                    f"limits.{label}", room, f"larger than the tube's {radius:.4g}")
+                    f"limits.{label}", available, f"larger than the tube's {radius:.4g}")
     return {name: limit.tightened(tube) for name, limit in limits.items()}
 
 

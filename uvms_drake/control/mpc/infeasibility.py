@@ -57,7 +57,7 @@ def infeasibility_reason(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: floa
         return ("the solver finds none at all; weights, stiffness and time step may be too far "
                 "apart for it")
     away = first_violation(ocp, plan, allowed)
-    what = "the plan that was found ends outside of its set" if away is None else away.text
+    reason = "the plan that was found ends outside of its set" if away is None else away.text
     reach, slack = ocp.horizon * ocp.time_step, ocp.evaluate(guess).terminal_slack
-    return (f"{what}; to stay is within the limits, but the task, ‖ξ‖_P = {slack:.3g} away, "
+    return (f"{reason}; to stay is within the limits, but the task, ‖ξ‖_P = {slack:.3g} away, "
             f"is out of the reach of a plan of {reach:.3g} s")

@@ -27,8 +27,8 @@ def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
     """
     kinematics = ocp.model.kinematics(plan.config)
     knots, velocities = kinematics.chi[:, :3], times(kinematics.J_chi[:, :3], plan.zeta)
-    ahead = between_knots(knots, velocities, plan.time_step)
-    return np.concatenate([knots, ahead, ocp.reference(plan)[None, :3]])
+    between = between_knots(knots, velocities, plan.time_step)
+    return np.concatenate([knots, between, ocp.reference(plan)[None, :3]])
 
 
 class PlanExtent(LeafSystem):
@@ -43,7 +43,7 @@ class PlanExtent(LeafSystem):
         - reach
 
     - `plan`: the current `TrackingPlan` (abstract); knots that are over count, too.
-    - `reach` (4): least, then largest `SurfaceClass.across` of `plan_extent` [m].
+    - `extent` (4): least, then largest `SurfaceClass.across` of `plan_extent` [m].
 
     It has no state.
 
@@ -57,7 +57,7 @@ class PlanExtent(LeafSystem):
         self._ocp, self._surface = ocp, surface
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
         # A plan is followed for many readings of a sensor: its places are cached by the port.
-        self.DeclareVectorOutputPort("reach", 4, self._calc, {self._plan_port.ticket()})
+        self.DeclareVectorOutputPort("extent", 4, self._calc, {self._plan_port.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         places = self._surface.across(plan_extent(self._ocp, self._plan_port.Eval(context)))
@@ -65,6 +65,6 @@ class PlanExtent(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, ocp: TrackingOcp, surface: SurfaceClass, *,
-                     plan: OutputPort, name: str = "plan_reach") -> "PlanExtent":
+                     plan: OutputPort, name: str = "plan_extent") -> "PlanExtent":
         """Adds the system and connects it; the arguments are its constructor's and its input."""
         return added(builder, name, PlanExtent(ocp, surface), plan=plan)

@@ -24,20 +24,20 @@ FIRST_SOLVE_ITERATIONS = 50
 REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
-SOLVED, FAILED, LATE, DROPPED, KEPT, HOVERED = range(6)
+SOLVED, FAILED, TIMED_OUT, DROPPED, KEPT, HOVERED = range(6)
 """Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
 away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
 terminal set where the new one is not; the robot keeps its place, for it is too early to plan."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused",
               "rows")
-"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `LATE` 2, `DROPPED`
+"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `TIMED_OUT` 2, `DROPPED`
 3, `KEPT` 4, `HOVERED` 5), the plan's objective, s of the terminal set, largest violation of a limit
 (in its own unit), convex programs solved, 1 if a new desired force was asked for and is refused,
 rows of limits in the last of the programs. A sample that is dropped changes the first two only; of
 one that hovers all but these are zero."""
 
-TROUBLE = {FAILED: "the solver failed", LATE: "the solver was too late",
+TROUBLE = {FAILED: "the solver failed", TIMED_OUT: "the solver was too late",
            DROPPED: "the sample was dropped"}
 """Alarm about an outcome, given at the first of the samples in a row that have it."""
 
@@ -174,7 +174,7 @@ class Planner:
         deadline = self._solver.ocp.deadline
         if (status == SOLVED and deadline is not None
                 and time.perf_counter() - sample.started > deadline):
-            status = LATE
+            status = TIMED_OUT
         if status != SOLVED:
             force, solution = memory.force, replace(solution, plan=None, evaluation=None)
         return self._remember(sample, replace(memory, force=force), guess, solution, status)

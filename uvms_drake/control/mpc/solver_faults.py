@@ -9,10 +9,10 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, LATE, SOLVED
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, TIMED_OUT, SOLVED
 from uvms_drake.model.sensor_actuator import Fault, check_times, is_active
 
-PRECEDENCE = (DROPPED, FAILED, LATE)
+PRECEDENCE = (DROPPED, FAILED, TIMED_OUT)
 """Statuses by rank: of two faults at the same instant the one that comes first here counts."""
 SAMPLE_TOLERANCE = 1e-6
 """Fraction of a period by which rounding may move a sampling instant."""
@@ -53,7 +53,7 @@ class SolverFailure(SolverFault):
 class SolverTimeout(SolverFault):
     """The plan of the MPC comes too late and is thrown away."""
 
-    status = LATE
+    status = TIMED_OUT
 
 
 @dataclass
@@ -64,7 +64,7 @@ class DroppedPeriod(SolverFault):
 
 
 def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: float) -> int:
-    """Returns the outcome of a sample of the MPC: `SOLVED`, `FAILED`, `LATE` or `DROPPED`.
+    """Returns the outcome of a sample of the MPC: `SOLVED`, `FAILED`, `TIMED_OUT` or `DROPPED`.
 
     It is a pure function of its arguments: one uniform number for each kind of fault, from a
     generator seeded with (seed, index, kind).

@@ -64,8 +64,8 @@ class NonlinearSolver(Generic[P]):
         program = self.ocp.staged_program(guess)
         linear = program.linear
         norms = np.concatenate([limit.bound**2 for limit in program.norms])
-        room = program.terminal.room
-        ends = np.zeros(1 if room is None else 1 + 2 * len(room.size))
+        radius_bound = program.terminal.radius_bound
+        ends = np.zeros(1 if radius_bound is None else 1 + 2 * len(radius_bound.size))
         return (np.concatenate([linear.lower.ravel(), np.full(len(norms) + len(ends), -np.inf)]),
                 np.concatenate([linear.upper.ravel(), norms, ends]))
 
@@ -100,11 +100,11 @@ def _terminal(terminal: TerminalLimit, s: float, x: np.ndarray) -> tuple[np.ndar
     more: list[float] = []
     by_more: list[np.ndarray] = []
     square, end = terminal.value @ terminal.value, 2.0 * terminal.value @ (terminal.T @ x)
-    if terminal.room is not None:
-        rooms, rows = terminal.room.size + s, terminal.room.rows @ x
-        for room, row in zip(rooms, rows, strict=True):
-            more += [square - room**2, -room]
-            by_more += [np.append(end - 2.0 * room * row, -2.0 * room), np.append(-row, -1.0)]
+    if terminal.radius_bound is not None:
+        radii, rows = terminal.radius_bound.size + s, terminal.radius_bound.rows @ x
+        for bound, row in zip(radii, rows, strict=True):
+            more += [square - bound**2, -bound]
+            by_more += [np.append(end - 2.0 * bound * row, -2.0 * bound), np.append(-row, -1.0)]
     if np.isinf(terminal.radius):
         return np.array([0.0, *more]), np.array([np.zeros(len(end) + 1), *by_more])
     radius = terminal.radius + s

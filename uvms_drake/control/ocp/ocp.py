@@ -496,13 +496,13 @@ class Ocp(ABC, Generic[P]):
         stages = len(program.linear.value)
         ends = ends[: self.input_ends]
 
-        def late(values: np.ndarray) -> np.ndarray:
+        def padded(values: np.ndarray) -> np.ndarray:
             """Values of the knots at the last of all stages, those of intervals one before."""
             out = np.zeros((stages, values.shape[1]))
             out[stages - self.horizon - 1:][: len(values)] = values
             return out
 
-        values = [late(limit.row_values(knots if end is None else ends[end]))
+        values = [padded(limit.row_values(knots if end is None else ends[end]))
                   for limit, end in self._by_rows(knots, len(ends))]
         cones = [cone for limit in self.limits.values()
                  if limit.about != "input" and (cone := limit.cone(knots)) is not None]
@@ -510,7 +510,7 @@ class Ocp(ABC, Generic[P]):
             program,
             linear=program.linear._replace(
                 value=np.concatenate(values, axis=1) if values else program.linear.value),
-            norms=tuple(norm._replace(value=late(cone.value))
+            norms=tuple(norm._replace(value=padded(cone.value))
                         for norm, cone in zip(program.norms, cones, strict=True)),
             terminal=program.terminal._replace(
                 value=self.terminal.root @ self.terminal_axes(plan) @ self.errors(

@@ -7,14 +7,14 @@ position rows of y = (𝔭, 𝔬, q), a plan has an artificial translation a ∈
     min  Σ_{k<N} h (‖ξ_k‖²_Q + ‖ū_k − u_eq‖²_R) + ‖ξ_N‖²_P + V_o(E ᵀy_des + a − target) + ρ s,
          ξ = (y − y_des − E a, ζ)                                             (Limon et al. 2018)
     s.t. what `DynamicOcp` asks for, inputs for all contact forces if the limits are `UnderContact`,
-         N·𝔭 ≤ x_N for all facets N, at all times                             (see `limits.front`)
+         N·𝔭 ≤ x_N for all facets N, at all times                             (see `limits.safe_depth`)
          ‖ξ_N‖_P ≤ ρ(a) + s,   ρ(a) = min(ε, min_N (x_N − N·(E ᵀy_des + a))/r_x).
 
 The bound on the tip's velocity, along n and across it, is none of these: it is `contact_speed`, a
 limit of the real robot that the tube tightens as any other.
 
 The x_N and the target, the `TrackingTarget`, may be others at every sample; the facets are n alone, or the
-sides of a pyramid whose apex may move (`contact.front`), which is why the x_N may fall where no
+sides of a pyramid whose apex may move (`contact.safe_depth`), which is why the x_N may fall where no
 plan goes. r_x is such that in F = {‖ξ‖_P ≤ ε} the tip, also half an interval ahead, is at most
 r_x‖ξ‖_P beyond the reference along each N (`tube.terminal_set` looks for a ξ where it is not).
 
@@ -25,7 +25,7 @@ inputs are within limits at both ends of the next interval, for all forces; so i
 ‖ξ_N‖_P ≤ ρ(a), and N·𝔭_{N+1} ≤ N·(E ᵀy_des + a) + r_x‖ξ_{N+1}‖_P ≤ x_N, likewise half an interval
 ahead. So it is feasible for this `TrackingTarget`. The target is in no limit: it is feasible for every later
 `TrackingTarget` that leaves room for it, as x_N that do not fall do, and a pyramid that takes another's place
-by `front.replaces`: it has all of the old one wherever the last plan goes, at the reference, too. A
+by `safe_depth.replaces`: it has all of the old one wherever the last plan goes, at the reference, too. A
 fixed set, kept behind the front by its whole reach r_x ε, would be invariant as well, but nothing
 could ever press within r_x ε of x_safe; a set that shrinks lets a go up to the front.
 
@@ -213,10 +213,10 @@ class TrackingOcp(DynamicOcp):
         size = self.model.size
         J_x = self.model.task_jacobian(self.model.configuration(self.y_des))
         here = np.pad(self.facets, ((0, 0), (0, 2 * size - 3)))
-        ahead = here + 0.5 * self.time_step * np.pad(self.facets @ J_x[:3], ((0, 0), (size, 0)))
+        between = here + 0.5 * self.time_step * np.pad(self.facets @ J_x[:3], ((0, 0), (size, 0)))
         inverse = T.T @ np.linalg.inv(self.terminal.P) @ T
         return HEADROOM * max(float(np.sqrt(np.max(np.sum(each @ inverse * each, axis=1))))
-                              for each in (here, ahead))
+                              for each in (here, between))
 
     @property
     def inputs_given(self) -> dict[str, int]:
@@ -229,7 +229,7 @@ class TrackingOcp(DynamicOcp):
         """Those of `SafeDepth` and `SafeDepthBetweenKnots`."""
         count = len(self.facets)
         parts = [""] if count == 1 else [f"[{i}]" for i in range(count)]
-        return tuple(f"{name}{part}" for name in ("front", "front_ahead") for part in parts)
+        return tuple(f"{name}{part}" for name in ("safe_depth", "safe_depth_between_knots") for part in parts)
 
     def aimed(self, aim: TrackingTarget) -> Self:
         """Returns the problem of another aim; it shares all that does not depend on it."""
@@ -237,8 +237,8 @@ class TrackingOcp(DynamicOcp):
         out.aim = aim
         depths = np.broadcast_to(np.asarray(aim.safe_depth, dtype=float), (len(self.facets),))
         out.limits = {
-            **self._lasting, "front": SafeDepth(self.facets, depths),
-            "front_ahead": SafeDepthBetweenKnots(self.facets, depths, self.time_step)}
+            **self._lasting, "safe_depth": SafeDepth(self.facets, depths),
+            "safe_depth_between_knots": SafeDepthBetweenKnots(self.facets, depths, self.time_step)}
         return out
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
@@ -256,8 +256,8 @@ class TrackingOcp(DynamicOcp):
         """Returns how deep the tip is, here and half an interval ahead, and r_x of each."""
         here, nowhere = self.facets @ self.y_des[:3], np.full(len(self.facets), np.inf)
         depth = SafeDepth(self.facets, nowhere).values(at) - here
-        ahead = SafeDepthBetweenKnots(self.facets, nowhere, self.time_step).values(at) - here
-        return (np.concatenate([depth, ahead], axis=-1),
+        between = SafeDepthBetweenKnots(self.facets, nowhere, self.time_step).values(at) - here
+        return (np.concatenate([depth, between], axis=-1),
                 np.full(2 * len(here), self.depth_reach))
 
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> TrackingPlan:
@@ -280,9 +280,9 @@ class TrackingOcp(DynamicOcp):
 
     def terminal_radius(self, plan: DynamicPlan) -> float:
         """Returns ρ(a)."""
-        return float(np.min(self._room(plan).size, initial=self.terminal.radius))
+        return float(np.min(self._radius_bound(plan).size, initial=self.terminal.radius))
 
-    def _room(self, plan: DynamicPlan) -> RadiusBound:
+    def _radius_bound(self, plan: DynamicPlan) -> RadiusBound:
         """Returns what bounds ρ(a), but for ε, and how it changes with a: fronts, and turns."""
         assert isinstance(plan, TrackingPlan)
         sizes = (self.aim.safe_depth - self.facets @ self.reference(plan)[:3]) / self.depth_reach
@@ -317,13 +317,13 @@ class TrackingOcp(DynamicOcp):
 
     def staged_program(self, plan: DynamicPlan) -> StagedProgram:
         """Returns the convex program about a plan; its w are the changes of a and of ζ̄̇."""
-        program, room = super().staged_program(plan), self._room(plan)
+        program, radius_bound = super().staged_program(plan), self._radius_bound(plan)
         program = replace(program, terminal=program.terminal._replace(radius=self.terminal.radius))
-        room = room._replace(rows=np.pad(room.rows, ((0, 0), (self.state_size, 0))))
+        radius_bound = radius_bound._replace(rows=np.pad(radius_bound.rows, ((0, 0), (self.state_size, 0))))
         H, g = np.zeros((len(self._moved), len(self._moved))), np.zeros(len(self._moved))
         H[:3, :3], g[:3] = self.offset.quadratic(self._missing(plan))
         H[3:, 3:], g[3:] = self.offset.quadratic(self._unturned(plan))
-        program = with_place(program, self._moved, H, g, room if len(room.size) else None)
+        program = with_place(program, self._moved, H, g, radius_bound if len(radius_bound.size) else None)
         return self._with_turning_end(program, plan) if self.turn else program
 
     def _with_turning_end(self, program: StagedProgram, plan: DynamicPlan) -> StagedProgram:
@@ -340,6 +340,6 @@ class TrackingOcp(DynamicOcp):
     def revalued(self, program: StagedProgram, plan: DynamicPlan, points: PlanPoints
                  ) -> StagedProgram:
         """Returns a program with its own slopes, and what is limited and room at another plan."""
-        out, room = super().revalued(program, plan, points), program.terminal.room
+        out, radius_bound = super().revalued(program, plan, points), program.terminal.radius_bound
         return replace(out, terminal=out.terminal._replace(
-            room=room and room._replace(size=self._room(plan).size)))
+            radius_bound=radius_bound and radius_bound._replace(size=self._radius_bound(plan).size)))

@@ -38,8 +38,8 @@ def advance_one(config: np.ndarray, zeta: np.ndarray, zeta_dot: np.ndarray, dura
     The joints are linear: one step is exact.
     """
     start, rate = zeta[:6].tolist(), zeta_dot[:6].tolist()
-    speeds = [[v + ahead * a for v, a in zip(start, rate, strict=True)]
-              for ahead in (0.0, 0.5 * duration, 0.5 * duration, duration)]
+    speeds = [[v + step * a for v, a in zip(start, rate, strict=True)]
+              for step in (0.0, 0.5 * duration, 0.5 * duration, duration)]
     rpy, stages = _turn(tuple(config[3:6].tolist()), [speed[3:] for speed in speeds], duration)
     linear = [rotated(at, speed[:3]) for at, speed in zip(stages, speeds, strict=True)]
     out: np.ndarray = config + duration * (zeta + 0.5 * duration * zeta_dot)
@@ -107,13 +107,13 @@ def _turn(rpy: Numbers, turning: list[list[float]], h: float) -> tuple[Numbers, 
     """
     stages, rates = [], []
     at = rpy
-    for (p, q, r), ahead in zip(turning, (0.5 * h, 0.5 * h, h, 0.0), strict=True):
+    for (p, q, r), step in zip(turning, (0.5 * h, 0.5 * h, h, 0.0), strict=True):
         sin, cos = math.sin(at[0]), math.cos(at[0])
         yaw_rate = (sin * q + cos * r) / math.cos(at[1])
         rate = (p + yaw_rate * math.sin(at[1]), cos * q - sin * r, yaw_rate)
         stages.append(at)
         rates.append(rate)
-        at = (rpy[0] + ahead * rate[0], rpy[1] + ahead * rate[1], rpy[2] + ahead * rate[2])
+        at = (rpy[0] + step * rate[0], rpy[1] + step * rate[1], rpy[2] + step * rate[2])
     after = [angle + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
              for angle, k1, k2, k3, k4 in zip(rpy, *rates, strict=True)]
     return (after[0], after[1], after[2]), stages

@@ -184,12 +184,12 @@ def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, 
         about: What `values` reads.
     """
     dy, dzeta, du = 1e-6 * np.cos(np.arange(3 * at.model.size)).reshape(3, -1)
-    ahead, behind = (values(Points(
+    forward, backward = (values(Points(
         at.model, at.config + sign * at.config_y @ dy, at.y + sign * dy, at.zeta + sign * dzeta,
         at.u + sign * du)) for sign in (1.0, -1.0))
     chain = Slopes(dy[:, None], dzeta[:, None], du[:, None])
     change = slopes(values, at, about).through(chain)[..., 0]
-    scale = 1e-6 + np.max(np.abs(ahead), initial=0.0)
-    if not np.all(np.abs(0.5 * (ahead - behind) - change) <= 1e-4 * np.abs(change) + 1e-11 * scale):
+    scale = 1e-6 + np.max(np.abs(forward), initial=0.0)
+    if not np.all(np.abs(0.5 * (forward - backward) - change) <= 1e-4 * np.abs(change) + 1e-11 * scale):
         raise TypeError(f"{name}: its derivative by complex steps is not that of differences; "
                         "it must be smooth and allow for complex points")

@@ -203,8 +203,8 @@ def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
 
 def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
     """Returns 𝔲 as it is sent (T, 6+n): M⁻¹τ of what a clock holds, the law's if there is none."""
-    if "held_command" not in logs:
+    if "zoh_command" not in logs:
         return logs["u"]
     M = model.mass_matrix(model.kinematics(logs["state"][:, : model.size]))
-    sent: np.ndarray = np.linalg.solve(M, logs["held_command"][..., None])[..., 0]
+    sent: np.ndarray = np.linalg.solve(M, logs["zoh_command"][..., None])[..., 0]
     return sent
