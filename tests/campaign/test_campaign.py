@@ -24,6 +24,8 @@ from uvms_drake.report.summary import summarise
 from uvms_drake.station.diagram import MONITOR_SLACK
 from uvms_drake.station.simulation import simulate
 
+pytestmark = pytest.mark.long
+
 MANY = int(os.environ.get("UVMS_DRAKE_RUNS", "18"))
 """Number of runs of the campaign with certificates."""
 

@@ -11,6 +11,8 @@ from uvms_drake.certificate.certify import certified_once
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
+pytestmark = pytest.mark.long
+
 
 def test_another_place_makes_no_difference():
     """Rotated and translated, the same run: forces turn along, deviations do not change."""

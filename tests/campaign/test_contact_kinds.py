@@ -23,7 +23,7 @@ from uvms_drake.campaign.contact_kinds import (
 from uvms_drake.campaign.drawn_surfaces import is_member
 from uvms_drake.campaign.variation import vary
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.contact.press_target import AHEAD, search_speed, touch_to_plan
+from uvms_drake.control.contact.press_target import SEARCH_DEPTH, search_speed, touch_to_plan
 from uvms_drake.control.limits.tip_velocity import TipVelocity
 from uvms_drake.model.surface import KnownSurface, ShapedSurface
 from uvms_drake.model.surface.normal_law import Linear
@@ -34,6 +34,8 @@ from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.step_size import check_step, friction_rate
 from uvms_drake.tube.terminal_set import TerminalLoop
+
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,7 @@ def test_a_wall_that_is_known_is_not_drawn_anew():
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
     assert contact_of(scenario).drawn(scenario, None, rng) is scenario
-    assert contact_of(scenario).judged(None) == {}
+    assert contact_of(scenario).metrics(None) == {}
     assert rng.bit_generator.state == before
 
 
@@ -137,7 +139,7 @@ def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_
     most = contact.walls.share * contact.stiffness
     start, _ = tips(base, ocp)
     speed, pressing = pace(base, ocp, ShapedSurface(law=Linear(stiffness)), force)
-    room = ocp.aim.target[0] - AHEAD - start[0]
+    room = ocp.aim.target[0] - SEARCH_DEPTH - start[0]
     now = np.linspace(0.0, force - base.task.force_tolerance, 20001)
     way = np.minimum(room - now / most, (force - now) / (2.0 * stiffness))
     fastest = contact.speed - base.tube.depth_speed

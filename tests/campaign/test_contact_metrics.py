@@ -8,9 +8,9 @@ from support.synthetic import synthetic_record
 
 from uvms_drake.campaign.contact_kinds import contact_of
 from uvms_drake.campaign.contact_metrics import (
-    PRESSED,
+    PRESS_METRICS,
     format_walls,
-    pressed,
+    press_metrics,
     summarise_walls,
 )
 from uvms_drake.campaign.figures import WALLS_FILE, make_campaign_figures
@@ -26,6 +26,8 @@ from uvms_drake.model.surface.geometry import Plane
 from uvms_drake.model.surface.normal_law import Linear
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.contact.force_ripple import ripple
+
+pytestmark = pytest.mark.long
 
 STIFFNESS, TILT = 500.0, 0.05
 LARGEST = 45.0
@@ -62,7 +64,7 @@ def deep(force, stiffness=STIFFNESS):
 
 
 def test_times_and_forces_are_those_of_the_run():
-    wall = pressed(pressing(depths((0.0, -0.1), (4.0, deep(10.0)), (7.0, deep(20.5)),
+    wall = press_metrics(pressing(depths((0.0, -0.1), (4.0, deep(10.0)), (7.0, deep(20.5)),
                                    (15.0, deep(20.2)))))
     assert wall["static"] == pytest.approx(20.5 / LARGEST)
     fastest = 0.1 + np.tan(0.0873) * np.hypot(0.1, 0.1)  # Along and across n, in m/s.
@@ -77,11 +79,12 @@ def test_times_and_forces_are_those_of_the_run():
 
 
 def test_a_wall_that_is_left_is_told():
-    wall = pressed(pressing(depths((0.0, -0.1), (3.0, deep(5.0)), (4.0, -0.01), (5.0, deep(20.0)),
+    wall = press_metrics(pressing(depths(
+        (0.0, -0.1), (3.0, deep(5.0)), (4.0, -0.01), (5.0, deep(20.0)),
                                    (8.0, -0.01), (9.0, deep(20.0)), (19.0, -0.01))))
     assert wall["losses"] == 2
     assert wall["settled_s"] is None
-    never = pressed(pressing(np.full(1001, -0.1)))
+    never = press_metrics(pressing(np.full(1001, -0.1)))
     assert never["first_touch_s"] is never["settled_s"] is None
     assert never["static"] == never["losses"] == 0
 
@@ -94,7 +97,7 @@ def test_what_is_not_in_the_class_or_not_shown_to_be_is_told(settings, force):
     record = pressing(depths((0.0, -0.1), (4.0, deep(force, stiffness))), **settings)
     if stiffness == 50.0:
         record.chi[500:, 1] += 2.0
-    assert not pressed(record)["in_class"]
+    assert not press_metrics(record)["in_class"]
 
 
 def test_a_force_that_changes_too_fast_is_none_of_the_class():
@@ -107,12 +110,12 @@ def test_a_force_that_changes_too_fast_is_none_of_the_class():
         assert (ripple(time, force, 41.0) <= 2.01) == slow
     sideways = pressing(depths((0.0, -0.1), (4.0, deep(20.0))))
     sideways.force[500:, 1] += 5.0
-    assert not pressed(sideways)["in_class"]
+    assert not press_metrics(sideways)["in_class"]
 
 
 def test_a_wall_that_is_pressed_too_hard_stays_in_the_class():
     """However deep the tip is then: what it was shown for is up to the largest force."""
-    wall = pressed(pressing(depths((0.0, -0.1), (4.0, 1.0))))
+    wall = press_metrics(pressing(depths((0.0, -0.1), (4.0, 1.0))))
     assert wall["in_class"]
     assert wall["static"] > 10.0
 
@@ -120,7 +123,8 @@ def test_a_wall_that_is_pressed_too_hard_stays_in_the_class():
 @pytest.fixture
 def results():
     """Those of three runs; the second presses too hard."""
-    walls = [pressed(pressing(depths((0.0, -0.1), (4.0, deep(force))))) for force in (20, 46, 19)]
+    walls = [press_metrics(pressing(depths((0.0, -0.1), (4.0, deep(force)))))
+             for force in (20, 46, 19)]
     return [{"index": i, "mpc_failures": 0, "wall": wall} for i, wall in enumerate(walls)]
 
 
@@ -147,18 +151,18 @@ def test_a_campaign_with_felt_walls_says_how_they_were_pressed(campaign, results
     assert not all_well(summary)
     assert summary["worst"][0]["index"] == 1
     table = format_campaign(summary, times, "DIR")
-    assert all(text in table for text in PRESSED.values())
+    assert all(text in table for text in PRESS_METRICS.values())
     assert WALLS_FILE in {path.name for path in make_campaign_figures(summary, times, tmp_path)}
     without = summarise_campaign(campaign, [carried[0], carried[2]])
     assert all_well(without)
     known = summarise_campaign(campaign, [run["result"]])
     assert "walls" not in known
-    assert not any(text in format_campaign(known, times, "DIR") for text in PRESSED.values())
+    assert not any(text in format_campaign(known, times, "DIR") for text in PRESS_METRICS.values())
 
 
 def test_a_felt_contact_is_judged_by_its_kind():
     record = pressing(depths((0.0, -0.1), (4.0, deep(20.0))))
-    judged = contact_of(record.scenario).judged(record)
-    assert judged["wall"] == pressed(record)
-    assert judged["force_error"] == pytest.approx(20.0 * (1.0 - np.cos(TILT)))
-    assert judged["settling_time_s"] == pytest.approx(4.0)
+    metrics = contact_of(record.scenario).metrics(record)
+    assert metrics["wall"] == press_metrics(record)
+    assert metrics["force_error"] == pytest.approx(20.0 * (1.0 - np.cos(TILT)))
+    assert metrics["settling_time_s"] == pytest.approx(4.0)

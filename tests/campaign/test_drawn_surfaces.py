@@ -9,6 +9,8 @@ from uvms_drake.model.surface import SensedContact
 from uvms_drake.model.surface.geometry import Bumpy, Cylinder, Plane
 from uvms_drake.model.surface.normal_law import Bilinear, Hardening, Linear
 
+pytestmark = pytest.mark.long
+
 DIRECTION = np.array([2.0, -1.0, 2.0]) / 3.0
 CONTACT = SensedContact(direction=DIRECTION, angle=0.08, stiffness=900.0, friction=0.4)
 START, GOAL = np.array([0.4, -0.3, 1.1]), np.array([0.5, -0.1, 1.2])

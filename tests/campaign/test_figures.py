@@ -2,12 +2,15 @@
 
 
 
+import pytest
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import (
     summarise_campaign,
     summarise_times,
 )
+
+pytestmark = pytest.mark.long
 
 
 def test_figures_of_runs_that_all_end_alike(campaign, tmp_path):

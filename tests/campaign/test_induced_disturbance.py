@@ -13,6 +13,8 @@ from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
+pytestmark = pytest.mark.long
+
 CALM = ["duration=3.2", "disturbance.bound=0"]
 
 

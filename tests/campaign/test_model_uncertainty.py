@@ -1,5 +1,6 @@
 """Tests of `uvms_drake.campaign.model_uncertainty`."""
 
+import pytest
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from uvms_drake.campaign.summary import (
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
+
+pytestmark = pytest.mark.long
 
 
 def test_what_an_error_of_the_model_induces_is_what_the_plant_does():

@@ -15,6 +15,8 @@ from uvms_drake.campaign.summary import (
 )
 from uvms_drake.station.scenario.scenario import load_scenario
 
+pytestmark = pytest.mark.long
+
 
 def test_nothing_happens_while_the_robot_hovers():
     scenario = load_scenario("girona500_ideal", ["mpc.hover=6", "duration=10"])

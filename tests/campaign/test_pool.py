@@ -18,6 +18,8 @@ from uvms_drake.campaign.store import RUNS_FILE
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import RunFailed
 
+pytestmark = pytest.mark.long
+
 
 def start(folder: Path, runs: int) -> subprocess.Popen:
     """Starts a campaign with two workers and returns it when the first run is done."""

@@ -14,6 +14,8 @@ from uvms_drake.campaign.summary import (
 from uvms_drake.command.main import main
 from uvms_drake.common.errors import RunFailed
 
+pytestmark = pytest.mark.long
+
 
 def test_a_run_that_raises_is_a_result(campaign, monkeypatch):
     def breaks(scenario):

@@ -8,6 +8,8 @@ from support.campaigns import RUNS, SHORT, refusal, result_bytes
 from uvms_drake.campaign.store import RUNS_FILE, run_log
 from uvms_drake.command.main import main
 
+pytestmark = pytest.mark.long
+
 
 def test_a_campaign_goes_on_and_can_be_made_longer(reference, tmp_path, capsys):
     """Also if the last line was cut off and another one is damaged."""

@@ -13,6 +13,8 @@ from uvms_drake.campaign.summary import (
     summarise_times,
 )
 
+pytestmark = pytest.mark.long
+
 
 def test_the_distribution_tells_whose_the_worst_is():
     results = [{"index": i, "margin": value, "force_error": value}

@@ -15,6 +15,8 @@ from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import start_state
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
+pytestmark = pytest.mark.long
+
 
 def test_what_is_drawn_is_a_function_of_seed_and_index(campaign):
     def text(campaign, index):

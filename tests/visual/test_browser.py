@@ -14,6 +14,8 @@ from uvms_drake.report.replay import write_replay
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.scene import UP, ZOOM, Scene
 
+pytestmark = pytest.mark.slow
+
 SIZE = (960, 600)
 FIELD = np.deg2rad(75.0)
 """Meshcat's field of view, from top to bottom, at zoom 1."""

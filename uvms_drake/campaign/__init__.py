@@ -1,1 +1,1 @@
-"""Many drawn runs of one scenario, and what they came to; it knows no command line."""
+"""Monte Carlo campaigns: many drawn runs of one scenario and their statistics."""

@@ -1,8 +1,8 @@
-"""Surfaces that a campaign draws and the controller knows: stiffer, softer, tilted, anywhere.
+"""Known surfaces that a campaign draws: of other stiffness, tilt, position and heading.
 
-A surface of another stiffness or tilt has a certificate of its own. Where it stands and where it
-faces makes no difference: a translation and a turn about the vertical of everything leave gravity,
-dynamics, limits and tube as they are.
+A surface of another stiffness or tilt has a certificate of its own. Position and heading make no
+difference: a translation and a turn about the vertical of everything leave gravity, dynamics,
+limits and tube unchanged.
 """
 
 from dataclasses import dataclass, replace
@@ -45,13 +45,13 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
              ) -> tuple[CertifiedWall, ...]:
     """Returns the scenario's own surface and those of `OTHER_WALLS` that are certified.
 
-    Only a flat surface is tilted. There is the scenario's own alone where no forces act, or the
-    controller knows none: then the certificate is that of all the walls of a class.
+    Only a flat surface is tilted. Without forces, and with a sensed contact, whose certificate is
+    that of a whole class, it is the scenario's own alone.
 
     Args:
-        scenario: As it is loaded.
-        certificate: One that holds for it.
-        progress: As of `certified_once`.
+        scenario: Scenario as loaded.
+        certificate: Certificate that holds for it.
+        progress: Progress callback, as of `certified_once`.
     """
     walls = [_wall(1.0, 0.0, certificate.applied_to(scenario))]
     others = OTHER_WALLS if motion_of(scenario).knows_force else ()
@@ -61,7 +61,7 @@ def walls_of(scenario: Scenario, certificate: Certificate, progress: Progress
         other = _with_surface(scenario, stiffness, tilt)
         try:
             found = certified_once(other, part_of(progress, i / len(others), (i + 1) / len(others)))
-        except InvalidParameter:  # The task cannot be held there, or the start presses too hard.
+        except InvalidParameter:  # No equilibrium in the limits, or too large a force at the start.
             continue
         if found.certified:
             walls.append(_wall(stiffness, tilt, found.applied_to(other)))
@@ -113,14 +113,14 @@ def turns_freely(scenario: Scenario) -> bool:
 
 
 def moved(scenario: Scenario, yaw: float, shift: np.ndarray) -> Scenario:
-    """Returns the scenario with all that is in Σ_I turned about the vertical, then shifted.
+    """Returns the scenario with everything in Σ_I turned about the vertical, then shifted.
 
     A disturbance is in the robot's coordinates and stays; w of kinematic motion is one in Σ_I.
 
     Args:
-        scenario: Any.
+        scenario: Scenario to move.
         yaw: Angle about the z-axis of Σ_I [rad].
-        shift: In Σ_I (3,) [m].
+        shift: Displacement in Σ_I (3,) [m].
     """
     R = RotationMatrix.MakeZRotation(yaw).matrix()
 

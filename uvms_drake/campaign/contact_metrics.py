@@ -1,4 +1,4 @@
-"""How the walls of a campaign were pressed that the controller feels, run by run and in all."""
+"""Metrics of pressing unknown surfaces in a campaign, of each run and of all."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,30 +20,30 @@ LAST_SECONDS = 2.0
 """Length of the window at the end over which the force is averaged [s]."""
 SOON = 5.0
 """Time after the first touch in which the force should settle [s]."""
-PRESSED = {
+PRESS_METRICS = {
     "static": "largest static force over the largest allowed",
     "peak": "largest force in motion over the largest allowed",
     "first_touch_s": "first touch [s]",
     "settled_s": "from the first touch to within tolerance [s]",
     "error": f"force error, mean of the last {LAST_SECONDS:g} s [N]",
 }
-"""Name of each measure in a table; of all of them large is bad."""
+"""Labels of the metrics in a table; large is bad for all of them."""
 BROKEN = ("static", "peak", "no_plan")
-"""What is promised not to happen with a wall of the class: that it is pressed harder than allowed,
-at rest or in motion, and that there is no plan."""
+"""Guarantees for a wall of the class that a run may break: the largest force at rest and in motion,
+and a plan at every sample."""
 
 Result = Mapping[str, Any]
 
 
-def pressed(record: Record) -> dict[str, Any]:
-    """Returns how the wall of a run was pressed.
+def press_metrics(record: Record) -> dict[str, Any]:
+    """Returns the press metrics of a run.
 
-    `static` and `peak` are forces along the wall's own normal, at rest and in motion, over what
-    they may be. The others are of the force along n, which the controller is to give: `settled_s`
-    from the first touch to where it stays within the task's tolerance, `losses` how often the wall
-    was left after it first was; `aside_m` is how far along the wall the tip had to slide.
-    `in_class` is whether the wall is in the class wherever it was touched, `worst_violation` the
-    largest violation of a limit by a plan, in the limit's own unit.
+    `static` and `peak` are forces along the wall's own normal, at rest and in motion, over their
+    bounds. The others are of the controlled force along n: `settled_s` is the time from the first
+    touch to when it stays within the task's tolerance, `losses` the number of losses of contact
+    after that, `lateral_error_m` the distance that the tip had to slide along the wall. `in_class`
+    is whether the wall is in the class wherever it was touched, `worst_violation` the largest
+    violation of a limit by a plan, in the limit's own unit.
     """
     scenario, contact = record.scenario, sensed_contact(record.scenario)
     surface, summary = _surface(record), summarise_contact(record)
@@ -66,7 +66,7 @@ def pressed(record: Record) -> dict[str, Any]:
                       else max(record.time[settled] - touch, 0.0)),
         "settling_time_s": None if settled is None else record.time[settled],
         "error": np.mean(error[end]), "final_error": error[-1],
-        "aside_m": None if touch is None else np.linalg.norm(across(
+        "lateral_error_m": None if touch is None else np.linalg.norm(across(
             contact.direction, record.chi[np.argmax(touching), :3] - _ends(record)[1])),
         "losses": np.count_nonzero(np.diff(since.astype(int)) < 0),
         "in_class": in_class(record),
@@ -75,7 +75,7 @@ def pressed(record: Record) -> dict[str, Any]:
 
 
 def normal_force(record: Record) -> np.ndarray:
-    """Returns the force on the wall along its own normal (T,) [N], friction not in it."""
+    """Returns the force on the wall along its own normal (T,) [N], without friction."""
     _, into = _surface(record).geometry.depth_and_gradient(record.chi[:, :3])
     force: np.ndarray = np.sum(record.force[:, :3] * into, axis=1) / np.linalg.norm(into, axis=1)
     return force
@@ -84,8 +84,8 @@ def normal_force(record: Record) -> np.ndarray:
 def in_class(record: Record) -> bool:
     """Returns whether the wall of a run is in the class wherever the tip touched it.
 
-    That is the ball in which it is shown to be, and the force across n changes no faster than the
-    class says; until it is pressed too hard, if it is.
+    The tip has to stay in the ball of proven membership, and the rate of the force normal to n
+    within the class's bound; only the time before the first too large force counts.
     """
     contact, surface, ends = sensed_contact(record.scenario), _surface(record), _ends(record)
     center, reach = ball_about(surface.anchor, contact, surface.law, *ends)
@@ -93,10 +93,10 @@ def in_class(record: Record) -> bool:
     allowed = slice(int(np.argmax(hard)) if np.any(hard) else len(hard))
     touching = record.penetration[allowed] > 0.0
     far = np.linalg.norm(record.chi[allowed, :3] - center, axis=1) > reach
-    aside = ripple(record.time[allowed], across(contact.direction, record.force[allowed, :3]),
+    tangential = ripple(record.time[allowed], across(contact.direction, record.force[allowed, :3]),
                    contact.force_rate)
     return (is_member(surface, contact, *ends) and not np.any(far & touching)
-            and aside <= contact.force_ripple)
+            and tangential <= contact.force_ripple)
 
 
 def _surface(record: Record) -> ShapedSurface:
@@ -106,15 +106,15 @@ def _surface(record: Record) -> ShapedSurface:
 
 
 def _ends(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Returns where the tip started, and where it was to press but for the depth (3,) [m]."""
+    """Returns the start of the tip, and its desired position but for the depth (3,) [m]."""
     return record.chi[0, :3], np.asarray(record.scenario.task.pose, dtype=float)[:3]
 
 
 def summarise_walls(results: Sequence[Result]) -> dict[str, Any]:
     """Returns the `walls` of campaign.json; empty if the controller knew the surfaces.
 
-    Runs are named by their indices: under `broken` those that broke a promise, and those under
-    `not_in_class`, to which none is made. `kinds` is by shape and by law.
+    Runs are named by their indices: under `broken` those that broke a guarantee, under
+    `not_in_class` those without one. `kinds` is by shape and by law.
     """
     results = [result for result in results if "wall" in result]
     if not results:
@@ -123,7 +123,7 @@ def summarise_walls(results: Sequence[Result]) -> dict[str, Any]:
     return {
         "runs": len(results),
         "distributions": {name: distribution_of([wall[name] for wall in walls], indices)
-                          for name in PRESSED},
+                          for name in PRESS_METRICS},
         "broken": {name: [each["index"] for each in results if name in broken_promises(each)]
                    for name in BROKEN},
         "not_in_class": [each["index"] for each in results if not each["wall"]["in_class"]],
@@ -138,7 +138,7 @@ def summarise_walls(results: Sequence[Result]) -> dict[str, Any]:
 
 
 def broken_promises(result: Result) -> set[str]:
-    """Returns which of `BROKEN` a run did, if it pressed a wall of the class."""
+    """Returns the subset of `BROKEN` that applies to a run, if its wall is of the class."""
     wall = result.get("wall")
     if wall is None or not wall["in_class"]:
         return set()
@@ -153,7 +153,7 @@ def _of_kind(walls: Sequence[Result]) -> dict[str, Any]:
 
 
 def format_walls(walls: Result) -> list[str]:
-    """Returns the lines of a table about `summarise_walls`, but its distributions."""
+    """Returns the lines of a table of `summarise_walls`, without its distributions."""
     if not walls:
         return []
     runs = walls["runs"]

@@ -1,4 +1,4 @@
-"""How a measure is distributed over the runs of a campaign, and whose the worst is."""
+"""Distribution of a metric over the runs of a campaign."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,14 +8,14 @@ import numpy as np
 
 def distribution_of(values: Sequence[float | None], indices: Sequence[int], *,
                     small_is_bad: bool = False) -> dict[str, Any]:
-    """Returns minimum, median, 95th percentile and maximum of a measure, and whose the worst is.
+    """Returns minimum, median, 95th percentile and maximum of a metric, and the worst run.
 
-    For a measure of which small is bad the percentile is the 5th, under the name `p5`.
+    If small is bad the percentile is the 5th, under the name `p5`.
 
     Args:
-        values: Of the runs; None where there is none.
+        values: Values of the runs; None where a run has none.
         indices: Numbers of the runs.
-        small_is_bad: Whether it is the smallest that is the worst.
+        small_is_bad: Whether the smallest value is the worst.
     """
     pairs = [pair for pair in zip(values, indices, strict=True) if pair[0] is not None]
     tail = "p5" if small_is_bad else "p95"

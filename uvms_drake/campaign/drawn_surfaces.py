@@ -1,8 +1,8 @@
-"""Walls that a campaign draws and the controller feels: any of the class that it is told of.
+"""Unknown surfaces that a campaign draws: any of the specified class.
 
 A wall is drawn with an angle, a stiffness, damping and friction of its own, up to those of the
-class and in a quarter of the draws at them. What is drawn is shown to be in the class by
-`ShapedSurface.membership`, in a ball with every place where the tip may touch it.
+class and in a quarter of the draws at them. `ShapedSurface.membership` proves that it is in the
+class, in a ball with every point where the tip may touch it.
 """
 
 from dataclasses import replace
@@ -20,43 +20,43 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 SOFTEST = 0.1
 """Smallest slope of a wall's static force over the largest of the class."""
 AT_THE_BOUND, BELOW = 0.25, 1.0 - 1e-9
-"""Probability that a wall has a bound of the class, but for rounding."""
+"""Probability that a parameter is at the bound of the class, and that bound but for rounding."""
 FLAT = 0.5
-"""Largest part of the angle that is left to curvature or bumps, which take the rest of it."""
+"""Largest fraction of the angle for curvature or bumps, in place of tilt."""
 TRANSITIONS, KNEES, DEEP = (0.001, 0.005), (0.005, 0.03), (0.01, 0.05)
-"""Ranges of the depths at which a law changes [m]."""
+"""Ranges of the transition depths of the laws [m]."""
 WAVELENGTHS = (0.1, 0.6)
 """Range of the shortest wavelength of bumps [m]."""
 SLACK = 0.03
-"""What the ball has on all sides more than it needs: for the tube, and for bumps [m]."""
+"""Extra radius of the ball for the tube and for bumps [m]."""
 
 
 class Ball(NamedTuple):
-    """All places where a tip can touch a wall without pressing harder than it may."""
+    """Ball with every contact point of admissible force."""
 
     center: np.ndarray
-    """(3,) [m]."""
+    """Centre (3,) [m]."""
     reach: float
-    """[m]."""
+    """Radius [m]."""
 
 
 def share(rng: np.random.Generator, least: float = 0.0) -> float:
-    """Returns a part of a bound, uniform from `least` to 1, or 1 but for rounding."""
+    """Returns a fraction of a bound, uniform from `least` to 1, or 1 but for rounding."""
     part = rng.uniform(least, 1.0)
     return BELOW if rng.uniform() < AT_THE_BOUND else float(part)
 
 
 def draw_wall(contact: SensedContact, start: np.ndarray, goal: np.ndarray,
               rng: np.random.Generator) -> ShapedSurface | None:
-    """Returns a wall beside the start, its friction with a creep of 1 m/s; None: not in the class.
+    """Returns a wall at the start, its friction with a creep of 1 m/s; None: not in the class.
 
-    It stays in the class where it is moved along n.
+    It stays in the class when moved along n.
 
     Args:
-        contact: What the controller is told.
-        start: Where the tip starts (3,) [m].
-        goal: A point (3,) of the line along n at which it is to press [m].
-        rng: Source of the draws.
+        contact: Specification of the contact.
+        start: Start of the tip (3,) [m].
+        goal: A point (3,) of the line along n to press at [m].
+        rng: Random generator.
     """
     n = np.asarray(contact.direction, dtype=float)
     law = draw_law(SOFTEST * contact.stiffness, contact.stiffness, rng)
@@ -86,7 +86,7 @@ def draw_law(least: float, most: float, rng: np.random.Generator) -> AnyNormalLa
 
 def within_class(surface: ShapedSurface, contact: SensedContact, start: np.ndarray,
                  goal: np.ndarray) -> ShapedSurface | None:
-    """Returns the surface, softer and less damped if the class asks for it; None: not in it."""
+    """Returns the surface, softer and less damped if the class requires it; None: not in it."""
     found = membership(surface, contact, start, goal)
     if found is None:
         return None
@@ -119,27 +119,27 @@ def membership(surface: ShapedSurface, contact: SensedContact, start: np.ndarray
 
 def ball_about(point: np.ndarray, contact: SensedContact, law: AnyNormalLaw, start: np.ndarray,
                goal: np.ndarray) -> Ball:
-    """Returns where a tip can touch a wall with no more than the largest static force.
+    """Returns a ball with all contact points of at most the largest static force.
 
-    Across n it is between start and goal, and the wall's depth changes by at most tan α of that;
-    along n it is no deeper than where the law gives the force of the class.
+    Normal to n they lie between start and goal, over which the wall's depth changes by at most
+    tan α of that distance; along n they are no deeper than the depth of the class's force.
 
     Args:
-        point: Point of the wall, half way across from start to goal (3,) [m].
-        contact: What the controller is told.
+        point: Point of the wall, midway between start and goal normal to n (3,) [m].
+        contact: Specification of the contact.
         law: Static force by the depth.
-        start: Where the tip starts (3,) [m].
-        goal: A point (3,) of the line along n at which it is to press [m].
+        start: Start of the tip (3,) [m].
+        goal: A point (3,) of the line along n to press at [m].
     """
     n = np.asarray(contact.direction, dtype=float)
-    aside = 0.5 * float(np.linalg.norm(across(n, goal - start))) + SLACK
+    lateral = 0.5 * float(np.linalg.norm(across(n, goal - start))) + SLACK
     half = 0.5 * law.depth_for(contact.force) / float(np.cos(contact.angle))
-    along = half + aside * float(np.tan(contact.angle)) + SLACK
-    return Ball(point + half * n, float(np.hypot(aside, along)))
+    along = half + lateral * float(np.tan(contact.angle)) + SLACK
+    return Ball(point + half * n, float(np.hypot(lateral, along)))
 
 
 def across(n: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Returns the part across n (..., 3) of a vector (..., 3)."""
+    """Returns the component normal to n (..., 3) of a vector (..., 3)."""
     return vector - (vector @ n)[..., None] * n
 
 
@@ -152,7 +152,7 @@ def _cylinder(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach
               rng: np.random.Generator, *, inside: bool = False) -> Cylinder:
     into, axis = tilted(n, flat * angle, rng)
     turn = np.sin((1.0 - flat) * angle)
-    radius = reach * (1.0 + turn) / max(turn, 1e-6)  # The ball's middle is nearer to the axis.
+    radius = reach * (1.0 + turn) / max(turn, 1e-6)  # The ball's centre is nearer to the axis.
     return Cylinder(point, -into, axis, float(radius), inside)
 
 
@@ -172,9 +172,9 @@ def _bumpy(point: np.ndarray, n: np.ndarray, angle: float, flat: float, reach: f
 
 def tilted(n: np.ndarray, angle: float, rng: np.random.Generator
            ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns a unit vector (3,) at an angle from n (3,), any way, and any one square to it."""
-    aside = across(n, rng.normal(size=3))
-    into = np.cos(angle) * n + np.sin(angle) * aside / np.linalg.norm(aside)
+    """Returns a random unit vector (3,) at an angle from n (3,), and a random one normal to it."""
+    lateral = across(n, rng.normal(size=3))
+    into = np.cos(angle) * n + np.sin(angle) * lateral / np.linalg.norm(lateral)
     into /= np.linalg.norm(into)
     along = cross(into, rng.normal(size=3))
     return into, along / np.linalg.norm(along)

@@ -1,4 +1,4 @@
-"""The figures of a campaign, one idea each, at the width of a column in a paper."""
+"""Figures of a campaign, one idea each, at the width of a column in a paper."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,10 +16,10 @@ RATIOS_FILE, PROPORTION_FILE = "campaign_ratios.png", "campaign_proportion.png"
 MARGINS_FILE, OUTCOMES_FILE = "campaign_margins.png", "campaign_outcomes.png"
 TIMING_FIGURE, WALLS_FILE = "campaign_timing.png", "campaign_walls.png"
 CAMPAIGN_FIGURES = (RATIOS_FILE, PROPORTION_FILE, MARGINS_FILE, OUTCOMES_FILE, TIMING_FIGURE)
-"""Of every campaign; `WALLS_FILE` is of one whose walls are felt."""
+"""Figures of every campaign; `WALLS_FILE` is that of a sensed contact."""
 BINS = 24
 LONG = 300.0
-"""Ratio of the ends of an axis from which on only decades are numbered."""
+"""Ratio of the ends of an axis above which only decades are numbered."""
 DOT: dict[str, Any] = {"markersize": 2.2, "alpha": 0.5, "markeredgewidth": 0.0, "linestyle": "",
                        "marker": "o"}
 
@@ -51,7 +51,7 @@ def make_campaign_figures(summary: Mapping[str, Any], times: Mapping[str, Any], 
 
 
 def draw_ratios(results: Results, certified: bool) -> Figure:
-    """Draws the worst deviation of each run over its two bounds, by what disturbs it."""
+    """Draws the worst deviation of each run over its two bounds, by disturbance."""
     figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
     axis = figure.subplots()
     kinds = sorted({_kind(result) for result in results})
@@ -79,10 +79,10 @@ def _kind(result: Mapping[str, Any]) -> str:
 
 
 def draw_proportion(results: Results) -> Figure:
-    """Draws each run's worst deviation over its bound against all that disturbed it, over d̃.
+    """Draws each run's worst deviation over its bound against its whole disturbance over d̃.
 
-    Below the line is what the theory says: the tube is proportional to the disturbance. It is not
-    promised where the measured state is wrong or a limit cut the command.
+    The line is the theorem: the tube is proportional to the disturbance. It is not guaranteed with
+    a wrong measured state or a saturated command.
     """
     figure = Figure(figsize=(COLUMN_WIDTH, 2.8), layout="constrained")
     axis = figure.subplots()
@@ -113,7 +113,7 @@ def draw_proportion(results: Results) -> Figure:
 
 
 def draw_margins(results: Results) -> Figure:
-    """Draws how close each run came to each constraint, over the constraint's size."""
+    """Draws the smallest margin of each run to each constraint, over the constraint's size."""
     names = list(results[0]["margins"])
     names.sort(key=lambda name: -min(result["margins"][name] for result in results))
     figure = Figure(figsize=(COLUMN_WIDTH, 0.7 + 0.13 * len(names)), layout="constrained")
@@ -134,10 +134,10 @@ def draw_margins(results: Results) -> Figure:
 
 
 def draw_outcomes(results: Results, tolerance: float) -> Figure:
-    """Draws how many runs had which final force error and settling time.
+    """Draws the histograms of final force error and settling time.
 
     Args:
-        results: Of the runs.
+        results: Results of the runs.
         tolerance: Force error below which the force counts as settled [N].
     """
     figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
@@ -157,7 +157,7 @@ def draw_outcomes(results: Results, tolerance: float) -> Figure:
 
 
 def draw_walls(results: Results) -> Figure:
-    """Draws how hard walls that are felt were pressed, and how soon, over their stiffness."""
+    """Draws static force and settling time on unknown surfaces over their stiffness."""
     figure = Figure(figsize=(COLUMN_WIDTH, 2.9), layout="constrained")
     axes = figure.subplots(2, sharex=True)
     walls = [result["wall"] for result in results]
@@ -179,7 +179,7 @@ def draw_walls(results: Results) -> Figure:
 
 
 def draw_timing(times: Mapping[str, Any]) -> Figure:
-    """Draws how many of all steps of the MPC took how long."""
+    """Draws the distribution of the MPC's step times."""
     figure = Figure(figsize=(COLUMN_WIDTH, 1.9), layout="constrained")
     axis = figure.subplots()
     edges, steps = np.array(times["edges_ms"]), np.array(times["steps"])

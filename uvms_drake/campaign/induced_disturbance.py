@@ -1,4 +1,4 @@
-"""Estimates, before a run, the disturbance that model errors and the water's motion amount to."""
+"""Estimate, before a run, of the disturbance induced by model errors and the water's motion."""
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 
 IN_A_WAVE = 8
-"""Number of instants of a wave's period that are looked at."""
+"""Number of instants in a wave's period."""
 WITHIN = 3
-"""Number of points of a plan on each of its intervals, the last of them the knot."""
+"""Number of points on each interval of a plan, the last of them the knot."""
 
 
 def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[DynamicPlan]) -> float:
@@ -22,13 +22,13 @@ def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[Dynami
 
     The size is `Disturbance.norm`, which is to be at most d̃. ζ̇ is that of the simulated robot, with
     the errors of model and surface, the current and the waves of the scenario, in the plan's state
-    under its command τ = M(𝔮̄)ū. The last point is the task at rest, where the robot stays. Waves
-    are looked at a few times in their longest period, since later plans meet other ones.
+    under its command τ = M(𝔮̄)ū. The last point is the task's equilibrium. Waves are sampled a few
+    times in their longest period, since later plans meet other phases.
 
     Args:
-        scenario: Of dynamic motion.
+        scenario: Scenario of dynamic motion.
         plan: Nominal trajectory.
-        ocp: Its problem, with the controller's model.
+        ocp: Optimal control problem, with the controller's model.
     """
     model = ocp.model
     config, zeta, zeta_dot = _points(plan, model.configuration(ocp.y_des))
@@ -40,18 +40,18 @@ def predicted_disturbance(scenario: Scenario, plan: DynamicPlan, ocp: Ocp[Dynami
 
 
 def _times(scenario: Scenario) -> np.ndarray:
-    """Returns the instants at which the water is looked at [s]."""
+    """Returns the instants at which the water's motion is sampled [s]."""
     if not scenario.waves:
         return np.zeros(1)
     return np.arange(IN_A_WAVE) / IN_A_WAVE * max(wave.period for wave in scenario.waves)
 
 
 def _points(plan: DynamicPlan, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns 𝔮̄, ζ̄ and ζ̄̇ (K, 6+n) of a plan, and at last those of the `goal` 𝔮 at rest."""
+    """Returns 𝔮̄, ζ̄ and ζ̄̇ (K, 6+n) of a plan, the last row those of the `goal` 𝔮 at rest."""
     steps = np.linspace(0.0, len(plan.zeta_dot), WITHIN * len(plan.zeta_dot) + 1)
     points = [plan.at(plan.start_time + plan.time_step * step) for step in steps]
-    rest = np.zeros_like(plan.zeta[-1])
-    config, zeta, zeta_dot = zip(*points, (goal, rest, rest), strict=True)
+    at_rest = np.zeros_like(plan.zeta[-1])
+    config, zeta, zeta_dot = zip(*points, (goal, at_rest, at_rest), strict=True)
     return np.array(config), np.array(zeta), np.array(zeta_dot)
 
 

@@ -1,12 +1,10 @@
-"""Events outside of the bounds, one a run, each with the promises that remain.
+"""Events outside of the assumptions, one a run, each with the guarantees that remain.
 
-Nothing shall be raised and every number stay finite; whatever leaves its bound is in the log with
+No exception may be raised and every number stays finite; each exit of a bound is in the log with
 its time. Where there is a bound along the run (the law `resolved`, and kinematic motion) and the
-measurement is right, the theory says more: that bound is proportional to d̃, so if what disturbs
-the robot is D at most, the deviation stays within max(1, D/d̃) times its bound. So it is for a
-disturbance that is too large, and for everything that the controller does not know: that acts as a
-disturbance too. It is so as long as the law's command is sent as it is;
-nothing is promised of a run in which a limit cut it.
+measurement is right, it is proportional to d̃: under a disturbance of at most D, whatever it comes
+from (model errors are one too), the deviation stays within max(1, D/d̃) times its bound. This
+assumes that the law's command is applied; a run with a saturated command has no guarantee.
 """
 
 from collections.abc import Callable
@@ -25,7 +23,7 @@ from uvms_drake.station.scenario.scenario import Scenario
 
 FAULT_SECONDS = 0.5
 EARLIEST, LATEST = 0.1, 0.7
-"""Range of the instant at which a fault begins, over the duration of a run from where it plans."""
+"""Range of the onset of a fault, over the duration of a run after the first plan."""
 SHIFT, TURN, CURRENT = 0.02, 0.05, 0.3
 """Largest error of the surface's pose [m, rad], and largest current [m/s]."""
 TRIM, PAYLOAD = 0.02, 0.5
@@ -33,7 +31,7 @@ TRIM, PAYLOAD = 0.02, 0.5
 WAVE, WAVE_PERIODS = 0.25, (4.0, 10.0)
 """Largest amplitude of a wave, 2.5 m above the robot [m], and shortest and longest period [s]."""
 STIFFER = 10.0
-"""Stiffness of the surface over the one that the controller knows."""
+"""Stiffness of the surface over that of the controller's model."""
 EXCESS_FACTORS = (1.5, 2.0, 5.0)
 """Sizes of the disturbance over d̃."""
 
@@ -80,7 +78,7 @@ def _current(scenario: Scenario, largest: float, rng: np.random.Generator) -> Sc
                     ).put_into(scenario)
 
 
-def _held(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
+def _payload_and_trim(scenario: Scenario, largest: float, rng: np.random.Generator) -> Scenario:
     return Unknowns(buoyancy=TRIM * rng.uniform(-1.0, 1.0), payload=PAYLOAD * rng.uniform()
                     ).put_into(scenario)
 
@@ -98,19 +96,19 @@ def _instant(scenario: Scenario, rng: np.random.Generator) -> float:
 
 STUCK = "joint stuck"
 MEASURED_WRONG = ("state frozen", "state lost")
-"""Kinds in which the law does not act on the deviation itself, so the tube does not scale."""
+"""Kinds with a wrong feedback signal, for which the tube does not scale."""
 
 _ALL_MOTIONS: dict[str, Step] = {
     "state frozen": _frozen, "state lost": _lost,
     **{f"d of {factor:g} bounds": _excess(factor) for factor in EXCESS_FACTORS}}
 _WITH_FORCES: dict[str, Step] = {
     STUCK: _stuck, f"surface {STIFFER:g} x stiffer": _stiffer,
-    "surface misplaced": _misplaced, "model wrong": _model, "payload, trim": _held,
+    "surface misplaced": _misplaced, "model wrong": _model, "payload, trim": _payload_and_trim,
     "current": _current, "waves": _waves}
 
 
 def kinds_outside(scenario: Scenario) -> tuple[str, ...]:
-    """Returns the kinds of event that a scenario can have."""
+    """Returns the kinds of event that apply to a scenario."""
     with_forces = _WITH_FORCES if motion_of(scenario).has_forces else ()
     return (*_ALL_MOTIONS, *(kind for kind in with_forces
                              if kind != STUCK or np.size(scenario.start.q) > 0))
@@ -121,9 +119,9 @@ def step_outside(kind: str, scenario: Scenario, largest: float, rng: np.random.G
     """Returns the scenario with one of `kinds_outside` in it.
 
     Args:
-        kind: Which.
-        scenario: Inside of the bounds.
+        kind: Kind of event.
+        scenario: Scenario inside of the bounds.
         largest: Largest relative error of "model wrong".
-        rng: Decides when, where and how much.
+        rng: Random generator of onset and size.
     """
     return (_ALL_MOTIONS | _WITH_FORCES)[kind](scenario, largest, rng)

@@ -1,4 +1,4 @@
-"""Where the runs of a campaign are computed: any `concurrent.futures.Executor`."""
+"""Workers that compute the runs of a campaign: any `concurrent.futures.Executor`."""
 
 import multiprocessing
 import os
@@ -19,7 +19,7 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 NAMED = 8
 """Largest number of runs that an error names."""
 RESTARTS = 3
-"""Number of times in a row that the workers may die without a single run coming back."""
+"""Largest number of successive rounds in which the workers die without completing a run."""
 CONNECT_SECONDS = 10
 RUNS_PER_WORKER = 32
 """Runs after which a worker is replaced. Drake's Python bindings never free a LeafSystem that is
@@ -37,11 +37,11 @@ class Pool(NamedTuple):
 
 def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
             ) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yields (index, what `run_one` returns) for each index once, in the order they come back.
+    """Yields (index, result of `run_one`) for each index once, in order of completion.
 
     `run_one` returns errors of a run instead of raising them, so an exception here means that a
-    worker died, or has other code. New workers then repeat the missing runs in another order: if
-    one run kills its worker each time, the others are done before it.
+    worker died, or has other code. New workers then repeat the missing runs in another order: a
+    run that kills its worker each time does not block the others.
 
     Raises:
         RunFailed: The workers die again and again.
@@ -57,7 +57,7 @@ def run_all(campaign: Campaign, indices: Iterable[int], pool: Pool
                 first = order[1] if len(order) > 1 else 0
                 for index in order[: pool.runs]:
                     futures[executor.submit(run_one, campaign, index)] = index
-            except BrokenProcessPool as error:  # One has died already; the others are looked at.
+            except BrokenProcessPool as error:  # A worker has died already; collect the others.
                 reason = str(error)
             # Collect the runs that came back.
             for future in as_completed(futures):
@@ -100,7 +100,7 @@ def cluster_pool(address: str) -> Pool:
     """Returns the workers of a running Dask cluster, which have this package installed.
 
     Raises:
-        InvalidParameter: Dask is not installed, or nobody answers at the address.
+        InvalidParameter: Dask is not installed, or no scheduler answers at the address.
     """
     try:
         from distributed import Client  # type: ignore[import-not-found]

@@ -1,4 +1,4 @@
-"""One run of a campaign, as plain numbers: what happened, and how long it took."""
+"""A single run of a campaign as plain numbers: figures of merit and wall times."""
 
 import logging
 import time
@@ -24,17 +24,15 @@ from uvms_drake.station.scenario.faults import faults_at
 from uvms_drake.station.simulation import simulate
 
 PROPORTION = 1.05
-"""Largest deviation over D/d̃ times its bound: a tolerance, since D is known at the logged samples
-only."""
+"""Largest deviation over D/d̃ times its bound; the tolerance allows for D between logged samples."""
 STEP_EDGES_MS = np.logspace(-1.0, 4.0, 101)
 """Edges of the histogram of the MPC's steps [ms]."""
 
 
 def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
-    """Returns what came of a run: `result`, the same wherever it is run, and `wall` times.
+    """Returns the outcome of a run: `result`, the same on every machine, and `wall` times.
 
-    Whatever is raised is a result too, as text under `error`. The process says nothing of alarms
-    from here on: those of many runs, some of them in other machines' logs, tell nobody anything.
+    An exception is a result too, as text under `error`. The process prints no alarms from here on.
 
     Raises:
         RunFailed: This process has other files or versions than the campaign was made with.
@@ -60,7 +58,7 @@ def run_one(campaign: Campaign, index: int) -> dict[str, Any]:
 
 
 def drawn(variation: Variation) -> dict[str, Any]:
-    """Returns those draws of a run that are of interest in a table."""
+    """Returns the draws of a run for a table."""
     scenario, surface = variation.scenario, variation.scenario.surface_error
     error = scenario.model_error
     return {
@@ -82,14 +80,13 @@ def drawn(variation: Variation) -> dict[str, Any]:
 def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     """Returns the figures of merit of a run.
 
-    `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of all that disturbs, and `inside` is whether
-    that was at most 1, or d̃ is zero and covers nothing. `margin` is the smallest of `margins`, and
-    `constraint` its name. `noted` is what the log says, each with the time at which it says so
-    first. `limited` is whether a limit cut the command. `within_at_end` is whether the robot is in
-    its tube at the end, `proportional` whether the deviation stayed within max(1, D/d̃) times its
-    bound, None where nothing promises it: where there is no such bound, and outside of the bounds
-    where the measured state is wrong or a limit cut the command. `logged` is whether an exit of the
-    tube is in the log. `finite` is whether all logged signals are.
+    `worst_disturbance` is D/d̃, D the largest ‖Ŵ⁻¹d‖₂ of the effective disturbance, and `inside` is
+    whether that was at most 1, or d̃ is zero. `margin` is the smallest of `margins`, and
+    `constraint` its name. `noted` are the kinds of event in the log, each with its first time.
+    `limited` is whether the command saturated. `within_at_end` is whether the robot is in its tube
+    at the end, `proportional` whether the deviation stayed within max(1, D/d̃) times its bound; None
+    without a guarantee, see `outside_assumptions`. `logged` is whether an exit of the tube is in
+    the log. `finite` is whether all logged signals are.
     """
     summary: dict[str, Any] = summarise(record)
     tube, force, disturbance = summary["tube"], summary["force"], summary["disturbance"]
@@ -97,9 +94,11 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
     name = min(margins, key=lambda key: margins[key])
     induced = record.effective_disturbance - record.disturbance
     size = disturbance["worst"] / disturbance["bound"] if disturbance["bound"] > 0.0 else None
+    # First time of each kind of event.
     noted: dict[str, float] = {}
     for event in summary["events"]:
         noted.setdefault(event["kind"], event["time_s"])
+    # The tube scales with the disturbance unless the feedback is wrong or saturated.
     ratio, limited = tube["worst_ratio"]["trajectory"], "input_limited" in noted
     unpromised = variation.outside is not None and (
         limited or variation.outside in MEASURED_WRONG)
@@ -119,12 +118,12 @@ def outcome(record: Record, variation: Variation) -> dict[str, Any]:
         "proportional": None if size is None or ratio is None or unpromised else bool(
             ratio <= PROPORTION * max(1.0, size)),
         "finite": is_finite(record),
-        **contact_of(record.scenario).judged(record),
+        **contact_of(record.scenario).metrics(record),
     }
 
 
 def own_failures(record: Record) -> int:
-    """Returns at how many samples the solver failed of itself, without a fault of the scenario."""
+    """Returns the number of failed solves without a fault of the scenario."""
     scenario = record.scenario
     faults = list(faults_at("solver", scenario.faults).values())
     period = scenario.mpc.time_step

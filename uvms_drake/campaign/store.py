@@ -1,7 +1,7 @@
-"""The folder of a campaign: its setup, and a line for every run that is done, as they come.
+"""The folder of a campaign: its setup, and a line for every completed run.
 
-A line is written whole and to the disk before the next one. A last line that was cut off, because
-the program was killed while it wrote, is dropped, and its run is done again.
+A line is written whole and to the disk before the next one. A truncated last line, of a program
+killed while writing, is dropped, and its run is repeated.
 """
 
 import fcntl
@@ -24,10 +24,10 @@ NO_OTHER = "a folder without another campaign in it (of another scenario, seed, 
 
 
 class RunLog:
-    """The runs that are done, on disk and in memory.
+    """Completed runs, on disk and in memory.
 
     Attributes:
-        runs: What `run_one` returned, by index.
+        runs: Results of `run_one`, by index.
     """
 
     def __init__(self, file: BinaryIO):
@@ -48,7 +48,7 @@ class RunLog:
 
 
 def _runs(content: bytes) -> dict[int, dict[str, Any]]:
-    """Returns the runs of whole lines by index; of one that is there twice, the first."""
+    """Returns the runs of whole lines by index; of a repeated run, the first."""
     out: dict[int, dict[str, Any]] = {}
     for run in map(_parsed, content.splitlines()):
         if run is not None:
@@ -67,7 +67,7 @@ def _parsed(line: bytes) -> dict[str, Any] | None:
 
 @contextmanager
 def run_log(folder: Path, campaign: Campaign) -> Iterator[RunLog]:
-    """Gives the log of a campaign in a folder, new or as it was left; it is closed at the end.
+    """Context manager of the log of a campaign in a folder, new or to be continued.
 
     Raises:
         InvalidParameter: The folder cannot be written to, is another campaign's, or is in use.
@@ -101,7 +101,7 @@ def require_same(folder: Path, drafted: Campaign, *, certified: bool) -> None:
     """Raises `InvalidParameter` if another campaign is in a folder, before anything is certified.
 
     Args:
-        folder: May be empty, or not exist.
+        folder: Folder, possibly empty or missing.
         drafted: The campaign without its certificate.
         certified: Whether it will have one.
     """
@@ -116,7 +116,7 @@ def require_same(folder: Path, drafted: Campaign, *, certified: bool) -> None:
 
 
 def _is_empty(folder: Path) -> bool:
-    """Returns whether no run is in a folder: its command ended before there was a setup."""
+    """Returns whether a folder has no runs, its command having ended before the setup."""
     return (folder / RUNS_FILE).stat().st_size == 0
 
 
@@ -134,7 +134,7 @@ def read_setup(folder: Path) -> Campaign:
 
 
 def read_indices(folder: Path) -> set[int]:
-    """Returns which runs of the campaign of a folder are done."""
+    """Returns the indices of the completed runs in a folder."""
     try:
         return set(_runs((folder / RUNS_FILE).read_bytes()))
     except OSError:

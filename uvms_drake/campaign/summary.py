@@ -1,6 +1,6 @@
-"""The results of a campaign: pure functions from its runs to campaign.json and to a table.
+"""Results of a campaign: pure functions from its runs to campaign.json and to a table.
 
-Nothing here depends on where, when or in which order the runs were computed.
+They do not depend on machine, time or order of the runs.
 """
 
 import unicodedata
@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_drake.campaign.campaign import Campaign
 from uvms_drake.campaign.contact_metrics import (
-    PRESSED,
+    PRESS_METRICS,
     broken_promises,
     format_walls,
     summarise_walls,
@@ -20,23 +20,23 @@ from uvms_drake.campaign.distribution import distribution_of
 from uvms_drake.campaign.run import STEP_EDGES_MS
 
 WORST = 10
-"""Number of runs that are listed with the command to replay them."""
+"""Number of runs listed with the command to replay them."""
 MEASURES = {
     "ratio_trajectory": ("deviation over the bound along the run", False),
     "ratio_set": ("deviation over the set-wise bound", False),
-    "worst_disturbance": ("all that disturbs, over d̃", False),
-    "induced": ("of that, unknown to the controller", False),
+    "worst_disturbance": ("whole disturbance over d̃", False),
+    "induced": ("of that, by model errors and water", False),
     "margin": ("smallest margin over its constraint's size", True),
     "force_error": ("force error at the end [N]", False),
     "settling_time_s": ("settling time [s]", False),
 }
-"""Name of each measure in a table, and whether small is bad."""
+"""Label of each metric in a table, and whether small is bad."""
 COUNTS = ("exits_set", "exits_trajectory", "violations", "mpc_failures")
 PROMISES = ("exceptions", "not_finite", "not_logged", "disproportionate")
 """Counts that must be zero in every campaign; those of `INSIDE` in one within the bounds."""
 INSIDE = (*PROMISES, "exits_set", "exits_trajectory", "violations", "limited")
 NOT_COVERED = 0.05
-"""Largest part of the runs in which all that disturbs may come to more than d̃ unexpectedly."""
+"""Largest fraction of runs whose whole disturbance may exceed d̃ unexpectedly."""
 
 Result = Mapping[str, Any]
 
@@ -46,10 +46,11 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
 
     Args:
         campaign: Campaign of the runs.
-        results: The `result` of every run, in any order. What is counted and distributed inside of
-            the bounds is that of the runs in which d̃ covered all that disturbed; the others are
-            only counted, under `not_covered`.
+        results: The `result` of every run, in any order. Inside of the bounds, counts and
+            distributions are of the runs whose whole disturbance d̃ covered; the others are only
+            counted, under `not_covered`.
     """
+    # Runs without an exception, and of these the ones that count.
     results = sorted(results, key=lambda result: result["index"])
     carried = [result for result in results if result["error"] is None]
     done = carried if campaign.outside else [result for result in carried if result["inside"]]
@@ -86,7 +87,7 @@ def summarise_campaign(campaign: Campaign, results: Sequence[dict[str, Any]]) ->
 
 
 def distribution(results: Sequence[Result], name: str) -> dict[str, Any]:
-    """Returns how a measure is distributed; see `distribution_of`."""
+    """Returns the distribution of a metric; see `distribution_of`."""
     return distribution_of([result[name] for result in results],
                            [result["index"] for result in results],
                            small_is_bad=MEASURES[name][1])
@@ -99,7 +100,7 @@ def _largest_unknown(results: Sequence[Result]) -> dict[str, float]:
 
 
 def _grouped(results: Sequence[Result], key: Any) -> dict[str, dict[str, Any]]:
-    """Returns the number of runs and their worst measures, by a kind; None is no kind."""
+    """Returns the number of runs and their worst metrics, by kind; None is no kind."""
     out = {}
     for kind in sorted({key(result) for result in results} - {None}):
         of_kind = [result for result in results if key(result) == kind]
@@ -115,10 +116,10 @@ def _grouped(results: Sequence[Result], key: Any) -> dict[str, dict[str, Any]]:
 
 
 def _badness(result: Result) -> tuple[float, ...]:
-    """Returns a key that sorts the worst runs to the front: raised, promise broken, far.
+    """Returns a sort key, worst first: exception, broken guarantee, largest deviation.
 
-    Inside of the bounds a run breaks a promise also by leaving the tube, violating a limit or
-    needing more than one allows. One in which d̃ did not cover all comes last.
+    Inside of the bounds leaving the tube, violating or saturating a limit breaks a guarantee too.
+    A run whose disturbance exceeded d̃ comes last.
     """
     index = result["index"]
     if result["error"] is not None:
@@ -142,7 +143,7 @@ def _replay(result: Result) -> dict[str, Any]:
 
 
 def all_well(summary: Mapping[str, Any]) -> bool:
-    """Returns whether every promise was kept in every run, and nearly all runs were counted."""
+    """Returns whether every guarantee was kept in every run, and nearly all runs were counted."""
     counts = summary["counts"]
     if counts["not_covered"] > NOT_COVERED * summary["runs"]:
         return False
@@ -152,7 +153,7 @@ def all_well(summary: Mapping[str, Any]) -> bool:
 
 
 def summarise_times(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Returns the content of timing.json: of a run [s], of its slowest MPC step [ms], of all steps.
+    """Returns the content of timing.json: times of a run [s], its slowest MPC step [ms], all steps.
 
     `step_ms` are the quantiles of all steps, each the upper edge of its bin, and `steps` counts the
     steps between the `edges_ms`.
@@ -193,7 +194,7 @@ def _format_measures(summary: Mapping[str, Any]) -> list[str]:
     lines = [f"{'':<46}{'min':>9}{'median':>9}{'worst 5 %':>11}{'max':>9}{'worst run':>11}"]
     walls = summary.get("walls", {}).get("distributions", {})
     for name, (text, small_is_bad) in {
-            **MEASURES, **{name: (PRESSED[name], False) for name in walls}}.items():
+            **MEASURES, **{name: (PRESS_METRICS[name], False) for name in walls}}.items():
         row = (summary["distributions"] | walls)[name]
         tail = row["p5" if small_is_bad else "p95"]
         lines.append(_padded(text, 46) + "".join(
@@ -204,8 +205,9 @@ def _format_measures(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _format_groups(summary: Mapping[str, Any]) -> list[str]:
-    """Returns a table by what happens outside of the bounds, or by disturbance and by fault."""
+    """Returns a table by kind of event outside of the bounds, or by disturbance and by fault."""
     if summary["outside"]:
+        # One line a kind of event, with the guarantees that may break there.
         lines = [f"{'':<24}{'runs':>5}     D/d̃{'along the run':>15}{'set-wise':>10}{'left':>6}"
                  f"{'within at end':>15}{'violated':>10}{'settled':>9}"]
         return lines + [
@@ -237,13 +239,13 @@ def _format_counts(summary: Mapping[str, Any]) -> list[str]:
         lines.append("largest errors: " + ", ".join(
             _amount(name, value) for name, value in unknown.items()))
     if counts["not_covered"]:
-        lines.append("not counted, because all that disturbs came to more than d̃: "
+        lines.append("not counted, because the whole disturbance exceeded d̃: "
                      f"{counts['not_covered']}")
     return lines
 
 
 def _padded(text: str, width: int) -> str:
-    """Returns the text filled up on the right; combining marks take no room of their own."""
+    """Returns the text padded on the right; combining marks have no width."""
     return text + " " * (width - sum(not unicodedata.combining(letter) for letter in text))
 
 

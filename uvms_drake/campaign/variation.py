@@ -1,10 +1,9 @@
 """The scenario of each run, drawn from (seed, index).
 
-Inside of the bounds all that the certificate covers is drawn: starts from which the nominal MPC has
-a plan into its terminal set, surfaces with a certificate and desired forces with a terminal set of
-their own, anywhere and facing anywhere, disturbances and adversaries of the full size d̃, solves
-that fail, come late or do not take place at all. In half of the runs, if errors of the model are
-asked for, d̃ is shared with `unknowns`.
+Inside of the bounds everything that the certificate covers is drawn: starts with a feasible first
+plan, certified surfaces and desired forces with a terminal set of their own at any position and
+heading, disturbances and adversaries of the full size d̃, solves that fail, are delayed or dropped.
+In half of the runs, if model errors are requested, d̃ is shared with `model_uncertainty`.
 """
 
 from dataclasses import replace
@@ -39,7 +38,7 @@ SHIFT_REACH = 10.0
 PERIODS = (0.5, 10.0)
 """Range of a disturbance's period, drawn uniformly in its logarithm [s]."""
 UNKNOWNS_LIKELY = 0.5
-"""Probability that there is something unknown, if errors of the model are asked for."""
+"""Probability of model errors in a run, if they are requested."""
 FAULT_LIKELY, FAULT_RATES = 0.25, (0.05, 0.5)
 """Probability that a run has faults of the solver, and range of the probability per sample."""
 ATTEMPTS = 100
@@ -84,13 +83,13 @@ def vary(campaign: Campaign, index: int) -> Variation:
             start = start_state(scenario, ocp)
         except InvalidParameter:
             if attempt == 0:
-                make_ocp(base)  # A scenario that cannot be used at all says so.
+                make_ocp(base)  # Raises if the scenario itself is infeasible.
             continue
         first = motion_of(base).first_problem(aimed, model, ocp, start)
         plan, conditions = first_plan(first, start)
         if plan is None or not all(condition.holds for condition in conditions):
             continue
-        # A wall that is felt, and everything that disturbs.
+        # An unknown surface, and all disturbances.
         scenario = contact_of(base).drawn(scenario, first, rng)
         scenario = replace(scenario, disturbance=_disturbance(scenario, ocp.model.size, rng))
         if outside is not None:
@@ -104,7 +103,7 @@ def vary(campaign: Campaign, index: int) -> Variation:
 def _start(scenario: Scenario, ocp: Ocp, rng: np.random.Generator) -> Start:
     """Returns a start: the vehicle near the scenario's, the arm anywhere within its limits.
 
-    The arm goes a uniform part of the way to a uniform posture.
+    The arm is interpolated by a uniform fraction towards a uniform posture.
     """
     eta = np.asarray(scenario.start.eta, dtype=float) + POSE_REACH * rng.uniform(-1.0, 1.0, 6)
     q = np.asarray(scenario.start.q, dtype=float)
@@ -136,7 +135,7 @@ def _disturbance(scenario: Scenario, size: int, rng: np.random.Generator) -> Dis
 
 
 def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
-    """Returns the scenario, or with faults at random samples that the theory covers."""
+    """Returns the scenario, possibly with faults at random samples that the theory covers."""
     fault = (SolverFailure, SolverTimeout, DroppedPeriod)[rng.integers(3)]
     probability = float(rng.uniform(*FAULT_RATES))
     if rng.uniform() > FAULT_LIKELY:
@@ -146,9 +145,9 @@ def _with_fault(scenario: Scenario, rng: np.random.Generator) -> Scenario:
 
 def _shared(scenario: Scenario, ocp: Ocp, plan: DynamicPlan, largest: float,
             rng: np.random.Generator) -> Scenario:
-    """Returns the scenario, or with something unknown for which d̃ has to be enough too.
+    """Returns the scenario, possibly with model errors that share d̃.
 
-    Where there is no d̃, it is what the scenario itself declares.
+    For d̃ = 0 they are those that the scenario itself declares.
     """
     if scenario.disturbance.d_bound == 0.0:
         return as_declared(scenario, rng)

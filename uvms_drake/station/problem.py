@@ -29,12 +29,12 @@ def load_model(scenario: Scenario) -> ContactModel:
     with within("surface"):
         surface = check_surface(scenario.surface)
     with within("contact"):
-        told = scenario.contact.told(surface)
+        controller_surface = scenario.contact.controller_surface(surface)
     with within("task"):
         frame = vector("frame", scenario.task.frame, 3)
         require(not (np.any(frame) and isinstance(surface, BilateralSpring)), "frame", frame,
                 "zero: the Euler angles of the paper's spring are about Σ_I")
-    return ContactModel(sound_robot(scenario.model), told, frame)
+    return ContactModel(sound_robot(scenario.model), controller_surface, frame)
 
 
 def true_surface(scenario: Scenario) -> Surface:
@@ -44,7 +44,7 @@ def true_surface(scenario: Scenario) -> Surface:
 
 def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:
     """Returns the surface to draw and to measure a task by: that of the model, if it has one."""
-    return check_surface(true_surface(scenario)) if scenario.contact.felt else model.surface
+    return check_surface(true_surface(scenario)) if scenario.contact.is_sensed else model.surface
 
 
 def make_kinematic_ocp(scenario: Scenario, model: ContactModel) -> KinematicOcp:

@@ -1,4 +1,4 @@
-"""How a run is shown."""
+"""Settings of the live picture and the replay of a run."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from uvms_drake.common.errors import require, within
 
 @dataclass
 class VisualConfig:
-    """How a run is shown; the run itself does not depend on it."""
+    """Settings of the picture of a run; the run itself does not depend on them."""
 
     rate: float = 25.0
     """Pictures in a second of simulated time, live and in the replay [1/s]."""

@@ -1,4 +1,4 @@
-"""Buttons and sliders in Meshcat for a person who watches a run."""
+"""Buttons and sliders in Meshcat for the user who watches a run."""
 
 import time
 from collections.abc import Callable
@@ -25,7 +25,7 @@ HOME = "Send the mission home"
 
 
 def stop_button(meshcat: Meshcat) -> Callable[[], bool]:
-    """Adds a button, and returns a function that tells whether it has been pressed."""
+    """Adds a button, and returns the function that reads whether it has been pressed."""
     meshcat.AddButton(STOP, "Escape")
     return lambda: meshcat.GetButtonClicks(STOP) > 0
 
@@ -37,7 +37,7 @@ def wait_for_browser(meshcat: Meshcat) -> None:
 
 
 def wait_for_end(meshcat: Meshcat) -> None:
-    """Returns when somebody has pressed the button, or Ctrl-C."""
+    """Waits until the button or Ctrl-C is pressed."""
     if STOP in meshcat.GetButtonNames():
         meshcat.DeleteButton(STOP)
     meshcat.AddButton(CLOSE, "Escape")
@@ -47,7 +47,7 @@ def wait_for_end(meshcat: Meshcat) -> None:
 
 
 class ForceSlider(LeafSystem):
-    """Gives the desired force: the task's, or with Meshcat as much along it as a slider says.
+    """Source of the desired force: the task's, or with Meshcat the task's scaled by a slider.
 
     .. pydrake_system::
 
@@ -57,25 +57,25 @@ class ForceSlider(LeafSystem):
 
     - `force` (6) [N, N m]: 𝔉_des.
 
-    It has no state. The slider belongs to the person who moves it, so a run with Meshcat can only
-    be repeated as long as nobody does; at first the slider says exactly what the task does.
+    It has no state. A run with Meshcat is repeatable as long as the user leaves the slider alone,
+    which starts exactly at the task's force.
 
     Args:
         force: 𝔉_des of the task (6,) [N, N m].
-        meshcat: Where the slider is, which ends at twice the task's force; None for none.
+        meshcat: Meshcat of the slider, which ends at twice the task's force; None: no slider.
     """
 
     def __init__(self, force: np.ndarray, meshcat: Meshcat | None = None):
         super().__init__()
         self._force = vector("force", force, 6)
         magnitude = float(np.linalg.norm(self._force[:3]))
-        # A slider rounds to its steps; its first value means exactly the task's force.
+        # A slider rounds to its steps; its first value stands for exactly the task's force.
         self._first, self._magnitude = magnitude, magnitude
         self._meshcat = meshcat if magnitude > 0.0 else None
         if self._meshcat is not None:
             self._first = self._meshcat.AddSlider(
                 FORCE, 0.0, 2.0 * magnitude, SLIDER_STEP, magnitude)
-        # A slider moves when it likes: its value must not be cached.
+        # The user moves the slider at any time: its value must not be cached.
         self.DeclareVectorOutputPort("force", 6, self._calc_force, {self.time_ticket()})
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
@@ -95,7 +95,7 @@ class ForceSlider(LeafSystem):
 
 
 class HomeButton(LeafSystem):
-    """Says stop to a mission from when somebody has pressed a button.
+    """Operator stop of a mission: a button that stays pressed.
 
     .. pydrake_system::
 
@@ -108,14 +108,14 @@ class HomeButton(LeafSystem):
     It has no state: Meshcat counts.
 
     Args:
-        meshcat: Where the button is.
+        meshcat: Meshcat of the button.
     """
 
     def __init__(self, meshcat: Meshcat):
         super().__init__()
         self._meshcat = meshcat
         meshcat.AddButton(HOME, "KeyH")
-        # Somebody presses it when they like: what was read counts for one instant only.
+        # The user presses it at any time: its value must not be cached.
         self.DeclareVectorOutputPort("stop", 1, self._calc_stop, {self.time_ticket()})
 
     def _calc_stop(self, context: Context, output: BasicVector) -> None:
@@ -131,7 +131,7 @@ class HomeButton(LeafSystem):
 
 
 class DisturbanceSlider(LeafSystem):
-    """Lets through as much of a disturbance as a slider says, 0 to 100 %: never above its bound.
+    """Gain of a slider on a disturbance, 0 to 100 %: never above the disturbance's bound.
 
     .. pydrake_system::
 
@@ -141,13 +141,13 @@ class DisturbanceSlider(LeafSystem):
         output_ports:
         - scaled
 
-    - `disturbance`, `scaled` (size): d or w, and the part of it that is let through.
+    - `disturbance`, `scaled` (size): d or w, and the scaled one.
 
-    It has no state. At 100 %, where the slider starts, nothing is changed.
+    It has no state. The slider starts at 100 %, which changes nothing.
 
     Args:
         size: Size of the disturbance.
-        meshcat: Where the slider is.
+        meshcat: Meshcat of the slider.
     """
 
     def __init__(self, size: int, meshcat: Meshcat):

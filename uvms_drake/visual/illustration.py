@@ -19,7 +19,7 @@ from uvms_drake.visual.scene import Moment, Scene, Setting
 
 
 class Illustration(LeafSystem):
-    """Shows in Meshcat what goes into its ports; see `Scene`.
+    """Sink that draws its input signals in Meshcat; see `Scene`.
 
     .. pydrake_system::
 
@@ -38,19 +38,17 @@ class Illustration(LeafSystem):
     - `plan`: the current `Plan` (abstract).
     - `force` (6) [N, N m]: 𝔉; unconnected means the force of the surface's law at the pose at rest.
     - `desired_force` (6) [N, N m]: 𝔉_des; unconnected means the task's.
-    - `force_last_valid` (6), `safe_depth`, `contact_depth`, `slope` (1): what is known of a wall that is
-      felt, see `ContactKnowledge`; nothing, unless all of them are connected.
+    - `force_last_valid` (6), `safe_depth`, `contact_depth`, `slope` (1): the estimate of an unknown
+      surface, see `ContactKnowledge`; empty unless all of them are connected.
 
-    A picture is drawn at the end of the first step of the simulation in each period of the rate: an
-    event of its own period would end an integration step, and so change the run that is watched.
-
-    The Context has no state. The system itself remembers the time of the last picture, and its
-    `Scene` the picture, trail and all, as Meshcat does: there is one picture, on which all Contexts
-    draw, and nothing that is simulated depends on it.
+    A picture is drawn after the first step of the simulation in each period of the rate: an event
+    with a period would end an integration step, and so change the run. The Context has no state;
+    the system and its `Scene` remember the last picture, as Meshcat does: all Contexts draw on the
+    one picture, and nothing that is simulated depends on it.
 
     Args:
-        meshcat: Where to draw.
-        setting: The values that stay the same.
+        meshcat: Meshcat to draw in.
+        setting: Constants of the scene.
     """
 
     def __init__(self, meshcat: Meshcat, setting: Setting):
@@ -78,7 +76,7 @@ class Illustration(LeafSystem):
         def value(name: str) -> np.ndarray:
             return cast(np.ndarray, self.GetInputPort(name).Eval(context))
 
-        def given(name: str) -> bool:
+        def has(name: str) -> bool:
             return self.GetInputPort(name).HasValue(context)
 
         self._last_time = context.get_time()
@@ -86,10 +84,10 @@ class Illustration(LeafSystem):
         self._scene.show(Moment(
             state=value("state"), nominal_state=value("nominal_state"), u=value("u"),
             nominal_input=value("nominal_input"),
-            desired_force=value("desired_force") if given("desired_force") else self._task_force,
+            desired_force=value("desired_force") if has("desired_force") else self._task_force,
             path=self._model.task_pose(plan.config[: self._knots])[:, :3],
-            force=value("force") if given("force") else None,
-            known=contact_knowledge_from({name: value(name) for name in KNOWN if given(name)})),
+            force=value("force") if has("force") else None,
+            known=contact_knowledge_from({name: value(name) for name in KNOWN if has(name)})),
             self._last_time)
         return EventStatus.Succeeded()
 

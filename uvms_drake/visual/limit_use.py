@@ -1,4 +1,4 @@
-"""How much of each limit is used, and which limits are active."""
+"""Used fraction of each limit, and the active limits."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ ACTIVE = 0.98
 
 
 class LimitUse:
-    """Says which part of its limits a motion uses; 1 is all.
+    """Fraction of each limit that a motion uses, from 0 to 1.
 
-    It is the larger one of two parts: that of the real motion of the limits themselves, and that of
-    the nominal motion of the limits tightened by the tube. So a limit that holds the plan back is
-    active, though the real robot stays off it.
+    It is the larger of two fractions: the real motion's of the limits, and the nominal motion's of
+    the limits tightened by the tube. So a limit that is active in the plan counts as active, even
+    though the real robot keeps a distance from it.
 
     Args:
         model: The controller's model.

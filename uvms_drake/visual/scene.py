@@ -32,9 +32,9 @@ ZOOM = 2.3
 BELOW = 0.55
 """Smallest distance of the level grid below the middle, as a fraction of the scene's size."""
 CLOSE = 1.7
-"""Distance of a camera that looks closely [m]."""
-ASIDE = 0.3
-"""Distance of the start in y from which on the camera changes sides, likewise."""
+"""Distance of the camera in a close-up [m]."""
+SIDE_SWITCH = 0.3
+"""Distance of the start in y beyond which the camera changes sides, likewise."""
 UP = np.array([1.0, -1.0, -1.0])
 """Signs of the axes of Σ_I in Meshcat, whose z points up."""
 
@@ -54,11 +54,11 @@ class Moment:
     desired_force: np.ndarray
     """Desired force 𝔉_des (6,) [N, N m]."""
     path: np.ndarray
-    """Points of the nominal end-effector's way from here on (N+1, 3) [m]."""
+    """Planned path of the nominal end-effector (N+1, 3) [m]."""
     force: np.ndarray | None = None
     """Force 𝔉 (6,) [N, N m]; None: the one that the surface's law gives for the pose at rest."""
     known: ContactKnowledge = field(default_factory=ContactKnowledge)
-    """Knowledge of a wall that is felt."""
+    """Estimate of an unknown surface."""
 
 
 @dataclass(frozen=True)
@@ -90,22 +90,21 @@ class Setting:
     has_forces: bool = True
     """Whether anything is touched and pressed."""
     specification: ContactSpecification | None = None
-    """What the robot is told of a wall that it feels; None: it does not go by feeling."""
+    """Specification of a contact with an unknown surface; None: the surface is known."""
     painted: float | None = None
-    """Force at the end of the scale with which a mission's places are painted [N]; None: none."""
+    """Force at the end of the colour scale of a mission's coverage [N]; None: no coverage."""
 
 
 class Scene:
     """Draws moments of a run in Meshcat, and remembers the last one.
 
-    The robot; an outline of the nominal one, its deviation enlarged; the end-effector's trail and
-    planned path; the tube at the tip, to scale and in an inset; what is pressed and how hard, and
-    what is known of it if it is felt; where a mission has pressed; a level grid;
-    the time; and a bar for each limit.
+    It shows the robot; an outline of the nominal one, its deviation enlarged; the end-effector's
+    trail and planned path; the tube at the tip, to scale and in an inset; surface, forces and
+    contact estimate; a mission's coverage; a level grid; the time; and a bar for each limit.
 
     Args:
-        meshcat: Where to draw.
-        setting: The values that stay the same.
+        meshcat: Meshcat to draw in.
+        setting: Constants of the scene.
     """
 
     camera: np.ndarray
@@ -121,7 +120,7 @@ class Scene:
         self._enlarged = (setting.visual.magnification
                           or round_magnification(radius, INSET_RADIUS))
 
-        # The things themselves.
+        # The objects in Σ_I.
         self._robot = DrawnRobot(stage, "uvms", setting.robot)
         self._ghost = DrawnRobot(stage, "nominal", setting.robot, GHOST)
         self._trail = Trail(stage, f"{NED}/trail", REAL, 0.004 * unit)
@@ -130,9 +129,8 @@ class Scene:
         Floor(stage, f"{NED}/floor", np.array([*(middle * UP)[:2], level]),
               int(np.ceil(2.5 * unit / Floor.CELL)))
 
-        # The camera, and the things that face it.
-        # It looks at a robot that comes from the side, not after it.
-        side = 1.0 if setting.start[1] - self._goal[1] > ASIDE * unit else -1.0
+        # The camera, on the side from which the robot comes, and the texts that face it.
+        side = 1.0 if setting.start[1] - self._goal[1] > SIDE_SWITCH * unit else -1.0
         self.camera = middle + unit * np.array([-0.72, 2.75 * side, 0.8])
         self.target = middle + unit * np.array([0.0, 0.0, 0.1])
         self._look(meshcat)
@@ -155,13 +153,13 @@ class Scene:
         self._time = np.inf
 
     def _framed(self, setting: Setting) -> tuple[np.ndarray, float]:
-        """Returns the middle (3,) [m] in Meshcat's axes of what happens, and its size [m]."""
+        """Returns the middle (3,) [m] of the motion in Meshcat's axes, and its size [m]."""
         vehicle = setting.start[:3]
         tip, self._goal = self._model.task_pose(setting.start)[:3], setting.goal[:3]
         self._tip = tip
         points = UP * np.array([vehicle, vehicle + self._goal - tip, tip, self._goal])
-        room = float(np.linalg.norm(tip - vehicle)) * 0.6
-        low, high = points.min(axis=0) - room, points.max(axis=0) + room
+        border = float(np.linalg.norm(tip - vehicle)) * 0.6
+        low, high = points.min(axis=0) - border, points.max(axis=0) + border
         return 0.5 * (low + high), float(max((high - low)[[0, 2]] / [2.5, 1.3]))
 
     def _look(self, meshcat: Meshcat) -> None:
@@ -187,10 +185,10 @@ class Scene:
         is_wall = self._law.normal is not None or self._law.patch(self._goal, 1.0, 2) is not None
         walls = ", 0.1 m on the wall" if has_forces and is_wall else ""
         size = f" (deviation {self._enlarged:g}×)" if self._enlarged != 1.0 else ""
-        felt = ("green: up to here it is explored     yellow frame: here the wall should begin, by "
-                "what was felt\n" if setting.specification is not None else "")
-        return (f"{felt}red: real {forces[0]}path{forces[1]}     white: {forces[2]}planned path, "
-                f"outline of the nominal robot{size}\n"
+        estimate = ("green: end of the safe region     yellow frame: estimated surface\n"
+                    if setting.specification is not None else "")
+        return (f"{estimate}red: real {forces[0]}path{forces[1]}     "
+                f"white: {forces[2]}planned path, outline of the nominal robot{size}\n"
                 "bars: part of a limit that real or planned motion uses, red at the limit     "
                 f"level grid at z = {level:g} m, lines every {Floor.CELL:g} m{walls}")
 

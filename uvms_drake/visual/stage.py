@@ -1,7 +1,7 @@
-"""Meshcat as a stage: objects are made once and moved, so that a recording shows what was live.
+"""Meshcat as a stage: objects are made once and moved, so that a recording equals the live run.
 
-Colour and visibility do not survive in a recording (RobotLocomotion/drake #20879); position,
-attitude and scale do. So an object that changes its length, or is hidden, is scaled.
+A recording keeps position, attitude and scale, but neither colour nor visibility
+(RobotLocomotion/drake #20879). So an object that changes its length, or is hidden, is scaled.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ NED = "ned"
 VANISHED = 1e-5
 """Scale of an object that is hidden; zero has no inverse, which shading needs."""
 UNSEEN = 5e-4
-"""Change of a place [m], a direction or a scale that is no change: a quarter of a pixel."""
+"""Invisible change of a position [m], a direction or a scale: a quarter of a pixel."""
 
 
 def turn_down(meshcat: Meshcat) -> None:
@@ -30,16 +30,15 @@ def turn_down(meshcat: Meshcat) -> None:
 class Stage:
     """Moves and stretches objects by path, at the time of `begin`.
 
-    A recording interpolates between the values given. Here a value that stays is given once, and
-    once more before it changes: that keeps a replay small and lets nothing drift in between. A
-    change that nobody sees is none.
+    A recording interpolates between its samples. Here a constant value is written once, and once
+    more before it changes: that keeps a replay small and exact. Invisible changes are skipped.
     Transform and scale of the same path overwrite each other: use one of them for each path.
     """
 
     def __init__(self, meshcat: Meshcat):
         self.meshcat = meshcat
         self._before = self._now = -np.inf
-        self._given: dict[str, tuple[float, np.ndarray]] = {}
+        self._sampled: dict[str, tuple[float, np.ndarray]] = {}
         turn_down(meshcat)
 
     def make(self, path: str, shape: Shape, color: Rgba | None = None,
@@ -53,14 +52,14 @@ class Stage:
             self.meshcat.SetTransform(path, pose)
 
     def see_through(self, path: str, order: float = 1.0) -> None:
-        """Lets an object be seen through all that is in front; a higher `order` is on top."""
+        """Draws an object over all others; a higher `order` is on top."""
         for name, value in (("material.depthTest", False), ("renderOrder", order)):
             self.meshcat.SetProperty(f"{path}/<object>", name, value)
 
     def begin(self, time: float) -> None:
         """Begins the picture at `time` [s]."""
-        if time < self._now:  # Somebody starts anew.
-            self._given.clear()
+        if time < self._now:  # The simulation starts again.
+            self._sampled.clear()
             self._now = -np.inf
         self._before, self._now = self._now, time
 
@@ -76,7 +75,7 @@ class Stage:
             self.meshcat.SetProperty(path, "scale", value.tolist(), time_in_recording=time)
 
     def show(self, path: str, shown: bool) -> None:
-        """Lets `path` be seen or not."""
+        """Shows or hides `path`."""
         size = 1.0 if shown else VANISHED
         self.stretch(path, size, size, size)
 
@@ -84,21 +83,21 @@ class Stage:
         """Shows an object that was made in the midst of a recording, and not before."""
         nothing = np.full(3, VANISHED)
         self.meshcat.SetProperty(path, "scale", nothing.tolist(), time_in_recording=0.0)
-        self._given[path] = 0.0, nothing
+        self._sampled[path] = 0.0, nothing
         self.show(path, True)
 
     def _changes(self, path: str, value: np.ndarray) -> list[tuple[float, np.ndarray]]:
-        """Returns the pairs (time, value) to give so that `value` holds now, and not before."""
-        given = self._given.get(path)
-        if given is None:
-            self._given[path] = self._now, value
+        """Returns the samples (time, value) after which `value` holds now, and not before."""
+        sampled = self._sampled.get(path)
+        if sampled is None:
+            self._sampled[path] = self._now, value
             return [(self._now, value)]
-        time, old = given
+        time, old = sampled
         if np.max(np.abs(value - old)) < UNSEEN:
             return []
-        self._given[path] = self._now, value
-        held = [(self._before, old)] if time < self._before else []
-        return [*held, (self._now, value)]
+        self._sampled[path] = self._now, value
+        unchanged = [(self._before, old)] if time < self._before else []
+        return [*unchanged, (self._now, value)]
 
 
 def frame_at(origin: Sequence[float] | np.ndarray, axis: np.ndarray | None = None

@@ -13,7 +13,7 @@ from pydrake.geometry import InMemoryMesh, Mesh
 
 FONT_PIXELS = 40
 CORNERS = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-"""Of a picture, from the lower left one on against the clock."""
+"""Corners of a picture, counterclockwise from the lower left one."""
 
 
 def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image: np.ndarray, *,
@@ -22,11 +22,12 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
 
     Args:
         vertices: (V, 3) [m].
-        uv: Where in the picture each vertex is (V, 2), from the upper left, 0 to 1.
+        uv: Texture coordinates of the vertices (V, 2), from the upper left, 0 to 1.
         faces: Indices of the vertices (F, 3).
         image: RGBA (rows, columns, 4), 0 to 255.
         normals: (V, 3), for shading; without them the picture keeps its colours in any light.
     """
+    # Vertex attributes and indices, one behind the other in a single buffer.
     arrays = {"POSITION": _y_up(vertices), "TEXCOORD_0": uv.astype(np.float32)}
     if normals is not None:
         arrays["NORMAL"] = _y_up(normals)
@@ -38,6 +39,7 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
     accessors[0] |= {"min": parts[0].min(axis=0).tolist(), "max": parts[0].max(axis=0).tolist()}
     accessors.append({"bufferView": len(arrays), "componentType": 5125, "count": parts[-1].size,
                       "type": "SCALAR"})
+    # The picture; without normals it is unlit, so that it keeps its colours.
     png = io.BytesIO()
     imsave(png, image, format="png")
     material: dict = {
@@ -46,6 +48,7 @@ def textured_mesh(vertices: np.ndarray, uv: np.ndarray, faces: np.ndarray, image
         "alphaMode": "BLEND", "doubleSided": True}
     if normals is None:
         material["extensions"] = {"KHR_materials_unlit": {}}
+    # All of it in one glTF document, with the binary parts as data URIs.
     gltf = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
@@ -94,7 +97,7 @@ def label(text: str, height: float, *, bold: bool = False,
 
 
 def rectangle(x: float, z: float, color: tuple[float, float, float, float]) -> Mesh:
-    """Returns a rectangle in the xz-plane, its middle at the origin, that no light shades.
+    """Returns an unlit rectangle in the xz-plane, its middle at the origin.
 
     Args:
         x: Its width [m].

@@ -61,8 +61,8 @@ def test_no_tip_within_the_speeds_goes_deeper_faster():
 
 
 def test_a_model_of_it_is_free_water_and_passes_the_check_of_surfaces():
-    told = CONTACT.told(UnilateralPlane())
-    surface = check_surface(told)
+    controller_surface = CONTACT.controller_surface(UnilateralPlane())
+    surface = check_surface(controller_surface)
     chi = np.random.default_rng(4).normal(size=(5, 6))
     assert not surface.force(chi, chi).any()
     assert surface.stiffness_bound == CONTACT.slope
@@ -70,17 +70,17 @@ def test_a_model_of_it_is_free_water_and_passes_the_check_of_surfaces():
 
 def test_a_known_surface_is_told_as_it_is():
     plane = UnilateralPlane()
-    assert KnownSurface().told(plane) is plane
+    assert KnownSurface().controller_surface(plane) is plane
 
 
 def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
-    told, pose = CONTACT.told(UnilateralPlane()), np.arange(6.0)
-    assert told.pose_for(CONTACT.wrench(20.0), pose) == pytest.approx(pose)
+    controller_surface, pose = CONTACT.controller_surface(UnilateralPlane()), np.arange(6.0)
+    assert controller_surface.pose_for(CONTACT.wrench(20.0), pose) == pytest.approx(pose)
     for force in (CONTACT.wrench(-1.0), CONTACT.wrench(40.0), np.array([5.0, 0, 0, 0, 0, 0])):
         with pytest.raises(InvalidParameter, match="force"):
-            told.pose_for(force, pose)
+            controller_surface.pose_for(force, pose)
     with pytest.raises(InvalidParameter, match="pose"):
-        told.pose_for(CONTACT.wrench(20.0), None)
+        controller_surface.pose_for(CONTACT.wrench(20.0), None)
 
 
 @pytest.mark.parametrize(("key", "value"), [
@@ -89,4 +89,4 @@ def test_a_task_presses_along_the_direction_and_less_than_the_largest_force():
 def test_a_value_without_a_meaning_is_named(key: str, value: object):
     settings = SensedContact(**{key: value})
     with pytest.raises(InvalidParameter, match=key):
-        settings.told(UnilateralPlane())
+        settings.controller_surface(UnilateralPlane())

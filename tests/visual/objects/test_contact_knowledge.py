@@ -29,7 +29,7 @@ from uvms_drake.visual.stage import VANISHED, Stage
 NORTH = np.array([1.0, 0.0, 0.0])
 ASLANT = np.array([0.48, -0.6, 0.64])
 FORCE = np.array([12.0, 5.0, -3.0, 0.0, 0.0, 0.0])
-FRONT, WALL = DrawnKnowledge.FRONT, DrawnKnowledge.WALL
+SAFE_END, WALL = DrawnKnowledge.SAFE_END, DrawnKnowledge.WALL
 
 
 @pytest.fixture
@@ -41,7 +41,8 @@ TIP = np.array([0.3, 0.2, -0.4])
 
 
 def drawn(meshcat, known, direction=ASLANT):
-    knowledge = DrawnKnowledge(Stage(meshcat), "hud/board", ContactSpecification(direction, 0.004), np.zeros(3))
+    knowledge = DrawnKnowledge(
+        Stage(meshcat), "hud/board", ContactSpecification(direction, 0.004), np.zeros(3))
     knowledge.show(known, TIP)
     return knowledge
 
@@ -62,7 +63,7 @@ def test_a_place_at_a_depth_is_beside_the_point(direction):
 @pytest.mark.parametrize("direction", [NORTH, ASLANT])
 def test_the_pane_is_across_n_at_the_safe_depth_and_the_margin(direction, meshcat):
     drawn(meshcat, ContactKnowledge(FORCE, 0.081, 0.057, 900.0), direction)
-    for path, depth in ((FRONT, 0.085), (WALL, 0.057)):
+    for path, depth in ((SAFE_END, 0.085), (WALL, 0.057)):
         X = packed_transform(meshcat, path)
         corners = X[:3, :2] @ [[1.0, -1.0, 0.3], [1.0, 0.2, -1.0]] + X[:3, 3:]
         np.testing.assert_allclose(direction @ corners, depth, atol=1e-12)
@@ -73,11 +74,11 @@ def test_the_pane_goes_ahead_as_the_front_does(meshcat):
     knowledge = drawn(meshcat, ContactKnowledge(FORCE, -0.2, np.nan, 1000.0), NORTH)
     for safe in (-0.1, 0.0, 0.0871):
         knowledge.show(ContactKnowledge(FORCE, safe, np.nan, 1000.0), TIP)
-        place = packed_transform(meshcat, FRONT)[:3, 3]
+        place = packed_transform(meshcat, SAFE_END)[:3, 3]
         np.testing.assert_allclose(place, [safe + 0.004, 0.2, -0.4], atol=1e-12)
 
 
-class OperatorNorms(Meshcat):
+class Sizes(Meshcat):
     """A Meshcat that remembers the scales it was given."""
 
     def __init__(self):
@@ -90,7 +91,7 @@ class OperatorNorms(Meshcat):
 
 
 def test_nothing_is_explored_or_believed_before_it_is():
-    sizes = OperatorNorms()
+    sizes = Sizes()
     knowledge = drawn(sizes, ContactKnowledge(FORCE, -np.inf, np.nan, 1000.0))
     hidden, seen = [VANISHED] * 3, [1.0] * 3
     for known, front, wall in (
@@ -99,17 +100,17 @@ def test_nothing_is_explored_or_believed_before_it_is():
             (ContactKnowledge(FORCE, 0.1, 0.05, 1000.0), seen, seen),
             (ContactKnowledge(FORCE, 0.1, np.nan, 1000.0), seen, hidden)):
         knowledge.show(known, TIP)
-        assert scale(f"{FRONT}/size", sizes.given) == front
+        assert scale(f"{SAFE_END}/size", sizes.given) == front
         assert scale(f"{WALL}/size", sizes.given) == wall
 
 
 def test_the_numbers_are_the_force_along_n_the_way_explored_and_the_slope():
-    sizes = OperatorNorms()
+    sizes = Sizes()
     start = np.array([-0.3, 0.1, 0.0])
     knowledge = DrawnKnowledge(Stage(sizes), "board", ContactSpecification(ASLANT, 0.004), start)
     knowledge.show(ContactKnowledge(FORCE * 10.0, 0.1, 0.05, 734.0), TIP)
     for name, value in (
-            ("felt", FORCE[:3] @ ASLANT * 10.0), ("slope", 734.0),
+            ("measured", FORCE[:3] @ ASLANT * 10.0), ("slope", 734.0),
             ("explored", 1e3 * (0.1 + 0.004 - start @ ASLANT))):
         digits = {}
         for path, _, size in sizes.given:
@@ -134,7 +135,8 @@ def test_what_is_not_all_there_is_not_known():
     np.testing.assert_array_equal(known.force_last_valid, np.arange(6.0))
     assert (known.safe_depth, known.contact_depth, known.slope) == (0.0, 0.0, 0.0)
     for name in KNOWN:
-        nothing = contact_knowledge_from({key: value for key, value in signals.items() if key != name})
+        nothing = contact_knowledge_from(
+            {key: value for key, value in signals.items() if key != name})
         assert nothing.safe_depth == -np.inf
         assert np.isnan(nothing.contact_depth)
 
@@ -142,13 +144,14 @@ def test_what_is_not_all_there_is_not_known():
 def test_a_robot_that_does_not_feel_its_way_has_neither(meshcat):
     record = synthetic_record(0.2)
     Scene(meshcat, setting_of(record.scenario, record.model)).show(moment_of(record, 0), 0.0)
-    assert not any(meshcat.HasPath(path) for path in (FRONT, WALL, "hud/board/felt"))
+    assert not any(meshcat.HasPath(path) for path in (SAFE_END, WALL, "hud/board/measured"))
 
 
 def illustrated(meshcat, **signals):
     """Shows an instant of a synthetic record, with these signals at an Illustration's ports."""
     record = synthetic_record(0.2)
-    setting = replace(setting_of(record.scenario, record.model), specification=ContactSpecification(NORTH, 0.004))
+    setting = replace(setting_of(record.scenario, record.model),
+                      specification=ContactSpecification(NORTH, 0.004))
     system = Illustration(meshcat, setting)
     context, moment = system.CreateDefaultContext(), moment_of(record, 0)
     config = np.tile(record.nominal_config[0], (setting.horizon + 1, 1))
@@ -160,13 +163,14 @@ def illustrated(meshcat, **signals):
 
 
 def test_an_illustration_shows_what_its_ports_say(meshcat):
-    illustrated(meshcat, force_last_valid=FORCE, safe_depth=[0.08], contact_depth=[0.05], slope=[800.0])
-    for path, depth in ((FRONT, 0.084), (WALL, 0.05)):
+    illustrated(meshcat, force_last_valid=FORCE, safe_depth=[0.08], contact_depth=[0.05],
+                slope=[800.0])
+    for path, depth in ((SAFE_END, 0.084), (WALL, 0.05)):
         assert packed_transform(meshcat, path)[0, 3] == pytest.approx(depth)
 
 
 def test_an_illustration_whose_ports_say_nothing_shows_nothing_known():
-    sizes = OperatorNorms()
+    sizes = Sizes()
     illustrated(sizes)
-    for path in (FRONT, WALL):
+    for path in (SAFE_END, WALL):
         assert scale(f"{path}/size", sizes.given) == [VANISHED] * 3

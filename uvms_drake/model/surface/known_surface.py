@@ -10,9 +10,9 @@ from uvms_drake.model.surface.law import Surface
 class KnownSurface:
     """The controller knows the `surface` of the scenario, where it is and how it yields."""
 
-    felt: ClassVar[bool] = False
+    is_sensed: ClassVar[bool] = False
     """Whether the controller goes by the force that it feels."""
 
-    def told(self, surface: Surface) -> Surface:
+    def controller_surface(self, surface: Surface) -> Surface:
         """Returns the surface of the controller's model: the scenario's."""
         return surface

@@ -25,7 +25,7 @@ MOST_ASLANT = 0.5
 class SensedContact:
     """The controller feels the force of a wall; place and stiffness are unknown to it."""
 
-    felt: ClassVar[bool] = True
+    is_sensed: ClassVar[bool] = True
     """Whether the controller goes by the force that it feels."""
 
     direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
@@ -67,7 +67,7 @@ class SensedContact:
     """How far the robot may turn about the vertical, to either side, to follow with its tool the
     normal that it learns as it slides [rad]; zero, and it keeps the heading of the task."""
 
-    def told(self, surface: Surface) -> "UnknownSurface":
+    def controller_surface(self, surface: Surface) -> "UnknownSurface":
         """Returns the surface of the controller's model, whatever the world's is."""
         return UnknownSurface(self)
 

@@ -13,7 +13,7 @@ def remarks(scenario: Scenario) -> list[str]:
              if (start := getattr(fault, "start", 0.0)) >= scenario.duration]
     task, step = scenario.task, scenario.simulator.max_step_size
     if task.pose is not None:
-        surface = scenario.contact.told(check_surface(scenario.surface))
+        surface = scenario.contact.controller_surface(check_surface(scenario.surface))
         pose, force = np.asarray(task.pose, dtype=float), np.asarray(task.force, dtype=float)
         off = surface.pose_for(force, pose)[:3] - pose[:3]
         depth = surface.penetration_for(float(np.linalg.norm(force[:3]))) or 0.0

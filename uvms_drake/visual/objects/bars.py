@@ -1,4 +1,4 @@
-"""Bars that say how much of each limit is used."""
+"""Bars of the used fraction of each limit."""
 
 from collections.abc import Sequence
 
@@ -12,10 +12,10 @@ TROUGH, MARK = (0.02, 0.1, 0.16, 0.6), (1.0, 1.0, 1.0, 1.0)
 
 
 class Bars:
-    """A table with a bar in each row: as long as a limit is used, red while the limit is active.
+    """Table of bars: as long as the used fraction of a limit, red while the limit is active.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the table on the stage; it is in the xz-plane, seen from −y, with the
             middle of its upper end at the origin.
         names: Texts of the limits.
@@ -26,7 +26,7 @@ class Bars:
     LINE = 0.062  # from row to row
     LENGTH = 0.24  # of a limit that is used up
     height: float
-    """Of the table, which ends that far below its origin."""
+    """Height of the table, which ends that far below its origin."""
 
     def __init__(self, stage: Stage, path: str, names: Sequence[str]):
         self._stage = stage

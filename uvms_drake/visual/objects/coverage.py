@@ -1,4 +1,4 @@
-"""What was felt of a wall, painted on it: a dot wherever the tip has pressed, coloured by force.
+"""Map of measured force on a wall: a dot wherever the tip has pressed, coloured by force.
 
 A recording keeps no change of colour (see `stage`), so a dot keeps its colour, and another one
 takes its place where the force has changed.
@@ -31,10 +31,10 @@ def color_of(force: float, scale: float) -> int:
 
 
 class Coverage:
-    """Paints the places that were pressed on; a place that is pressed on again is painted anew.
+    """Coloured dots at the points pressed on; a point that is pressed again is painted anew.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the dots on the stage.
         legend: Path of the scale of colours, in the xz-plane, seen from −y.
         scale: Force at the end of the scale of colours [N].
@@ -62,19 +62,19 @@ class Coverage:
             pose=frame_at([(COLORS + 0.5) * width, 0.0, 0.0]))
 
     def clear(self) -> None:
-        """Takes all paint away."""
+        """Removes all dots."""
         self._last, self._count = None, 0
         self._stage.meshcat.Delete(self._path)
 
-    def show(self, chi: np.ndarray, felt: np.ndarray, law: Surface) -> None:
-        """Paints where the tip is with the force that is felt, once that is more than a bias.
+    def show(self, chi: np.ndarray, measured: np.ndarray, law: Surface) -> None:
+        """Paints the point under the tip once the measured force is more than a bias.
 
         Args:
             chi: Pose of the end-effector (6,).
-            felt: Felt force (6,) [N, N m].
+            measured: Measured force (6,) [N, N m].
             law: The wall, on whose undeformed surface the paint is.
         """
-        color = color_of(float(-self._facing @ felt[:3]), self._scale)
+        color = color_of(float(-self._facing @ measured[:3]), self._scale)
         if color == 0:
             return
         place = chi[:3] + float(law.penetration(chi)) * self._facing

@@ -1,4 +1,4 @@
-"""A robot as it is drawn: the geometry of its file, wherever its configuration puts it."""
+"""Drawing of a robot: the geometry of its file at a configuration."""
 
 import numpy as np
 from pydrake.geometry import Rgba, Role
@@ -12,14 +12,14 @@ from uvms_drake.visual.stage import NED, Stage
 
 GREY = Rgba(0.7, 0.7, 0.7, 1.0)
 FAR_SIDE = 1.0
-"""three.js's BackSide."""
+"""BackSide of three.js."""
 
 
 class DrawnRobot:
-    """One robot on a stage.
+    """A robot on a stage.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         name: Name of the robot on the stage.
         model: A shipped robot or a robot's folder.
         color: Colour of all of it; None: that of its file. A robot in a colour of its own shows

@@ -1,4 +1,4 @@
-"""A level grid and the axes of Σ_I: they show which way is down, and how far things are."""
+"""A level grid and the axes of Σ_I, which show the vertical and distances."""
 
 import numpy as np
 from pydrake.geometry import Cylinder, Rgba
@@ -12,10 +12,10 @@ AXES = {"x": (0.95, 0.55, 0.45), "y": (0.55, 0.9, 0.6), "z": (0.6, 0.8, 1.0)}
 
 
 class Floor:
-    """A level grid of squares of half a metre; it fades out, for there is no end of the sea.
+    """A level grid of squares of half a metre that fades out.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the grid on the stage, below Σ_I.
         middle: Middle of the grid (3,) [m] in Σ_I.
         cells: Number of squares from the middle to an end.
@@ -48,7 +48,7 @@ def draw_axes(stage: Stage, path: str, length: float, facing: RotationMatrix) ->
     """Draws the axes of Σ_I with their names at `path`, a path in Meshcat's own axes.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the axes on the stage.
         length: Length of an axis [m].
         facing: Attitude of the names.

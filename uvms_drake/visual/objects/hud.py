@@ -15,26 +15,26 @@ NEAR = 0.5
 """Distance from the camera, as a fraction of that of the camera's target."""
 LONGEST = 999.0  # s
 TOP = 0.9
-"""Where the table of the limits begins, in the plane's measure."""
+"""Height of the upper end of the table of the limits, in the plane's unit."""
 
 
 class Hud:
-    """A plane between camera and scene, measured in the scene's size about the camera's target.
+    """A plane between camera and scene; its unit is the scene's size at the camera's target.
 
     Args:
-        stage: Where to draw.
-        camera, target: From where to where it is seen (3,) [m], in Meshcat's axes.
+        stage: Stage to draw on.
+        camera, target: Position of the camera and its target (3,) [m], in Meshcat's axes.
         unit: The scene's size [m].
         limits: Texts of the limits.
         legend: Some lines.
     """
 
     board: str = "hud/board"
-    """Path of further numbers, in the plane and its measure."""
+    """Path of further numbers, in the plane and its unit."""
     below: float
-    """Where the table of the limits ends, in that measure."""
+    """Height of the lower end of the table of the limits, in that unit."""
     inset: str
-    """Path of what is enlarged, in Meshcat's own axes; its text of two lines is at the origin."""
+    """Path of the enlarged inset, in Meshcat's own axes; its text of two lines is at the origin."""
 
     def __init__(self, stage: Stage, camera: np.ndarray, target: np.ndarray, unit: float,
                  limits: Sequence[str], legend: str):
@@ -50,13 +50,13 @@ class Hud:
         self._time = Readout(stage, "hud/time", "t = ", " s", LONGEST, 0.085)
         stage.meshcat.SetTransform("hud/time", frame_at([-1.3, 0.0, self.below - 0.13]))
         stage.meshcat.SetTransform(self.board, frame_at([0.93, 0.0, -0.42]))
-        more = legend.count("\n") - 1  # lines than two
+        more = legend.count("\n") - 1  # lines beyond two
         stage.make("hud/legend", label(legend, 0.05), None,
                    frame_at([0.0, 0.0, -0.87 + 0.02 * more]))
         draw_axes(stage, self.placed("axes", -1.45, -0.58), 0.13 * unit, self.facing)
 
     def placed(self, path: str, x: float, z: float) -> str:
-        """Places `path` there in the plane, to scale and in Meshcat's own axes."""
+        """Places `path` at (x, z) in the plane, to scale and in Meshcat's own axes."""
         place = self._origin + self._scale * (self.facing @ np.array([x, 0.0, z]))
         X = RigidTransform(RotationMatrix(), place).GetAsMatrix4()
         self._stage.meshcat.SetTransform(path, X @ np.diag([NEAR, NEAR, NEAR, 1.0]))

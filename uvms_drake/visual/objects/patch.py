@@ -8,12 +8,12 @@ from uvms_drake.visual.textured import textured_mesh
 
 
 def draw_patch(stage: Stage, path: str, points: np.ndarray) -> None:
-    """Draws a part of a surface, undeformed: an end-effector that is in it is seen through it.
+    """Draws a part of an undeformed surface, transparent.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the patch on the stage.
-        points: Points of the surface, neighbours as on it (K, K, 3) [m].
+        points: Grid of points of the surface (K, K, 3) [m].
     """
     count = len(points)
     along = [np.gradient(points, axis=axis) for axis in (0, 1)]

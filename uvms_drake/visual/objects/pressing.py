@@ -17,7 +17,7 @@ SPRING, CONTACT = Rgba(0.3, 0.3, 0.3), Rgba(1.0, 0.9, 0.2)
 REAL_TEXT = (1.0, 0.62, 0.42)
 ARROW = 0.3
 """Length of the arrow of the largest force expected, as a fraction of the scene's size."""
-BESIDE = 0.07
+NUMBER_OFFSET = 0.07
 """Distance of the numbers from the end of the arrow, likewise."""
 HEIGHT = 0.075
 """Height of a line of the numbers, likewise."""
@@ -27,9 +27,9 @@ class Pressing:
     """The surface and the forces on it.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         law: The surface, as the controller knows it.
-        goal: Where the end-effector is to be (3,) [m].
+        goal: Desired position of the end-effector (3,) [m].
         force: 𝔉_des of the task (6,) [N, N m].
         unit: The scene's size [m].
         facing: Attitude of the numbers, in Meshcat's axes.
@@ -54,24 +54,25 @@ class Pressing:
             for name, color in (("real", REAL_TEXT), ("desired", (1.0, 1.0, 1.0)))]
 
     def _draw_surface(self, goal: np.ndarray) -> Callable[[np.ndarray], None]:
-        """Draws the surface; returns the function that shows what the tip at χ does to it."""
-        stage, law, rest, normal = self._stage, self._law, self._law.anchor, self._law.normal
+        """Draws the surface; returns the function that shows its deformation by the tip at χ."""
+        stage, law, rest_point, normal = self._stage, self._law, self._law.anchor, self._law.normal
         if normal is not None:
-            wall = DrawnWall(stage, f"{NED}/wall", goal - ((goal - rest) @ normal) * normal, normal)
+            wall = DrawnWall(stage, f"{NED}/wall", goal - ((goal - rest_point) @ normal) * normal,
+                             normal)
             return lambda chi: wall.show(float(law.penetration(chi)))
         points = law.patch(goal, DrawnWall.SIZE, DrawnWall.MESH + 1)
         if points is not None:
             draw_patch(stage, f"{NED}/wall", points)
             return lambda chi: None
-        stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest))
+        stage.make(f"{NED}/rest", Sphere(0.02), PLAN, frame_at(rest_point))
         spring = Polyline(stage, f"{NED}/spring", 2, SPRING, 0.01)
-        return lambda chi: spring.show(np.array([rest, chi[:3]]))
+        return lambda chi: spring.show(np.array([rest_point, chi[:3]]))
 
     def show(self, chi: np.ndarray, force: np.ndarray | None, desired: np.ndarray) -> None:
-        """Draws what the end-effector does at χ (6,).
+        """Draws surface and forces with the end-effector at χ.
 
         Args:
-            chi: Its pose.
+            chi: Pose χ of the end-effector (6,).
             force: 𝔉 (6,) [N, N m]; None: the force of the surface's law at the pose at rest.
             desired: 𝔉_des (6,).
         """
@@ -84,7 +85,7 @@ class Pressing:
         self._contact.show(tip if np.any(real) else None)
         longest = max(real, wanted, key=np.linalg.norm)
         length = float(np.linalg.norm(longest)) or 1.0
-        beyond = tip + (self._newton + BESIDE * self._unit / length) * longest
+        beyond = tip + (self._newton + NUMBER_OFFSET * self._unit / length) * longest
         place = self._facing.inverse() @ (beyond * [1.0, -1.0, -1.0])
         for number, value, line in zip(self._numbers, (real, wanted), (0.55, -0.55), strict=True):
             number.show(float(np.linalg.norm(value)),

@@ -1,4 +1,4 @@
-"""Drawings beside the robot: arrows, paths, a trail, a mark.
+"""Arrows, paths, trails and marks.
 
 The plan and the task are white, the real motion is coloured; they differ in lightness too.
 Each of these objects has a path of its own on the stage, and the frame of the path above it.
@@ -29,7 +29,7 @@ class Arrow:
                    color, FLIPPED)
 
     def show(self, tail: np.ndarray, vector: np.ndarray) -> None:
-        """Draws the arrow from `tail` (3,) along `vector` (3,) [m]; none, if it has no length."""
+        """Draws the arrow from `tail` (3,) along `vector` (3,) [m]; none for a zero vector."""
         length = float(np.linalg.norm(vector))
         if length > 1e-6:
             self._stage.move(self._path, frame_at(tail, vector))
@@ -63,10 +63,10 @@ class Polyline:
 
 
 class Trail:
-    """The way a point has gone: a dot wherever it was a step further; the oldest ones are reused.
+    """Path of a point: a dot after each step of fixed length; the oldest dots are reused.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the trail on the stage.
         color: Colour of the dots.
         radius: Radius of the dots [m].
@@ -84,13 +84,13 @@ class Trail:
         self._count = 0
 
     def clear(self) -> None:
-        """Takes all dots away."""
+        """Removes all dots."""
         self._last, self._count = None, 0
         for dot in self._paths:
             self._stage.show(f"{dot}/size", False)
 
     def show(self, point: np.ndarray) -> None:
-        """Goes on to `point` (3,)."""
+        """Extends the trail to `point` (3,)."""
         if self._last is not None and np.linalg.norm(point - self._last) < self._step:
             return
         dot = self._paths[self._count % self.DOTS]
@@ -100,7 +100,7 @@ class Trail:
 
 
 class Mark:
-    """A dot that is seen through everything, at a place or nowhere."""
+    """A dot that is drawn over everything, or hidden."""
 
     def __init__(self, stage: Stage, path: str, color: Rgba, radius: float):
         self._stage, self._path = stage, path
@@ -108,7 +108,7 @@ class Mark:
         stage.see_through(f"{path}/size/dot", 2.0)
 
     def show(self, place: np.ndarray | None) -> None:
-        """Shows the dot at `place` (3,), or takes it away."""
+        """Shows the dot at `place` (3,), or hides it."""
         if place is not None:
             self._stage.move(self._path, frame_at(place))
         self._stage.show(f"{self._path}/size", place is not None)

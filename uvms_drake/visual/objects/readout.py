@@ -12,12 +12,12 @@ POINT = 0.27
 
 
 class Readout:
-    """A number between two texts: all ten digits are made at each place, one is shown.
+    """A number between two texts: all ten digits exist at each place, one is shown.
 
     It is in the xz-plane, seen from −y, and begins at the origin of its path.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the number on the stage.
         before, after: Texts to its left and to its right.
         largest: Largest number that is shown.
@@ -50,7 +50,7 @@ class Readout:
         write("after", after, (whole + 1) * DIGIT + POINT if tenths else whole * DIGIT, "left")
 
     def show(self, value: float, place: np.ndarray | None = None) -> None:
-        """Shows the nearest number that there is, at `place` (3,) if it is to move."""
+        """Shows the nearest displayable number, at `place` (3,) if given."""
         # The text before the number is close to its first digit.
         unit = 1 if self._powers[-1] == 0 else 10  # of the last digit, in tenths
         tenths = min(max(round(10.0 * value / unit) * unit, 0), self._largest)

@@ -15,7 +15,7 @@ class DrawnTube:
     """The tube at the tip to scale, and enlarged in an inset with the real tip in it.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the tube on the stage, in Σ_I.
         inset: Path of the inset, in Meshcat's own axes; its text is at the origin, all else below.
         radius: Radius of the tube in position [m].

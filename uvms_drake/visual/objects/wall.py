@@ -17,10 +17,10 @@ def grid() -> np.ndarray:
 
 
 class DrawnWall:
-    """A part of a plane with a grid on it; the dent is as deep as the end-effector is inside.
+    """A part of a plane with a grid on it; the dent is as deep as the end-effector's penetration.
 
     Args:
-        stage: Where to draw.
+        stage: Stage to draw on.
         path: Path of the wall on the stage.
         point: Point of the plane, in the middle of the dent (3,) [m].
         normal: Normal of the plane, towards the robot (3,).
