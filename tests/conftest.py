@@ -26,40 +26,18 @@ from uvms_drake.station.scenario.scenario import load_scenario
 
 GIRONA = "girona500_arm5e"
 STIFFNESS = 1000.0  # N/m
-LONG = (
-    "tests/campaign/", "tube/test_terminal_set.py", "tests/test_examples.py",
-    "control/ocp/test_scp.py", "tube/laws/test_kinematic.py", "tests/errata/",
-    "tube/constants/test_constants.py",
-    "station/test_tube_in_contact.py", "command/test_interrupt.py", "station/test_retarget.py",
-    "control/ocp/test_nlp.py", "studies/test_compare_laws.py", "station/scenario/test_faults.py",
-    "control/feedback/test_kinematic_tube_monitor.py", "report/test_replay.py",
-    "test_a_task_out_of_reach_is_told", "test_so_does_that_of_an_ellipsoid_and_of_each_component",
-    "test_a_run_without_contact_tube_and_disturbance_can_be_drawn",
-    "test_every_figure_of_a_run_without_a_certificate_says_so",
-    "test_a_bound_along_the_run_that_does_not_exist_is_not_drawn",
-    "test_the_bound_holds_at_a_hundred_thousand_times")
-"""Folders, files and names of tests that `.ci/run` leaves out, to end within 15 minutes."""
-SLOW = (
-    "certificate/test_certify.py", *LONG, "command/test_main.py", "command/test_certified.py",
-    "command/test_fuzz.py", "station/motions/test_sensed_contact.py", "visual/test_browser.py")
-"""Those of tests that search or simulate for long; the longest first, so that the last ones to be
-run are short, and all processes end together."""
-
-
-def rank(item: pytest.Item) -> int:
-    """Returns the place in `SLOW` of a test, or its end."""
-    return next((i for i, part in enumerate(SLOW) if part in item.nodeid), len(SLOW))
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Marks the slow tests, which `-m slow` runs alone, and `-m ''` with the others."""
-    items.sort(key=rank)
+    """Makes the tests that are `long` slow, too, and lets the slow ones begin.
+
+    So the last tests to run are short, and all processes end together.
+    """
     for item in items:
-        if any(part in item.nodeid for part in LONG):
-            item.add_marker(pytest.mark.long)
-        if rank(item) < len(SLOW) or item.get_closest_marker("long"):
+        if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 @pytest.hookimpl(optionalhook=True)

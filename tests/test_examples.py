@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from support.quick import few_in_all_files
 
+pytestmark = pytest.mark.long
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")

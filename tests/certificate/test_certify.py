@@ -28,6 +28,8 @@ from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:

@@ -18,6 +18,8 @@ from uvms_drake.report.summary import summarise
 from uvms_drake.station.record import load_record
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
+pytestmark = pytest.mark.slow
+
 VOID = ["--set", "disturbance.bound=0.2"]
 """Makes a tube that is larger than a limit of the shipped scenarios."""
 

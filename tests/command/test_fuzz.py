@@ -18,6 +18,8 @@ from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 from uvms_drake.station.simulation import require_finite
 
+pytestmark = pytest.mark.slow
+
 CASES = int(os.environ.get("UVMS_DRAKE_FUZZ", "120"))
 FIRST = int(os.environ.get("UVMS_DRAKE_FUZZ_FIRST", "0"))
 """Number of the first case: others than the usual ones are looked at by another one."""

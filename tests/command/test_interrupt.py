@@ -14,6 +14,8 @@ import pytest
 from uvms_drake.command.main import main
 from uvms_drake.common.output import MANIFEST_FILE
 
+pytestmark = pytest.mark.long
+
 SHORT = ["run", "girona500_ideal", "--uncertified", "--no-figures", "--duration", "0.1"]
 DATA = {"scenario.yaml", "summary.json", "log.csv", "log.npz", "timing.npz", MANIFEST_FILE}
 

@@ -25,6 +25,8 @@ from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import shipped_scenarios
 from uvms_drake.studies.bench import bench
 
+pytestmark = pytest.mark.slow
+
 QUICK = [*DATA_ONLY, "--uncertified"]
 
 

@@ -13,6 +13,8 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module", autouse=True)
 def once() -> Iterator[Callable[[Scenario], Record]]:

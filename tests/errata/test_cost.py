@@ -16,6 +16,8 @@ from uvms_drake.errata.paper import (
 )
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
+pytestmark = pytest.mark.long
+
 
 def test_e6_the_loop_rests_near_the_least_stage_cost_and_the_hold_input_is_not_flagged():
     """A long horizon rests where the stage cost of a rest is least; this one is 3 s."""

@@ -11,6 +11,8 @@ from uvms_drake.errata.paper import (
     numbers,
 )
 
+pytestmark = pytest.mark.long
+
 PRINTED = re.compile(r"[-−]?\d+(?:\.\d+)?")
 
 

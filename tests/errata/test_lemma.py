@@ -26,6 +26,8 @@ from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
+pytestmark = pytest.mark.long
+
 SCALAR = LemmaConstants(J_min=1.44, J_max=1.2, J_dot=0.3, L_c=0.4, L_1=0.7, L_2=0.9)
 
 

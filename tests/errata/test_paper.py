@@ -14,6 +14,8 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.station.simulation import simulate
 
+pytestmark = pytest.mark.long
+
 CHI_0 = np.array([-1.0, 1.3, -1.0, 0.0, -np.pi / 8, np.pi / 12])
 CHI_DES = np.array([0.0, 0.0, 0.0, np.pi / 3, np.pi / 10, 0.0])
 W_BOUND = 0.2 * np.sqrt(6.0)

@@ -21,6 +21,8 @@ from uvms_drake.errata.paper import (
 )
 from uvms_drake.model.uvms_model import configuration_rate_matrix
 
+pytestmark = pytest.mark.long
+
 
 def test_e8_the_printed_numbers(errata):
     text = errata[7].computed

@@ -47,6 +47,7 @@ def test_the_bound_holds_at_twenty_thousand_times(config):
     assert np.max(norms) > 0.8 * BOUND
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("config", KINDS)
 def test_so_does_that_of_an_ellipsoid_and_of_each_component(config):
     weighted = replace(config, weights=WEIGHTS)

@@ -166,6 +166,7 @@ def test_a_deviation_that_is_far_below_its_bound_is_drawn_by_its_logarithm(recor
 
 
 @pytest.mark.long
+@pytest.mark.long
 def test_a_bound_along_the_run_that_does_not_exist_is_not_drawn(record, tmp_path):
     nowhere = replace(record, tube_bound=np.full_like(record.tube_bound, np.inf),
                       scenario=replace(record.scenario, ancillary=Transpose()))
@@ -212,6 +213,7 @@ def test_the_tolerance_is_about_what_is_desired_in_its_unit(record, wrench, forc
 
 
 @pytest.mark.long
+@pytest.mark.long
 def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_path):
     scenario = replace(record.scenario, tube=TubeRadii(u=np.zeros(10)))
     quiet = replace(
@@ -223,6 +225,7 @@ def test_a_run_without_contact_tube_and_disturbance_can_be_drawn(record, tmp_pat
     assert all(np.all(np.isfinite(imread(tmp_path / name))) for name in NAMES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("certified", [False, True])
 def test_every_figure_of_a_run_without_a_certificate_says_so(certified, tmp_path, monkeypatch):
     seen = []

@@ -14,6 +14,8 @@ from uvms_drake.report.replay import frame_indices, moment_of, write_replay, wri
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.visual.scene import Scene
 
+pytestmark = pytest.mark.long
+
 
 def test_frames_are_thinned_to_the_rate():
     time = np.arange(0.0, 2.0, 0.001)
@@ -64,7 +66,7 @@ def test_the_front_and_the_believed_wall_can_be_found_in_a_replay_of_a_felt_cont
     packed = re.findall("base64,([A-Za-z0-9+/=]+)", (tmp_path / "replay.html").read_text("utf-8"))
     messages = b"".join(b64decode(each) for each in packed)
     assert b"ned/uvms" in messages
-    assert (b"ned/contact_estimator" in messages) == (b"ned/believed_wall" in messages) == there
+    assert (b"ned/contact_estimator" in messages) == (b"ned/estimated_surface" in messages) == there
 
 
 def test_what_is_known_at_an_instant_is_what_was_logged():

@@ -19,7 +19,7 @@ FORCES = ((4.0, 30.0), (9.5, 44.0), (10.5, 25.0))
 """From these times on [s] these forces are asked for [N]; the second is more than the tube leaves
 of `limits.static_force`."""
 
-pytestmark = pytest.mark.usefixtures("few_searches")
+pytestmark = [pytest.mark.usefixtures("few_searches"), pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

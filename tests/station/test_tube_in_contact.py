@@ -21,6 +21,8 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.resolved.bounds import joint_rate_radius, resolved_tube
 
+pytestmark = pytest.mark.long
+
 LAW = Resolved(k=20.0, sigma=5.0)
 D_BOUND = 0.1
 LOGGED = ("deviation", "bound", "ratio", "r", "e_y")

@@ -9,6 +9,8 @@ from uvms_drake.control.laws import Resolved, Transpose
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.studies.compare_laws import compare_laws, format_laws
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def rows(model, few_searches):

@@ -24,6 +24,8 @@ from uvms_drake.tube.constants.constants import (
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.local_search import climb
 
+pytestmark = pytest.mark.long
+
 BOUNDS = ConstraintSet(
     q_lower=np.array([-0.4, 0.6, -0.1, -0.8]), q_upper=np.array([0.4, 1.3, 0.72, 0.8]), roll=0.3,
     pitch=0.15, tip_pitch=0.4, nu1=0.25, nu2=0.2, qdot=0.3, force_max=32.0)

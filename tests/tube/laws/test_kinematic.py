@@ -53,6 +53,8 @@ from uvms_drake.tube.terminal_set import (
     linear_radius,
 )
 
+pytestmark = pytest.mark.long
+
 NAME = "paper_kinematic_certified"
 STEP = 0.01
 """Of the Runge-Kutta method [s]."""
