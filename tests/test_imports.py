@@ -1,6 +1,7 @@
 """Who may know whom: the order of the rooms, from what knows nothing to what knows all."""
 
 import ast
+import graphlib
 import tomllib
 from pathlib import Path
 
@@ -30,10 +31,21 @@ controller must not see the true plant, nor the plant its controller."""
 FLOOR = {room: floor for floor, rooms in enumerate(ROOMS) for room in rooms}
 
 
-def imported(path: Path) -> set[str]:
-    """Returns every module that a file imports, wherever it does so."""
+def imported(path: Path, typing: bool = True) -> set[str]:
+    """Returns every module that a file imports, wherever it does so.
+
+    Args:
+        path: The file.
+        typing: Whether imports under `if TYPE_CHECKING:` count.
+    """
     names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    skipped = set() if typing else {
+        id(inner) for node in ast.walk(tree) if isinstance(node, ast.If)
+        and getattr(node.test, "id", None) == "TYPE_CHECKING" for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -66,6 +78,38 @@ def test_a_room_knows_only_what_stands_below_it(room):
     for path in files:
         for other in rooms_that(path) - {room}:
             assert FLOOR[other] < FLOOR[room], f"{path.relative_to(PACKAGE)} imports {other}"
+
+
+def entry_of(module: str, room: str) -> str | None:
+    """Returns the file or sub-room of a room that a module is in, if it is in that room."""
+    return module.removeprefix(f"{room}.").split(".")[0] if module.startswith(f"{room}.") else None
+
+
+def arrows_in(folder: Path) -> dict[str, set[str]]:
+    """Returns, for each file and sub-room of a room, the others in that room that it imports.
+
+    Imports for the type checker alone do not count.
+    """
+    room = ".".join(("uvms_drake", *folder.relative_to(PACKAGE).parts))
+    arrows: dict[str, set[str]] = {}
+    for path in sorted(folder.rglob("*.py")):
+        own = path.relative_to(folder).parts[0].removesuffix(".py")
+        if own != "__init__":
+            entries = {entry_of(name, room) for name in imported(path, typing=False)}
+            arrows.setdefault(own, set()).update(entries - {own, None})
+    return {own: others & arrows.keys() for own, others in arrows.items()}
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in FILES} - {PACKAGE}),
+                         ids=lambda folder: str(folder.relative_to(PACKAGE)))
+def test_no_arrow_runs_back_up_between_the_files_and_sub_rooms_of_a_room(folder):
+    graphlib.TopologicalSorter(arrows_in(folder)).prepare()  # Raises on a circle, and names it.
+
+
+def test_the_check_sees_a_circle_of_sub_rooms():
+    assert {"ocp", "plan"} <= arrows_in(PACKAGE / "control")["mpc"]
+    with pytest.raises(graphlib.CycleError):
+        graphlib.TopologicalSorter({"mpc": {"ocp"}, "ocp": {"mpc"}}).prepare()
 
 
 def test_the_check_sees_an_import():
