@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_drake.control.contact.press_target import target_depth
-from uvms_drake.control.contact.safe_region import apex, replaces, safe_depth
+from uvms_drake.control.contact.safe_region import apex, dominates, safe_depth
 from uvms_drake.control.contact.stiffness_estimate import (
     NOTHING,
     StiffnessEstimate,
@@ -108,7 +108,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
         # What is felt.
         at, moving = real[:, None, None] * ALONG, rate[:, None, None] * ALONG
         new = apex(surface, at, moving, force[:, None] * ALONG, FORCE_MAX, NOISE)
-        tip = np.where(replaces(surface, new, tip, np.zeros((2, 2)))[:, None], new, tip)
+        tip = np.where(dominates(surface, new, tip, np.zeros((2, 2)))[:, None], new, tip)
         safe = safe_depth(surface, tip, at[:, 0], margin)
         touched = np.abs(force) > NOISE
         belief = with_reading(

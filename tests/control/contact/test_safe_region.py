@@ -9,7 +9,7 @@ from uvms_drake.control.contact.safe_region import (
     apex,
     between_readings,
     bounds,
-    replaces,
+    dominates,
     free_distance,
     safe_depth,
 )
@@ -147,7 +147,7 @@ def test_an_apex_is_replaced_iff_nothing_is_lost_in_a_box_of_places(size):
         places = np.stack(np.meshgrid(*np.linspace(*box, 41).T), axis=-1).reshape(-1, 2)
         places = places @ R[:, 1:].T
         gain = np.min(lateral(surface, new, places) - lateral(surface, old, places))
-        assert bool(replaces(surface, new, old, box)) == (gain >= -1e-12), gain
+        assert bool(dominates(surface, new, old, box)) == (gain >= -1e-12), gain
         taken += gain >= 0.0
     assert 20 < taken < 180
 
@@ -156,16 +156,16 @@ def test_what_is_behind_a_tip_that_slides_is_given_up_and_what_is_ahead_is_not()
     """α is gained for each metre that the old apex is left behind by."""
     surface = SurfaceClass(angle=0.2)
     old, new = np.zeros(3), surface.axes.T @ [-0.9 * surface.tilt * 0.05, 0.05, 0.0]
-    ahead, both = np.array([[0.05, 0.0], [0.3, 0.0]]), np.array([[0.0, 0.0], [0.3, 0.0]])
-    assert replaces(surface, new, old, ahead)
-    assert not replaces(surface, new, old, both)
-    assert not replaces(surface, new - 0.2 * surface.tilt * 0.05 * surface.direction, old, ahead)
+    forward_box, both = np.array([[0.05, 0.0], [0.3, 0.0]]), np.array([[0.0, 0.0], [0.3, 0.0]])
+    assert dominates(surface, new, old, forward_box)
+    assert not dominates(surface, new, old, both)
+    assert not dominates(surface, new - 0.2 * surface.tilt * 0.05 * surface.direction, old, forward_box)
 
 
 def test_any_apex_is_better_than_none_and_none_replaces_any():
     surface, none = straight(), np.full(3, np.nan)
-    assert replaces(surface, np.zeros(3), none, np.zeros((2, 2)))
-    assert not replaces(surface, none, np.zeros(3), np.zeros((2, 2)))
+    assert dominates(surface, np.zeros(3), none, np.zeros((2, 2)))
+    assert not dominates(surface, none, np.zeros(3), np.zeros((2, 2)))
 
 
 def test_behind_the_bounds_a_tip_that_is_off_by_the_margin_is_in_the_cone():
@@ -197,7 +197,7 @@ def test_a_tip_that_slides_on_a_tilted_wall_keeps_contact_and_is_safe():
         new = apex(surface, p[None], at_rest(p[None]), force * normal, FORCE_MAX, NOISE)
         box = surface.across(p) + np.sort(np.outer([0.0, extent], surface.across(
             np.array([0.0, 1.0, 0.0]))), axis=0)
-        old = new if replaces(surface, new, old, box) else old
+        old = new if dominates(surface, new, old, box) else old
         assert free_distance(surface, old, p) > 0.0
         worst = max(worst, surface.stiffness * (normal @ (
             p + free_distance(surface, old, p) * surface.direction)))

@@ -159,6 +159,6 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
     f = np.einsum("tij,tj->ti", late.carried, late.asked[:, :6]) - late.feedback[:, :6]
     assert np.all(np.max(np.abs(e), axis=0) < 0.2 * largest)
     assert np.max(np.abs(early.error[:, 6:])) < 1e-4  # the tip
-    gains = RowLoop(*GAINS, lag=lag, ahead=lag).gains
+    gains = RowLoop(*GAINS, lag=lag, preview=lag).gains
     assert np.all(np.max(np.abs(e), axis=0)
                   <= 1.1 * gains["planned"].position * 0.5 * np.ptp(f, axis=0))

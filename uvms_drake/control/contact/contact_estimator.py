@@ -57,7 +57,7 @@ class ContactEstimator(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
     - `extent` (4): least, then largest place across n of the rest of the plan that is followed, see
-      `replaces` [m]; where it is not connected, plans stay where the tip is.
+      `dominates` [m]; where it is not connected, plans stay where the tip is.
     - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
     - `estimator` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `estimator.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.

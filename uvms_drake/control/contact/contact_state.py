@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.contact.safe_region import apex, replaces
+from uvms_drake.control.contact.safe_region import apex, dominates
 from uvms_drake.control.contact.stiffness_estimate import NOTHING, StiffnessEstimate, with_reading
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
@@ -97,7 +97,7 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
     Args:
         surface: The class of walls.
         sensing: The sensor.
-        extent: Where plans go (2, 2), see `replaces` [m].
+        extent: Where plans go (2, 2), see `dominates` [m].
         before: What was known.
         tip: Position and velocity now (6,) [m, m/s]; or `without_reading`.
         force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.
@@ -111,14 +111,14 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
         return before
     nu, stiffness = sensing.noise, StiffnessEstimate.of(before.stiffness)
     new = apex(surface, points, velocities, force, sensing.force_max, nu, sensing.period)
-    if not replaces(surface, new, before.apex, extent):
+    if not dominates(surface, new, before.apex, extent):
         new = before.apex
     touch, pressed = np.linalg.norm(force) > nu, surface.depth(force)
     feels = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to be learned.
     if feels and np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):
-        gone = tip[:3] - points
-        way, back = (np.max(surface.advance(each)) for each in (gone, -gone))
-        way = way if back <= nu / surface.stiffness else np.inf
+        travelled = tip[:3] - points
+        travelled_forward, back = (np.max(surface.advance(each)) for each in (travelled, -travelled))
+        travelled_forward = travelled_forward if back <= nu / surface.stiffness else np.inf
         stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
-                              sensing.period, way)
+                              sensing.period, travelled_forward)
     return ContactState(new, np.array([*tip[:3], pressed, touch]), stiffness.state, past, before.missing)

@@ -23,7 +23,7 @@ so the force is at most the reading over 1 − e^(−W/T): take W = 3T and ν fo
 *The pyramid never shrinks* where the plan goes. A plan keeps linear rows, `SurfaceClass.facets`:
 the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
 if nothing is lost over all places across n at which the rest of the plan that is followed is
-(`plan_extent`), see `replaces`, so a plan that was allowed still is. What lies behind a tip that
+(`plan_extent`), see `dominates`, so a plan that was allowed still is. What lies behind a tip that
 slides is lost, for no plan goes there.
 
 *The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
@@ -96,7 +96,7 @@ def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> n
     return np.where(np.isnan(distance), -np.inf, distance)
 
 
-def replaces(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, extent: np.ndarray
+def dominates(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, extent: np.ndarray
              ) -> np.ndarray:
     """Returns whether an apex takes the place of the old one: nothing is lost where plans go.
 

@@ -18,7 +18,7 @@ which takes of friction what lasts, on a slide or on a wall off n, and leaves wh
 nothing is late by it: there a reading that is τ late makes no inertia of the wall's stiffness κ,
 but damping: −κx(t) + κx(t − τ) ≈ −κτ v + ½κτ² v̇, and ½κτ² is 0.2 kg at 500 N/m.
 
-A wall that is left takes its friction with it at once, 𝔣 does not. So 𝔣 counts up to `MOST` of what
+A wall that is left takes its friction with it at once, 𝔣 does not. So 𝔣 counts up to `LARGEST_RATIO` of what
 is felt along n: without a force there is none across it.
 
 No proof covers (S): what it leaves out is not in the error of a reading that is declared.
@@ -37,7 +37,7 @@ from pydrake.systems.framework import (
 from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
 
-MOST = 1.5
+LARGEST_RATIO = 1.5
 """Largest part that friction and a wall off n may have of the force along n: more is of a wall that
 was left, or of a force that is lost."""
 
@@ -68,7 +68,7 @@ class TangentialFilter(LeafSystem):
         - force
 
     - `measured`: 𝔉 in Σ_I (6) [N, N m]; 𝔣 stays as it is while that is not finite.
-    - `force`: 𝔉_law of (S), 𝔣 cut to `MOST` of what is along n, its torque as it is measured (6)
+    - `force`: 𝔉_law of (S), 𝔣 cut to `LARGEST_RATIO` of what is along n, its torque as it is measured (6)
       [N, N m].
 
     The discrete state is 𝔣 (3), updated once in a period; zero at the start.
@@ -99,7 +99,7 @@ class TangentialFilter(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         force = self._port.Eval(context).copy()
         along, slow = self._direction @ force[:3], context.get_discrete_state_vector().value()
-        size, most = np.linalg.norm(slow), MOST * np.maximum(along, 0.0)
+        size, most = np.linalg.norm(slow), LARGEST_RATIO * np.maximum(along, 0.0)
         force[:3] = along * self._direction + (slow if size <= most else slow * (most / size))
         output.SetFromVector(force)
 
