@@ -72,3 +72,13 @@ def test_what_a_readme_links_to_is_there(path):
         assert page.exists(), target
         text = page / "README.md" if page.is_dir() else page
         assert not anchor or anchor in anchors(text), target
+
+
+def test_every_file_of_the_map_is_there():
+    package = ROOT / "uvms_drake"
+    text = (package / "README.md").read_text("utf-8")
+    named = set(re.findall(r"\b((?:\w+/)*\w+\.py)\b", text))
+    files = {str(path.relative_to(package)) for path in package.rglob("*.py")}
+    assert len(named) > 30
+    assert [name for name in sorted(named)
+            if name not in files and not any(f.endswith(f"/{name}") for f in files)] == []
