@@ -1,0 +1,115 @@
+"""Measured results: runs every shipped scenario, small campaigns and the benchmark; writes tables.
+
+`python examples/results/make_all.py` makes all pages of this folder again, with commit, date and
+machine; `--only scenarios` makes one of them. It takes an hour on two cores.
+"""
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import uvms_drake as uv
+from uvms_drake.station.scenario.scenario_file import shipped_scenarios
+
+FOLDER = Path(__file__).parent
+RUNS = 20
+"""Runs of a campaign."""
+
+
+def uvms_drake(*arguments: str) -> str:
+    """Returns the output of a command; one that fails other than by its verdict ends the script."""
+    done = subprocess.run([sys.executable, "-m", "uvms_drake", *arguments], capture_output=True,
+                          text=True, check=False)
+    if done.returncode not in (0, 1, 3):
+        raise SystemExit(f"uvms-drake {' '.join(arguments)}: {done.stderr}")
+    return done.stdout
+
+
+def provenance() -> str:
+    """Returns commit, date and machine."""
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=FOLDER, capture_output=True, text=True,
+                              check=True).stdout.strip()
+
+    dirty = " with local changes" if git("status", "--porcelain", "--untracked-files=no") else ""
+    return (f"Commit {git('rev-parse', '--short', 'HEAD')}{dirty}, "
+            f"{datetime.date.today().isoformat()}, {os.cpu_count()} cores ({platform.machine()}), "
+            f"Python {platform.python_version()}, uvms_drake {uv.__version__}.")
+
+
+def scenario_row(name: str, folder: Path) -> list[str]:
+    """Returns a row of the table of scenarios, from a run of it."""
+    command = ["run", name, "--output", str(folder), "--no-figures", "--no-replay"]
+    uvms_drake(*command, "--uncertified")
+    summary = json.loads((folder / "summary.json").read_text("utf-8"))
+    force, tube = summary["force"], summary["tube"]
+    used = f"{100.0 * tube['worst_e'] / tube['bound_e']:.0f} %" if tube.get("bound_e") else "–"
+    least = min((entry["margin"] / entry["limit"] for entry in summary["constraints"].values()
+                 if entry.get("limit")), default=np.nan)
+    settling = force.get("settling_time_s")
+    return [f"`{name}`", "yes" if tube["certified"] else "no",
+            f"{np.linalg.norm(force['desired'][:3]):.3g}", f"{force['final_error_norm']:.2g}",
+            "–" if settling is None else f"{settling:.1f}", used, f"{100.0 * least:.0f} %",
+            f"{summary['real_time_factor']:.2g}"]
+
+
+def scenarios() -> str:
+    """Returns the page of all shipped scenarios."""
+    head = ["scenario", "certified", "force [N]", "force error at the end [N]", "settling time [s]",
+            "largest part of the tube used", "smallest margin", "real-time factor"]
+    rows = [head, ["---"] * len(head)]
+    with tempfile.TemporaryDirectory() as folder:
+        for name in shipped_scenarios():
+            print(name, file=sys.stderr)
+            rows.append(scenario_row(name, Path(folder) / name))
+    return "# Shipped scenarios, one run each\n\n" + "\n".join(
+        f"| {' | '.join(row)} |" for row in rows)
+
+
+def campaigns() -> str:
+    """Returns the page of two small campaigns: a known and an unknown surface."""
+    parts = ["# Campaigns: randomised runs inside of the declared bounds"]
+    for name in ("girona500_ideal", "girona500_contact"):
+        print(f"campaign {name}", file=sys.stderr)
+        command = ["campaign", name, "--runs", str(RUNS), "--seed", "1"]
+        with tempfile.TemporaryDirectory() as folder:
+            text = uvms_drake(*command, "--output", folder)
+        text = "\n".join(line for line in text.splitlines() if folder not in line)
+        parts.append(f"`uvms-drake {' '.join(command)}`\n\n```\n{text.strip()}\n```")
+    return "\n\n".join(parts)
+
+
+def bench() -> str:
+    """Returns the page of step times."""
+    print("bench", file=sys.stderr)
+    with tempfile.TemporaryDirectory() as folder:
+        text = uvms_drake("bench", "--output", folder)
+    return f"# Step times\n\n`uvms-drake bench`\n\n```\n{text.strip()}\n```"
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "scenarios": scenarios, "campaigns": campaigns, "bench": bench}
+
+
+def main() -> None:
+    """Makes the pages that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=PAGES, nargs="+", default=list(PAGES))
+    for name in parser.parse_args().only:
+        page = PAGES[name]()
+        (FOLDER / f"{name}.md").write_text(
+            f"{page}\n\nMade by `python examples/results/make_all.py --only {name}`. "
+            f"{provenance()}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
