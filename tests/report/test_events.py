@@ -100,7 +100,7 @@ def test_a_disturbance_above_its_bound_is_measured_by_its_norm():
     pair = changed("effective_disturbance", slice(-3, None), [0.3, -0.4] + 8 * [0.0])
     assert of_kind(pair, "disturbance_exceeded") == [Event(
         pytest.approx(3.96), None, "disturbance_exceeded",
-        "all that disturbs above its bound of 0.1, at most 0.5")]
+        "whole disturbance above its bound of 0.1, at most 0.5")]
 
 
 @pytest.mark.parametrize(("channel", "value", "text"), [
@@ -114,7 +114,7 @@ def test_a_violated_limit_is_named(channel, value, text):
 
 def test_a_limited_command_is_an_event_that_alarms():
     assert of_kind(changed("input_limited", [50, 53], 1.0), "input_limited") == [Event(
-        pytest.approx(1.0), pytest.approx(1.08), "input_limited", "the command is limited")]
+        pytest.approx(1.0), pytest.approx(1.08), "input_limited", "the command saturates")]
     assert "input_limited" in ALARMING
 
 
@@ -126,7 +126,7 @@ def test_a_lost_force_says_how_far_it_retreats():
     event, = of_kind(replace(record, chi_nominal=chi, signals={"force_lost": lost}), "force_lost")
     assert "force_lost" in ALARMING
     assert (event.start, event.end) == (pytest.approx(1.02), pytest.approx(2.0))
-    assert event.text == "no reading of the force: it retreats, by at most 28.8 mm"
+    assert event.text == "no valid force measurement: retreat by at most 28.8 mm"
     assert of_kind(replace(record, signals={"force_lost": 0.0 * lost}), "force_lost") == []
 
 
@@ -161,7 +161,7 @@ def test_a_plan_that_was_kept_is_an_event_that_does_not_alarm():
 def test_another_desired_force_is_an_event_when_it_comes():
     record = changed("desired_force", slice(100, None), 25.0, channel=0)
     assert of_kind(record, "retarget") == [Event(
-        pytest.approx(2.0), pytest.approx(2.02), "retarget", "from now on 25 N are desired")]
+        pytest.approx(2.0), pytest.approx(2.02), "retarget", "new desired force of 25 N")]
     assert "retarget" not in ALARMING
     assert of_kind(synthetic_record(4.0), "retarget") == []
 
@@ -173,14 +173,14 @@ def test_another_place_across_the_wall_is_an_event_and_another_depth_is_none():
     target[100:, 1] = 0.05
     assert of_kind(replace(record, signals={**record.signals, "target": target}), "retarget") == [
         Event(pytest.approx(2.0), pytest.approx(2.02), "retarget",
-              "the tip is sent to another place across the wall")]
+              "the tip is sent to another point of the wall")]
 
 
 def test_a_desired_force_that_is_moved_is_one_event():
     moved = 20.0 + np.clip(np.arange(201.0) - 100.0, 0.0, 50.0) / 10.0
     (event,) = of_kind(changed("desired_force", slice(None), moved, channel=0), "retarget")
     assert (event.start, event.end) == (pytest.approx(2.02), pytest.approx(3.02))
-    assert event.text == "from now on 25 N are desired"
+    assert event.text == "new desired force of 25 N"
 
 
 def test_events_are_in_order():
@@ -208,7 +208,7 @@ def test_a_run_says_on_stderr_and_in_its_summary_what_is_alarming(tmp_path, caps
     assert any(line.endswith(" s: disturbance above its bound") for line in said)
     assert any(line.endswith(" s: left the bound along the run") for line in said)
     block = out[out.index("\nevents "):]
-    assert "all that disturbs above its bound of 0.1, at most " in block
+    assert "whole disturbance above its bound of 0.1, at most " in block
     assert "left the bound along the run: " in block
     assert LOGGER.handlers == []
 

@@ -353,7 +353,7 @@ def test_with_weights_the_disturbance_is_measured_by_the_bounds_of_its_component
         "applied": pytest.approx(0.3), "exceeded": 1}
     (event,) = [each for each in summary["events"] if each["kind"] == "disturbance_exceeded"]
     assert event["time_s"] == pytest.approx(record.time[7])
-    assert event["text"] == "all that disturbs above its bound of 0.1, at most 0.6"
+    assert event["text"] == "whole disturbance above its bound of 0.1, at most 0.6"
 
 
 @pytest.mark.parametrize(("above", "times"), [
@@ -419,9 +419,9 @@ def test_what_alarms_comes_first_and_the_rest_is_counted():
     text = format_summary(summary)
     block = text[text.index("\nevents ") + 1:].splitlines()
     assert len(block) == EVENT_LINES
-    assert block[0] == ("events        0.00 s to 0.02 s    all that disturbs above its bound of "
+    assert block[0] == ("events        0.00 s to 0.02 s    whole disturbance above its bound of "
                         "0.1, at most 3.16")
-    assert all("all that disturbs above" in line for line in block[:-1])
+    assert all("whole disturbance above" in line for line in block[:-1])
     assert block[-1].strip() == f"... and {number - EVENT_LINES + 1} more in summary.json"
 
 

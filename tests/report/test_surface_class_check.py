@@ -22,7 +22,7 @@ def motion(back=0.0):
     return tip, np.gradient(tip, TIME, axis=0)
 
 
-def seen(told=TOLD, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.0, place=PLACE, pull=0.0,
+def observed(specified=TOLD, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.0, place=PLACE, pull=0.0,
          back=0.0, hidden=None):
     """What is seen of a plane at an angle, on which the tip rubs against its motion."""
     into = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -37,11 +37,11 @@ def seen(told=TOLD, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.0, place=PLACE
     hidden = damping if hidden is None else hidden  # Of a tip that goes back.
     normal = static(tip) * np.maximum(1.0 + np.where(rate > 0.0, damping, hidden) * rate, 0.0)
     force = normal[:, None] * (into + mu * rubbed)
-    return departures(told, TIME, tip, v, force - pull * into, static)
+    return departures(specified, TIME, tip, v, force - pull * into, static)
 
 
 def test_a_wall_at_all_bounds_of_its_class_is_of_it():
-    assert seen() == {}
+    assert observed() == {}
 
 
 @pytest.mark.parametrize(("key", "changed"), [
@@ -49,19 +49,19 @@ def test_a_wall_at_all_bounds_of_its_class_is_of_it():
     ("angle and friction", {"angle": 0.3}), ("clearance", {"place": 0.03}),
     ("dissipation", {"damping": 4.0, "mu": 0.4}), ("angle and friction", {"pull": 30.0})])
 def test_what_is_not_of_the_class_is_named(key, changed):
-    found = seen(replace(TOLD, force_rate=1e6), **changed)
+    found = observed(replace(TOLD, force_rate=1e6), **changed)
     assert key in found
     if key == "stiffness":
         assert found == {"stiffness": (1000.0, pytest.approx(1100.0, rel=0.05))}
     if key == "clearance":
-        assert found[key].seen == pytest.approx(0.03, abs=1e-3)
+        assert found[key].observed == pytest.approx(0.03, abs=1e-3)
 
 
 def test_damping_that_hides_the_force_from_a_tip_that_goes_back_is_named():
-    told = replace(TOLD, friction=0.0, force_rate=1e6)
-    assert seen(told, mu=0.0, back=0.005) == {}
-    assert seen(told, mu=0.0, back=0.005, hidden=5.0)["dissipation"].seen > 4.0
+    specified = replace(TOLD, friction=0.0, force_rate=1e6)
+    assert observed(specified, mu=0.0, back=0.005) == {}
+    assert observed(specified, mu=0.0, back=0.005, hidden=5.0)["dissipation"].observed > 4.0
 
 
 def test_a_force_that_turns_faster_than_told_is_named():
-    assert set(seen(replace(TOLD, force_rate=1.0, force_ripple=0.5))) == {"force_ripple"}
+    assert set(observed(replace(TOLD, force_rate=1.0, force_ripple=0.5))) == {"force_ripple"}

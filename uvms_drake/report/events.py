@@ -1,9 +1,9 @@
-"""What happened in a run and when, from its record.
+"""Events of a run with their times, from its record.
 
-Everything is seen at the logged samples and at those of the MPC: an event lasts from the first
-sample at which it is so to the first at which it no longer is. What is logged and is interrupted
-for less than `GAP` is one event, so that a bouncing contact is not a list of bounces; `TubeMonitor`
-counts every exit.
+They are found at the logged samples and at those of the MPC: an event lasts from the first sample
+at which its condition holds to the first at which it no longer does. A logged condition that is
+interrupted for less than `GAP` is one event, so that a bouncing contact is not a list of bounces;
+`TubeMonitor` counts every exit.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.control.feedback.tube_monitor import FIELDS, SAID, beyond
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, LATE, TROUBLE
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT, TROUBLE
 from uvms_drake.report.signals import (
     constraint_signals,
     disturbance_above,
@@ -31,41 +31,42 @@ from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.record import Record
 
 ROUNDING = 1e-9
-"""Change of a place [m], a force [N] or a torque [N m] that is none."""
+"""Rounding of a place [m], a force [N] or a torque [N m]."""
 GAP = 0.1
 """Shortest interruption of a logged signal that makes two events of it [s]."""
 
 ALARMING = ("tube_left", "bound_left", "disturbance_exceeded", "limit_violated", "solver_failed",
             "solver_late", "sample_dropped", "state_lost", "force_lost", "input_limited")
-"""Kinds that are not as planned; the others are `contact`, from a touch to where it is lost,
-`settled`, `retarget`, `force_refused`, `plan_kept` and `hovering`."""
+"""Kinds that are alarms; the others are `contact`, from touch to loss, `settled`, `retarget`,
+`force_refused`, `plan_kept` and `hovering`."""
 
-MPC_KINDS = {FAILED: ("solver_failed", TROUBLE[FAILED]), LATE: ("solver_late", TROUBLE[LATE]),
+MPC_KINDS = {FAILED: ("solver_failed", TROUBLE[FAILED]),
+             TIMED_OUT: ("solver_late", TROUBLE[TIMED_OUT]),
              DROPPED: ("sample_dropped", TROUBLE[DROPPED]),
              KEPT: ("plan_kept", "the last plan was better and was kept"),
-             HOVERED: ("hovering", "keeps its place while its observers settle")}
+             HOVERED: ("hovering", "hovers while its observers settle")}
 """Kind and text of an event by the outcome of a sample of the MPC."""
 
 
 class Event(NamedTuple):
-    """Something that happened in a run."""
+    """Event of a run."""
 
     start: float
     """Begin of the event [s]."""
     end: float | None
     """End of the event [s]: `start` for an instant, None if it lasts to the end of the run."""
     kind: str
-    """Short and stable name: one of `ALARMING` or of the others there."""
+    """Short and stable name of the kind: one of `ALARMING` or of the others there."""
     text: str
     """Description in words and numbers."""
 
 
 class _Signal(NamedTuple):
-    """A signal that makes an event of each interval in which it holds."""
+    """Condition that makes an event of each interval in which it holds."""
 
     kind: str
     holds: np.ndarray
-    """Whether it holds at each sample (T,), or (K,) of the MPC."""
+    """Values of the condition at the samples (T,), or (K,) of the MPC."""
     text: Callable[[slice], str]
     """Description of an interval of samples."""
 
@@ -81,9 +82,9 @@ def intervals(holds: np.ndarray, time: np.ndarray, gap: float) -> list[slice]:
     """Returns the intervals of samples in which `holds`; those less than `gap` apart are one.
 
     Args:
-        holds: (T,) of bool.
-        time: Of the samples (T,) [s].
-        gap: [s].
+        holds: Values of the condition (T,).
+        time: Instants of the samples (T,) [s].
+        gap: Shortest gap between two intervals [s].
     """
     out: list[slice] = []
     for start, stop in np.flatnonzero(np.diff(holds, prepend=False, append=False)).reshape(-1, 2):
@@ -104,39 +105,38 @@ def _logged(record: Record) -> Iterator[_Signal]:
     """Yields the signals at the logged samples."""
     depth, bound = record.penetration, record.scenario.disturbance.d_bound
     d = record.scenario.disturbance.norm(record.effective_disturbance)
-    if motion_of(record.scenario).has_forces:  # Without them nothing is touched.
+    if motion_of(record.scenario).has_forces:
         yield _Signal("contact", depth > 0.0,
                       lambda when: f"contact, at most {1e3 * np.max(depth[when]):.3g} mm deep")
     desired = record.desired_force
     yield _Signal("retarget", _changed(desired), lambda when: _wanted_text(desired[when.stop - 1]))
-    if record.scenario.contact.felt:
+    if record.scenario.contact.is_sensed:
         n, target = sensed_contact(record.scenario).direction, record.signals["target"]
         yield _Signal("retarget", _changed(target - np.outer(target @ n, n)),
-                      lambda when: "the tip is sent to another place across the wall")
+                      lambda when: "the tip is sent to another point of the wall")
     radii = set_wise_radii(record.scenario)
     set_wise = np.array([radii.get(field, np.inf) for field in FIELDS])
     yield _deviation("tube_left", SAID[0], record, set_wise)
     yield _deviation("bound_left", SAID[1], record, record.tube_bound)
     yield _Signal("disturbance_exceeded", disturbance_above(record),
-                  lambda when: f"all that disturbs above its bound of {bound:.3g}, at most "
+                  lambda when: f"whole disturbance above its bound of {bound:.3g}, at most "
                                f"{np.max(d[when]):.3g}")
     yield _Signal("state_lost", record.state_lost > 0.0, lambda when: "the measured state is lost")
     if "force_lost" in record.signals:
         yield _Signal("force_lost", record.signals["force_lost"][:, 0] > 0.0,
                       partial(_retreat_text, record))
     yield _Signal("input_limited", record.input_limited > 0.0,
-                  lambda when: "the command is limited")
+                  lambda when: "the command saturates")
     for name, (signal, limit) in constraint_signals(record).items():
         excess = limit - signal if name.endswith("_min") else signal - limit
         yield _Signal("limit_violated", excess > 0.0, partial(_limit_text, name, excess))
 
 
 def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Signal:
-    """Returns where a deviation is above one of its bounds, (6,) or (T, 6), as `TubeMonitor` does.
+    """Returns the condition that a deviation is above one of its bounds, (6,) or (T, 6).
 
-    A log is made just before the MPC plans anew at the same instant and the monitor looks just
-    after it, which is the same where the nominal motion is continuous. The end of the run is
-    logged, and the monitor does not look at it.
+    `TubeMonitor` evaluates it just after the MPC's step at the same instant and the log just
+    before, which is the same for a continuous nominal motion. Only the log has the end of the run.
     """
     norms, floor = record.tube_deviation, monitor_floor(record.scenario)
     watched = record.time >= monitor_begin(record.scenario, bool(record.certified))
@@ -144,7 +144,7 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
     ratios = np.where(left, norms / np.maximum(bounds, floor), 0.0)
 
     def text(when: slice) -> str:
-        """Says which part deviated most, over its bound."""
+        """Names the component with the largest deviation over its bound."""
         worst = np.max(ratios[when], axis=0)
         part = int(np.argmax(worst))
         return f"{said}: {FIELDS[part]} at most {worst[part]:.3g} of its bound"
@@ -153,10 +153,10 @@ def _deviation(kind: str, said: str, record: Record, bounds: np.ndarray) -> _Sig
 
 
 def _retreat_text(record: Record, when: slice) -> str:
-    """Says how far the plan has gone from where it was at the beginning."""
+    """Describes the largest displacement of the plan from its position at the beginning."""
     place = record.chi_nominal[when, :3]
-    way = np.max(np.linalg.norm(place - place[0], axis=1))
-    return f"no reading of the force: it retreats, by at most {1e3 * way:.3g} mm"
+    displacement = np.max(np.linalg.norm(place - place[0], axis=1))
+    return f"no valid force measurement: retreat by at most {1e3 * displacement:.3g} mm"
 
 
 def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
@@ -164,12 +164,12 @@ def _limit_text(name: str, excess: np.ndarray, when: slice) -> str:
 
 
 def _changed(values: np.ndarray) -> np.ndarray:
-    """Returns where values (T, size) are not what they were at the sample before (T,)."""
+    """Returns whether values (T, size) differ from those of the sample before (T,)."""
     return np.any(np.abs(np.diff(values, axis=0, prepend=values[:1])) > ROUNDING, axis=1)
 
 
 def _wanted_text(desired: np.ndarray) -> str:
-    return f"from now on {np.linalg.norm(desired):.4g} {wrench_unit(desired)} are desired"
+    return f"new desired force of {np.linalg.norm(desired):.4g} {wrench_unit(desired)}"
 
 
 def _sampled(record: Record) -> Iterator[_Signal]:

@@ -1,4 +1,4 @@
-"""How the figures of this package look: column width, Okabe–Ito colours, one legend on top."""
+"""Style of the figures of this package: column width, Okabe–Ito colours, one legend on top."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullL
 
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
 PURPLE = "#CC79A7"
-"""Colours of Okabe and Ito's palette, told apart with every kind of colour vision."""
+"""Colours of Okabe and Ito's palette, distinct with every kind of colour vision."""
 XYZ = (BLUE, VERMILION, GREEN)
 DARKER = ("#00395A", "#6B2F00", "#004F3A")
 """The same three colours, of half the lightness."""
@@ -57,7 +57,7 @@ TIGHTENED: dict[str, Any] = {**LIMIT, "color": VERMILION, "linestyle": (0, (1, 1
 
 
 def tube_label(certified: bool) -> str:
-    """Returns what every figure with a tube says about it."""
+    """Returns the label of the tube in every figure."""
     return "certified tube" if certified else "tube declared, not certified"
 
 
@@ -67,10 +67,10 @@ def panels(rows: int, height: float, columns: int = 1, sharex: bool = True,
 
     Args:
         rows: Number of rows.
-        height: Of the figure [in].
+        height: Height of the figure [in].
         columns: Number of columns.
         sharex: Whether all axes show the same time.
-        ratios: Heights of the rows, relative; they are alike if left out.
+        ratios: Relative heights of the rows; equal if left out.
     """
     figure = Figure(figsize=(COLUMN_WIDTH * columns, height), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=ratios)
@@ -97,13 +97,13 @@ def real_and_nominal(axis: Axes, time: np.ndarray, real: np.ndarray, nominal: np
 
 
 def margin_above_zero(axis: Axes) -> None:
-    """Lets the y axis start at zero and leaves a little room above the highest line."""
+    """Starts the y axis at zero, with a small margin above the highest line."""
     highest = max(float(np.max(np.asarray(line.get_ydata()))) for line in axis.get_lines())
     axis.set_ylim(0.0, 1.12 * highest if highest > 0.0 else 1.0)
 
 
 def instant(axis: Axes, time: float, text: str, align: str = "left") -> None:
-    """Marks an instant [s] by a thin line with a word above it, which begins or ends there."""
+    """Marks an instant [s] by a thin line with a word above it, aligned to it."""
     axis.axvline(time, color="0.35", linewidth=0.6)
     axis.annotate(text, (time, 1.0), (0.0, 1.0), xycoords=axis.get_xaxis_transform(),
                   textcoords="offset points", fontsize=6, color="0.35", va="bottom", ha=align)
@@ -121,7 +121,7 @@ def legend_over(axis: Axes, columns: int) -> None:
 
 
 def real_nominal_tube_above(figure: Figure, certified: bool) -> None:
-    """Puts a legend on top that tells real, nominal and tube apart where colour does not."""
+    """Puts a legend of real, nominal and tube on top, by line style alone."""
     handles = [Line2D([], [], color="0.45", label="real"),
                Line2D([], [], color="0.2", linewidth=0.8, linestyle="--", label="nominal"),
                Patch(color="0.8", label=tube_label(certified))]

@@ -1,4 +1,4 @@
-"""The figures of a run, one idea each, at the width of a column in a paper."""
+"""Figures of a run, one idea each, at the width of a column in a paper."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -51,9 +51,9 @@ JOINTS, THRUSTERS, MISSION, COVERAGE = (
     "joints.png", "thrusters.png", "mission.png", "coverage.png")
 UNCERTIFIED = "run without a certificate"
 SAME = 1e-12
-"""Difference of the components of a disturbance that counts as none [m/s², rad/s²]."""
+"""Rounding of the components of a disturbance [m/s², rad/s²]."""
 FAINT = 0.05
-"""Part of a bound below which deviations are drawn by their logarithm: else they are the axis."""
+"""Fraction of a bound below which deviations have a logarithmic axis, to stay visible."""
 
 
 def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, float] | None = None
@@ -62,7 +62,7 @@ def make_figures(record: Record, output_dir: str | Path, bounds: Mapping[str, fl
 
     Args:
         record: Record of the run.
-        output_dir: Folder of the files, made if it is not there.
+        output_dir: Folder of the files, created if missing.
         bounds: Ultimate bounds of the run's certificate, if it has one.
     """
     figures = FIGURES | {"force.png": partial(
@@ -92,8 +92,8 @@ def figures_of(scenario: Scenario) -> list[str]:
 
 
 def draw_contact(record: Record, certified: float | None = None) -> Figure:
-    """Draws the force on a surface; with what is known of the surface, if it is felt."""
-    draw = draw_contact_estimate if record.scenario.contact.felt else draw_force
+    """Draws the force on a surface; for a sensed contact, with the contact estimate."""
+    draw = draw_contact_estimate if record.scenario.contact.is_sensed else draw_force
     return draw(record, certified)
 
 
@@ -185,7 +185,7 @@ def draw_inputs(record: Record) -> Figure:
 def draw_disturbance(record: Record) -> Figure:
     """Draws the components of d, or w, and its norm against the bound.
 
-    The norm of the effective disturbance is drawn too, where it is another one.
+    The norm of the effective disturbance is drawn too, if it differs.
     """
     figure, axes = panels(2, 2.8)
     motion = motion_of(record.scenario)
@@ -194,7 +194,7 @@ def draw_disturbance(record: Record) -> Figure:
     alike = float(np.max(np.ptp(record.disturbance, axis=1))) < SAME
     if alike:
         axes[0].plot(record.time, record.disturbance[:, 0], color=BLUE,
-                     label=f"each of the {record.disturbance.shape[1]} components: they are alike")
+                     label=f"each of the {record.disturbance.shape[1]} components, all equal")
     for block, color, name in zip(blocks, XYZ, motion.disturbance_blocks, strict=False):
         if not alike:
             axes[0].plot(record.time, record.disturbance[:, block], color=color, linewidth=0.7,
@@ -205,7 +205,7 @@ def draw_disturbance(record: Record) -> Figure:
     axes[1].plot(record.time, norm, color="0.35", label="applied")
     if not np.allclose(norm, effective, atol=1e-6):
         axes[1].plot(record.time, effective, color=ORANGE, linewidth=0.8,
-                     label="with what the controller does not know")
+                     label="with model errors and the water's motion")
     bound = declared.d_bound
     axes[1].axhline(bound, **{**LIMIT, "label": rf"bound $\tilde{{{symbol}}}$ = {bound:.3g}"})
     axes[0].set_ylabel(f"${symbol}_i$ [{unit}]")
@@ -218,7 +218,7 @@ def draw_disturbance(record: Record) -> Figure:
 
 
 def draw_mpc(record: Record) -> Figure:
-    """Draws the MPC's step time, failed samples, how many limits mattered, and its slack."""
+    """Draws the MPC's step time, failed samples, active rows of limits, and terminal slack."""
     figure, axes = panels(3, 3.6)
     step_ms, sound = 1e3 * record.step_seconds, np.isin(record.mpc_status, (SOLVED, KEPT))
     failed = ~sound & (record.mpc_status != HOVERED)
@@ -244,7 +244,7 @@ def draw_mpc(record: Record) -> Figure:
 
 
 def draw_deviation(record: Record) -> Figure:
-    """Draws how far the real state is from the nominal one, against both bounds of the tube."""
+    """Draws the deviation of the real from the nominal state, and both bounds of the tube."""
     figure, axes = panels(2, 2.8)
     tube = record.scenario.tube
     error = "y" if record.scenario.ancillary.protects_joints else r"\chi"
@@ -271,7 +271,7 @@ def draw_deviation(record: Record) -> Figure:
 
 
 def _name_tube(axis: Axes, record: Record, taken: float | None = None) -> None:
-    """Says above an axis where the tightened limits come from."""
+    """Names above an axis the tube that tightened the limits."""
     by = "" if taken is None else f", by {1e3 * taken:.2g} mrad"
     axis.set_title(f"tightened by the {tube_label(bool(record.certified))}{by}")
 

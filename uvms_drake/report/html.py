@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file with everything in it, to be mailed, read and printed."""
+"""Report of a run: one self-contained HTML file."""
 
 import base64
 import html
@@ -48,42 +48,42 @@ summary { cursor: pointer; color: var(--blue); }
 """
 
 PORTRAIT = "robot.png"
-"""The figure that comes before everything else."""
+"""First figure of the report."""
 CAPTIONS = {
-    PORTRAIT: "The robot at the end, seen by parallel rays; in red the way of its end-effector and "
-              "its force.",
+    PORTRAIT: "The robot at the end, in parallel projection; in red the path of its end-effector "
+              "and its force.",
     "task_error.png": "Task error χ − χ_des, and the same close to zero with the tube.",
-    "force.png": "Force on the surface, and penetration with its limit in a plane that is known; "
-                 "after an approach, also the force from first contact to settling.",
-    "mission.png": "Force over the time and along each line, with the bands of the mission's "
-                   "steps, and how far the tip is off the line.",
-    "coverage.png": "The wall as the tool faces it: every reading at its place, coloured by the "
-                    "force that was felt; the circles and lines are what the mission asked for.",
+    "force.png": "Force on the surface, and penetration with its limit in a known plane; after an "
+                 "approach, also the force from first contact to settling.",
+    "mission.png": "Force over time and along each line, with the bands of the mission's steps, "
+                   "and the distance of the tip from the line.",
+    "coverage.png": "The wall as the tool faces it: every measurement at its place, coloured by "
+                    "force; the circles and lines are the mission's.",
     "velocities.png": "Velocities of vehicle and joints with their limits.",
     "joints.png": "Joint angles with their limits.",
     "inputs.png": "Acceleration commands with their limits.",
     "disturbance.png": "Disturbance and its bound.",
-    "mpc.png": "Time of each step of the MPC, how many rows of limits it held, and the slack of "
-               "the terminal set.",
+    "mpc.png": "Time of each step of the MPC, its active rows of limits, and the slack of the "
+               "terminal set.",
     "deviation.png": "Deviation of the real from the nominal motion, and its bounds.",
     "position_errors.png": "Position errors, as in the paper.",
     "orientation_errors.png": "Orientation errors, as in the paper.",
     "input_norms.png": "Norms of the inputs, as in the paper.",
 }
-FELT = {
-    "force.png": "Force along the direction into the wall, real and felt; how deep tip and plan "
-                 "are, what is explored, and where the wall begins, in truth and as believed; the "
-                 "slope that is learned; what happened; and the depths at the contact, enlarged.",
+SENSED_CAPTIONS = {
+    "force.png": "Force along the direction into the wall, real and measured; depth of tip, plan, "
+                 "safe region and wall, real and estimated; estimated stiffness; events; and the "
+                 "depths at the contact, enlarged.",
 }
-"""Captions of a contact that is felt, in place of those."""
+"""Captions of a sensed contact, in place of those."""
 WIDE = (PORTRAIT, "task_error.png", "inputs.png")
 
 
 def load_run(folder: Path) -> tuple[Record, Certificate | None]:
-    """Returns the record and the certificate, if it has one, of a folder that a run has written.
+    """Returns the record and the certificate, if any, of a folder that a run has written.
 
     Raises:
-        InvalidParameter: It is no such folder, or the certificate in it is not the run's.
+        InvalidParameter: Not such a folder, or a certificate of another run.
     """
     def refused(why: str) -> InvalidParameter:
         return InvalidParameter("DIR", str(folder), f"a folder that 'run' has written ({why})")
@@ -116,13 +116,13 @@ def format_report(record: Record, figures: Sequence[Path], certificate: Certific
 
     Args:
         record: Record of the run.
-        figures: PNG files to put in.
-        certificate: Certificate of the run, if it has one.
+        figures: PNG files to embed.
+        certificate: Certificate of the run, if any.
     """
     scenario = record.scenario
     summary: dict[str, Any] = summarise(record)
     title = html.escape(scenario.name)
-    captions = CAPTIONS | (FELT if scenario.contact.felt else {})
+    captions = CAPTIONS | (SENSED_CAPTIONS if scenario.contact.is_sensed else {})
     drawn = {path.name: _figure(path, captions.get(path.name)) for path in figures}
     portrait = drawn.pop(PORTRAIT, "")
     parts = [

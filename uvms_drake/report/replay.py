@@ -1,4 +1,4 @@
-"""A run as an animation, or as a still, in one HTML file that needs no server."""
+"""Animation or still of a run in one HTML file that needs no server."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from uvms_drake.visual.objects.contact_knowledge import contact_knowledge_from
 from uvms_drake.visual.scene import Moment, Scene
 
 MOST_FRAMES = 1800
-"""Largest number of pictures in a replay, of 4 kB each; the browser moves things in between."""
+"""Largest number of pictures in a replay, of 4 kB each; the browser interpolates."""
 
 
 def write_replay(record: Record, path: Path) -> None:
@@ -34,7 +34,7 @@ def write_still(record: Record, time: float, path: Path, *, close: bool = False)
         record: Record of the run.
         time: Instant [s].
         path: File to write.
-        close: Whether only what is about the end-effector is in it.
+        close: Whether it is a close-up of the end-effector.
     """
     meshcat = Meshcat()
     scene = _scene(record, meshcat)
@@ -54,18 +54,18 @@ def _scene(record: Record, meshcat: Meshcat) -> Scene:
 def moment_of(record: Record, index: int) -> Moment:
     """Returns the picture at a sample of a record.
 
-    The plans are not in a record: the path is the one that the nominal robot then took, in the
-    length of the horizon.
+    A record has no plans: the path is the one that the nominal robot then took over the horizon.
     """
     mpc = record.scenario.mpc
-    ahead = record.time[index] + mpc.time_step * np.arange(mpc.horizon + 1)
-    path = np.column_stack([np.interp(ahead, record.time, x)
+    future = record.time[index] + mpc.time_step * np.arange(mpc.horizon + 1)
+    path = np.column_stack([np.interp(future, record.time, x)
                             for x in record.chi_nominal[:, :3].T])
     return Moment(state=record.state[index], nominal_state=record.nominal_state[index],
                   u=record.u[index], nominal_input=record.nominal_input[index],
                   desired_force=record.desired_force[index], path=path,
                   force=record.force[index],
-                  known=contact_knowledge_from({name: x[index] for name, x in record.signals.items()}))
+                  known=contact_knowledge_from(
+                      {name: x[index] for name, x in record.signals.items()}))
 
 
 def frame_indices(time: np.ndarray, rate: float) -> np.ndarray:

@@ -12,15 +12,15 @@ from uvms_drake.station.motions.motions import limits_of
 from uvms_drake.station.record import Record
 
 BOUND_SLACK, BOUND_FLOOR = 1e-6, 1e-9
-"""Relative and absolute excess [m/s², rad/s²] that is rounding of a disturbance of exactly d̃."""
+"""Relative and absolute rounding [m/s², rad/s²] of a disturbance of exactly d̃."""
 AROUND, HALVINGS = 0.5, 20
-"""Distance within which a surface is looked for [m], and how often 5 mm of it are halved."""
+"""Search distance for a surface [m], and number of bisections of 5 mm of it."""
 STEP = 1e-5
 """Step of the difference for the slope of a force [m]."""
 
 
 def disturbance_above(record: Record) -> np.ndarray:
-    """Returns whether all that disturbs is outside of ‖Ŵ⁻¹d‖₂ ≤ d̃ (T,), if that is declared."""
+    """Returns whether the effective disturbance violates ‖Ŵ⁻¹d‖₂ ≤ d̃ (T,), if declared."""
     declared = record.scenario.disturbance
     if not bounds_disturbance(record.scenario, bool(record.certified)):
         return np.zeros(len(record.time), dtype=bool)
@@ -42,8 +42,8 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
     """Returns for each constraint g(t) ≤ limit the signal g (T,) and the limit, by name.
 
     The lower joint limits q_min ≤ q are the exception: there the signal must stay above. The static
-    force is that of the pose, at rest, on the surface as the controller knows it: a limit of how
-    far the end-effector goes into it.
+    force is that of the pose, at rest, on the controller's model of the surface: a limit of the
+    penetration.
     """
     y = np.concatenate([record.chi, record.config[:, 6:]], axis=1)
     at = Points(record.model, record.config, y, record.zeta, record.u, record.tau)
@@ -52,7 +52,7 @@ def constraint_signals(record: Record) -> dict[str, tuple[np.ndarray, float]]:
 
 
 def constraint_units(record: Record) -> dict[str, str]:
-    """Returns the units of `constraint_signals` by the same names, empty where it is not known."""
+    """Returns the units of `constraint_signals` by the same names; empty if unknown."""
     y = np.concatenate([record.chi[0], record.config[0, 6:]])
     at = Points(record.model, record.config[0], y, record.zeta[0], record.u[0], record.tau[0])
     return {name: limit.unit_of(name) for limit in real_limits(record).values()
@@ -60,15 +60,15 @@ def constraint_units(record: Record) -> dict[str, str]:
 
 
 def wrench_unit(desired: Sequence[float] | np.ndarray) -> str:
-    """Returns the unit of 𝔉 and its errors by what 𝔉_des (6,) has: a force, a torque or both."""
+    """Returns the unit of 𝔉 and its errors for 𝔉_des (6,): of a force, a torque or both."""
     force, torque = np.any(desired[:3]), np.any(desired[3:])
     return "N, N m" if force and torque else "N m" if torque else "N"
 
 
 def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns n·𝔭 (T,) [m] where the tip would first touch the surface if it went on along n.
+    """Returns the depth n·𝔭 (T,) [m] at which the tip first touches the surface along n.
 
-    It is looked for from `AROUND` behind the tip to as far ahead; NaN where there is none.
+    The search is over `AROUND` on both sides of the tip; NaN if there is no surface.
 
     Args:
         surface: The surface.
@@ -87,20 +87,20 @@ def surface_depth(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> n
 
 
 def surface_slope(surface: Surface, chi: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns by how much the static force rises along n (T,) [N/m]; NaN without contact.
+    """Returns the stiffness along n, the slope of the static force (T,) [N/m]; NaN without contact.
 
     Args:
         surface: The surface.
         chi: Poses of the end-effector (T, 6) [m, rad].
         direction: Unit vector n into the surface (3,).
     """
-    ahead = STEP * np.pad(direction, (0, 3))
-    rise = (surface.static_force(chi + ahead) - surface.static_force(chi - ahead)) / (2.0 * STEP)
-    return np.where(surface.penetration(chi - ahead) > 0.0, rise, np.nan)
+    step = STEP * np.pad(direction, (0, 3))
+    rise = (surface.static_force(chi + step) - surface.static_force(chi - step)) / (2.0 * STEP)
+    return np.where(surface.penetration(chi - step) > 0.0, rise, np.nan)
 
 
 def settling_index(error: np.ndarray, tolerance: float) -> int | None:
-    """Returns the first sample from which on `error` (T,) stays within `tolerance`, or None."""
+    """Returns the first sample after which `error` (T,) stays within `tolerance`, or None."""
     outside = np.flatnonzero(error > tolerance)
     first = int(outside[-1]) + 1 if len(outside) else 0
     return first if first < len(error) else None

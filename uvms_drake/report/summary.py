@@ -13,7 +13,7 @@ import numpy as np
 from uvms_drake.common.jsonable import jsonable
 from uvms_drake.common.program import VERSION
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, LATE
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT
 from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.surface.law import check_surface
@@ -81,9 +81,9 @@ def summarise_mpc(record: Record) -> dict[str, object]:
     return {
         "solves": np.count_nonzero(status != DROPPED),
         "failures": np.count_nonzero(status == FAILED),
-        "late": np.count_nonzero(status == LATE),
+        "late": np.count_nonzero(status == TIMED_OUT),
         "dropped": np.count_nonzero(status == DROPPED),
-        "fallbacks": np.count_nonzero((status == FAILED) | (status == LATE)),
+        "fallbacks": np.count_nonzero((status == FAILED) | (status == TIMED_OUT)),
         "kept": np.count_nonzero(status == KEPT),
         "step_ms": {**quantiles, "max": np.max(step_ms, initial=0.0) if len(step_ms) else None},
         "refused_targets": np.count_nonzero(record.mpc_refused),
@@ -143,8 +143,8 @@ def _summarise_class(record: Record) -> dict[str, object]:
 
     Nothing if the contact is not felt. At the instants of the log, so at least these.
     """
-    told = record.model.surface.contact
-    if told is None:
+    specified = record.model.surface.contact
+    if specified is None:
         return {}
     surface = check_surface(true_surface(record.scenario))
     config, zeta = np.split(record.state, 2, axis=1)
@@ -155,8 +155,8 @@ def _summarise_class(record: Record) -> dict[str, object]:
         attitude = np.broadcast_to(record.chi[0, 3:], (len(places), 3))
         return surface.static_force(np.concatenate([places, attitude], axis=1))
 
-    seen = departures(told, record.time, record.chi[:, :3], velocity, record.force[:, :3], static)
-    return {"out_of_class": {key: each._asdict() for key, each in seen.items()}}
+    observed = departures(specified, record.time, record.chi[:, :3], velocity, record.force[:, :3], static)
+    return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 
 def _overshoot(normal: np.ndarray, desired: float, settled: int | None) -> dict[str, object]:
@@ -307,8 +307,8 @@ def _format_contact(contact: dict) -> list[str]:
 
 def _format_class(contact: dict) -> list[str]:
     out = contact.get("out_of_class", {})
-    return [f"{'' if i else 'NOT OF ITS CLASS':<18}contact.{key} is {row['told']:.3g}, seen was "
-            f"{row['seen']:.3g}" for i, (key, row) in enumerate(out.items())]
+    return [f"{'' if i else 'NOT OF ITS CLASS':<18}contact.{key} is {row['specified']:.3g}, seen was "
+            f"{row['observed']:.3g}" for i, (key, row) in enumerate(out.items())]
 
 
 def _format_constraints(constraints: dict) -> list[str]:

@@ -1,4 +1,4 @@
-"""How much of its thrusters a run takes: numbers for the summary, and a figure."""
+"""Use of the thrusters in a run: numbers for the summary, and a figure."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,27 +11,27 @@ from uvms_drake.station.scenario.scenario import Scenario
 
 
 def part_of(scenario: Scenario) -> Thrusters | None:
-    """Returns the robot's thrusters among the parts of a scenario, if they are there."""
+    """Returns the robot's thrusters among the parts of a scenario, if any."""
     return next((part for part in scenario.actuation if type(part) is Thrusters), None)
 
 
 def thrusters_of(record: Record) -> ThrusterModel:
-    """Returns the thrusters of a run, which has some, as the controller knows them."""
+    """Returns the controller's model of the thrusters of a run that has some."""
     part = part_of(record.scenario)
     assert part is not None
     return part.known(record.model)
 
 
 def at_limit(thrusters: ThrusterModel, command: np.ndarray) -> np.ndarray:
-    """Returns whether commands (T, m) are the least or the largest ones (T, m)."""
+    """Returns whether commands (T, m) are at the lower or upper limit (T, m)."""
     ends = np.array([curve.command[[0, -1]] for curve in thrusters.curves])
     return (command <= ends[:, 0]) | (command >= ends[:, 1])
 
 
 def summarise_thrusters(record: Record) -> dict[str, object]:
-    """Returns by name the forces [N], the limits, and for which share of the time they bind.
+    """Returns by name the forces [N], the limits, and the share of the time at a limit.
 
-    The limits are those that the controller knows. Nothing if the wrench is ideal.
+    The limits are those of the controller's model. Empty if the wrench is ideal.
     """
     if part_of(record.scenario) is None:
         return {}
@@ -53,7 +53,7 @@ def format_thrusters(rows: dict[str, dict[str, float]]) -> list[str]:
 
 
 def draw_thrusters(record: Record) -> Figure:
-    """Draws the force of each thruster, what is commanded, its limits and its dead band."""
+    """Draws the force of each thruster, its command, limits and dead band."""
     thrusters, command = thrusters_of(record), record.signals["thruster_command"]
     asked = np.array([thrusters.forces_of(row) for row in command])
     columns = 1 + (thrusters.size % 2 == 0)
@@ -67,7 +67,7 @@ def draw_thrusters(record: Record) -> Figure:
             axis.axhline(limit, **LIMIT)
         smallest = thrusters.smallest[i]
         axis.axhspan(-smallest, smallest, color=BLACK, alpha=0.15, linewidth=0,
-                     label="too small to be had")
+                     label="dead band")
         axis.set_ylabel(f"{name.replace('_', ' ')}\n[N]")
     legend_above(figure, axes[0], columns=2)
     return figure

@@ -22,4 +22,4 @@ def test_parts_are_on_top_of_each_other_up_to_the_radius():
     assert joints.lines[0].get_ydata()[0] == pytest.approx(50.0)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [
-        "d", "lag", "all others", "what limits leave"]
+        "d", "lag", "all others", "available margin"]

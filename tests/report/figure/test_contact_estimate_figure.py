@@ -122,4 +122,4 @@ def test_it_is_the_file_of_the_force_with_a_caption_of_its_own(record, tmp_path)
     (path,) = [path for path in paths if path.name == "force.png"]
     assert matplotlib.image.imread(path).shape[1] == COLUMN_WIDTH * STYLE["savefig.dpi"]
     page = format_report(record, [path], None)
-    assert "explored" in page[page.index("<figcaption>"):page.index("</figcaption>")]
+    assert "safe region" in page[page.index("<figcaption>"):page.index("</figcaption>")]

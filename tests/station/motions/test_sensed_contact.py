@@ -56,7 +56,7 @@ def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path
     record = simulate(close_to_the_wall("surface.law.stiffness=4000.0", "duration=2.5"))
     summary = summarise(replace(record, certified=True))
     seen = summary["contact"]["out_of_class"]["stiffness"]
-    assert seen == {"told": 1000.0, "seen": pytest.approx(4000.0, rel=0.05)}
+    assert seen == {"specified": 1000.0, "observed": pytest.approx(4000.0, rel=0.05)}
     summary["constraints"] = {}
     assert _report(summary, tmp_path, []) == BROKEN
     assert "NOTHING WAS PROMISED of this wall" in capsys.readouterr().out

@@ -142,8 +142,8 @@ class SensedContact:
         E = off.depth + tilt * off.position
         apart = 2.0 * tilt * recedes
         s = off.depth_speed + tilt * off.speed + apart
-        d, aside = self.dissipation * s, self.friction * np.sin(self.angle)
-        least, most = np.cos(self.angle) - aside, np.cos(self.angle) + aside
+        d, lateral = self.dissipation * s, self.friction * np.sin(self.angle)
+        least, most = np.cos(self.angle) - lateral, np.cos(self.angle) + lateral
         if d >= 1.0 or least <= 0.0:
             return float(np.inf)
         before = (force + self.force_error + self.stiffness * (E + short)) / (least * (1.0 - d))

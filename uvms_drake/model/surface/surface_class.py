@@ -62,7 +62,7 @@ class SurfaceClass:
         """Returns x = n·𝔭 (...) [m], what the tip's position 𝔭 (..., 3) is along n."""
         return point @ self.direction
 
-    def aside(self, motion: np.ndarray) -> np.ndarray:
+    def lateral(self, motion: np.ndarray) -> np.ndarray:
         """Returns ‖P_t m‖ (...), the part across n of a vector m (..., 3)."""
         return np.linalg.norm(motion - self.depth(motion)[..., None] * self.direction, axis=-1)
 
@@ -94,7 +94,7 @@ class SurfaceClass:
         return places
 
     def around(self, motion: np.ndarray) -> np.ndarray:
-        """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `aside`."""
+        """Returns ‖P_t m‖₁ (...), in t₁ and t₂, of a vector m (..., 3); not less than `lateral`."""
         return np.sum(np.abs(self.across(motion)), axis=-1)
 
     def advance(self, motion: np.ndarray) -> np.ndarray:
@@ -102,7 +102,7 @@ class SurfaceClass:
 
         ⟨m + λn⟩ = ⟨m⟩ + λ, and ⟨m + m'⟩ ≤ ⟨m⟩ + ⟨m'⟩ by the triangle inequality.
         """
-        return self.depth(motion) + self.tilt * self.aside(motion)
+        return self.depth(motion) + self.tilt * self.lateral(motion)
 
     @cached_property
     def share(self) -> float:

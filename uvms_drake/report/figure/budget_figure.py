@@ -1,4 +1,4 @@
-"""The figure of a certificate's budget: who takes how much of each radius, and what is left."""
+"""Figure of a certificate's error budget: each radius by source, and the available margin."""
 
 from collections.abc import Mapping
 
@@ -17,20 +17,20 @@ from uvms_drake.report.figure_style import (
 )
 
 UNITS = {"attitude": "mrad", "joints": "mrad", "depth_speed": "mm/s", "contact_speed": "mm/s"}
-"""Units of the radii that are no lengths in millimetres."""
+"""Units of the radii other than lengths in millimetres."""
 COLORS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 HATCHES = ("", "////", "....")
-"""One for each time that the colours are used again."""
+"""Hatches of successive cycles through the colours."""
 VISIBLE = 0.01
-"""Part of the largest share of any radius from which on a source has a name in the legend."""
+"""Smallest share of a source in any radius that has an entry in the legend."""
 
 
-def draw_budget(budget: Mapping[str, Mapping[str, float]], room: Mapping[str, float]) -> Figure:
-    """Draws a bar for each radius, the parts of its sources one on top of the other.
+def draw_budget(budget: Mapping[str, Mapping[str, float]], margins: Mapping[str, float]) -> Figure:
+    """Draws a bar for each radius, stacked by source.
 
     Args:
-        budget: Parts of radii by source, finite.
-        room: What limits leave of some of them.
+        budget: Contributions to the radii by source, finite.
+        margins: Available margins of some radii.
     """
     figure = Figure(figsize=(2.0 * COLUMN_WIDTH, 2.6), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(budget)))
@@ -45,11 +45,11 @@ def draw_budget(budget: Mapping[str, Mapping[str, float]], room: Mapping[str, fl
                      hatch=HATCHES[i // len(COLORS) % len(HATCHES)], edgecolor="white",
                      linewidth=0.4, label=source)
             below += part
-        rest = 1e3 * sums[name] - below
-        if rest > 0.0:
-            axis.bar(0.0, rest, bottom=below, color="0.8", label="all others")
-        if name in room:
-            axis.axhline(1e3 * room[name], **{**LIMIT, "label": "what limits leave"})
+        remainder = 1e3 * sums[name] - below
+        if remainder > 0.0:  # Sources without an entry in the legend.
+            axis.bar(0.0, remainder, bottom=below, color="0.8", label="all others")
+        if name in margins:
+            axis.axhline(1e3 * margins[name], **{**LIMIT, "label": "available margin"})
         axis.set_title(f"{name.replace('_', ' ')} [{UNITS.get(name, 'mm')}]")
         axis.set_xticks([])
         axis.set_ylim(bottom=0.0)

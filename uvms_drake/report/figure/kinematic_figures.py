@@ -1,7 +1,7 @@
 """The three result figures of the paper, in its layout: real solid, nominal dashed, time below.
 
-Figure by figure they go side by side with those of Nikou, Verginis and Dimarogonas (2018): position
-errors, orientation errors (angles modulo 2π), and the norms of the inputs with their limit.
+They compare one by one with those of Nikou, Verginis and Dimarogonas (2018): position errors,
+orientation errors (angles modulo 2π), and the norms of the inputs with their limit.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ def draw_orientation_errors(record: Record) -> Figure:
 
 
 def draw_input_norms(record: Record) -> Figure:
-    """Draws ‖ν₁‖, ‖ν₂‖ and ‖q̇‖, real and nominal, and the limit that the paper sets to all."""
+    """Draws ‖ν₁‖, ‖ν₂‖ and ‖q̇‖, real and nominal, and the paper's common limit."""
     figure, (axis,) = panels(1, HEIGHT)
     limits = record.scenario.limits
     blocks = ((slice(0, 3), r"$\|\nu_1\|$", limits.nu1), (slice(3, 6), r"$\|\nu_2\|$", limits.nu2),

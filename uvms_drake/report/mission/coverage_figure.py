@@ -1,4 +1,4 @@
-"""The figure of what a mission has covered: the places that were pressed on, coloured by force."""
+"""Figure of a mission's coverage: the points pressed on, coloured by force."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,10 +14,9 @@ from uvms_drake.station.scene_setting import PAINTED
 
 
 def draw_coverage(record: Record) -> Figure:
-    """Draws every reading at its place across n, in the force that was felt, with what was asked.
+    """Draws every measurement at its place normal to n, coloured by force, and the mission's steps.
 
-    The axes are those of the mission's places, about where its (0, 0) is, so that they are those of
-    the scenario's file; n goes into the paper.
+    The axes are those of the mission's places in the scenario's file; n points into the paper.
     """
     contact, mission = sensed_contact(record.scenario), record.scenario.mission.checked()
     across, table = contact.walls.axes[1:], inspection_table(record)
@@ -43,5 +42,5 @@ def draw_coverage(record: Record) -> Figure:
     axis.invert_yaxis()
     axis.set_xlabel("place $b$ [mm]")
     axis.set_ylabel("place $a$ [mm]")
-    figure.colorbar(drawn, ax=axis, shrink=0.8, label="felt force along the normal [N]")
+    figure.colorbar(drawn, ax=axis, shrink=0.8, label="measured force along the normal [N]")
     return figure

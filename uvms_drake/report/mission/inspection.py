@@ -1,17 +1,17 @@
-"""What an inspector takes home: place, normal and force of every reading on the wall, as a table.
+"""Inspection table: place, normal and force of every measurement on the wall.
 
-*The normal of a wall, by force and path.* The tip presses with F_N along the wall's inward normal,
-and drags it with friction: along its own motion t while it slides. On a straight way t is known
-from two positions, and what is left of the force across t,
+The normal is estimated from force and path. The tip presses with F_N along the wall's inward
+normal, and sliding friction acts along its motion t. On a straight path t follows from two
+positions, and the component of the force normal to t,
 
     n̂ ∝ (I − t tᵀ) 𝐅,
 
-has no friction in it: it is the normal, whatever μ. The force is averaged over the same way, so
-that the sensor's noise is small. At rest friction may point anywhere: n̂ ∝ 𝐅 is off by up to
-atan μ, 17° at μ = 0.3, and by no more than the declared angle if the direction itself is taken. An
-error of the force across n̂ that is b of F_N, such as a bias of the sensor, turns n̂ by atan b.
+is free of friction for any μ. The force is averaged over the same path against noise. At rest
+friction may have any direction: the error of n̂ ∝ 𝐅 is up to atan μ, 17° at μ = 0.3, that of the
+declared direction at most the declared angle. An error b F_N of the force normal to n̂, such as a
+bias of the sensor, turns n̂ by atan b.
 
-Places are those of the navigation, with what it is off by; true ones if there is none.
+Places are those of the navigation, with its error; true ones without a navigation.
 """
 
 import io
@@ -25,38 +25,39 @@ from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.record import Record
 
 WINDOW = 2.0
-"""Time over which way and force are taken [s]."""
-WAY = 0.02
-"""Shortest way in that time on which the tip has slid [m]."""
+"""Window for path and force [s]."""
+SHORTEST_PATH = 0.02
+"""Shortest path in that time that counts as sliding [m]."""
 COLUMNS = ("time_s", "step", "x_m", "y_m", "z_m", "normal_x", "normal_y", "normal_z", "slid",
            "force_N", "desired_N", "aslant_rad")
-"""Columns of the table; `slid` is 1 where the normal is by force and path, else 0: the direction
-that the controller is told. `force_N` is the felt force along the normal, `aslant_rad` the angle
-between it and the tool's axis."""
+"""Columns of the table; `slid` is 1 for a normal from force and path, 0 for the declared direction.
+`force_N` is the measured force along the normal, `aslant_rad` the angle between it and the tool's
+axis."""
 
 
 def learned_normals(time: np.ndarray, tip: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Returns n̂ (T, 3) where the tip has slid, else NaN; see the module.
+    """Returns n̂ (T, 3) while the tip slides, else NaN; see the module.
 
     Args:
         time: Instants without a gap (T,) [s].
-        tip: Positions of a tip that touches (T, 3) [m].
-        force: Felt force on the wall (T, 3) [N].
+        tip: Positions of a tip in contact (T, 3) [m].
+        force: Measured force on the wall (T, 3) [N].
     """
     first = np.searchsorted(time, time - WINDOW - 1e-9)
     count = np.arange(1, len(time) + 1) - first
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(force, axis=0)])
     mean = (total[1:] - total[first]) / count[:, None]
-    way = tip - tip[first]
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    along = way / np.maximum(length, 1e-12)
+    path = tip - tip[first]
+    length = np.linalg.norm(path, axis=1, keepdims=True)
+    along = path / np.maximum(length, 1e-12)
     across = mean - np.sum(mean * along, axis=1, keepdims=True) * along
     size = np.linalg.norm(across, axis=1, keepdims=True)
-    return np.where((length >= WAY) & (size > 0.0), across / np.maximum(size, 1e-12), np.nan)
+    slides = (length >= SHORTEST_PATH) & (size > 0.0)
+    return np.where(slides, across / np.maximum(size, 1e-12), np.nan)
 
 
 def inspection_table(record: Record) -> np.ndarray:
-    """Returns the rows of `COLUMNS` (m, 12): the logged samples at which the mission presses."""
+    """Returns the rows of `COLUMNS` (m, 12): the logged samples of the mission's pressing steps."""
     pressing, step = pressing_samples(record), progress_of(record)["step"]
     force, n = record.signals["force_last_valid"][:, :3], sensed_contact(record.scenario).direction
     chi = record.chi

@@ -1,4 +1,4 @@
-"""What became of a mission: a table with a line for each step that was begun."""
+"""Outcome of a mission: a table with a line for each begun step."""
 
 from typing import Any, NamedTuple
 
@@ -13,20 +13,20 @@ from uvms_drake.tube.ultimate_bounds import tip_errors
 
 OUTCOMES = {RUNNING: "not over at the end of the run", DONE: "done", SKIPPED: "skipped in part",
             RETREATED: "retreated"}
-"""What is said of a mission."""
+"""Texts of the outcomes of a mission."""
 UNFINISHED = "not over"
-"""What is said of a step that the end of the run has cut off."""
+"""Outcome of a step at the end of the run."""
 
 
 class Attempt(NamedTuple):
-    """A step from where it was begun to where it ended; it may be begun again later."""
+    """Attempt at a step, from begin to end; the step may be begun again later."""
 
     step: int
-    """Its index in the mission."""
+    """Index of the step in the mission."""
     when: slice
-    """The logged samples."""
+    """Logged samples."""
     ended: str
-    """`done`, why it failed, or `UNFINISHED`."""
+    """Outcome: `done`, the reason of failure, or `UNFINISHED`."""
 
 
 def has_mission(record: Record) -> bool:
@@ -35,7 +35,7 @@ def has_mission(record: Record) -> bool:
 
 
 def progress_of(record: Record) -> dict[str, np.ndarray]:
-    """Returns the entries of `PROGRESS` (T,) each, whole numbers."""
+    """Returns the entries of `PROGRESS` (T,) each, integers."""
     logged = record.signals["mission_progress"].astype(int)
     return dict(zip(PROGRESS, logged.T, strict=True))
 
@@ -56,9 +56,9 @@ def attempts_of(record: Record) -> list[Attempt]:
 
 
 def lateral_errors(record: Record, step: AnyStep, when: slice) -> tuple[np.ndarray, np.ndarray]:
-    """Returns how far the tip is off the place or line, and how far behind on the line (m,) [m].
+    """Returns the distance of the tip from the place or line, and its lag on the line (m,) [m].
 
-    Both are across n.
+    Both are normal to n.
 
     Args:
         record: Record of the run.
@@ -76,14 +76,14 @@ def lateral_errors(record: Record, step: AnyStep, when: slice) -> tuple[np.ndarr
 
 
 def force_errors(record: Record, when: slice) -> np.ndarray:
-    """Returns what the real force along n is off the one that is due (m,) [N]."""
+    """Returns the error of the real force along n (m,) [N]."""
     n = sensed_contact(record.scenario).direction
     errors: np.ndarray = record.force[when, :3] @ n - record.signals["mission_force"][when, 0]
     return errors
 
 
 def certified_error(record: Record, step: Hold | Slide, when: slice) -> float | None:
-    """Returns what the force along n is certified to be off at most [N], as its plans were.
+    """Returns the certified bound of the error of the force along n, for the plans of a step [N].
 
     None without a certificate. It is `SensedContact.band`, b(ℓ), with the largest logged ℓ.
     """
@@ -91,23 +91,24 @@ def certified_error(record: Record, step: Hold | Slide, when: slice) -> float | 
         return None
     contact = sensed_contact(record.scenario)
     short = (record.signals["target"] - record.chi_nominal[:, :3])[when]
-    ways = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
+    lags = np.maximum(contact.walls.advance(short), contact.walls.advance(-short))
     return contact.band(step.strongest, tip_errors(record.scenario.tube),
-                        step.speed if isinstance(step, Slide) else 0.0, float(np.max(ways)))
+                        step.speed if isinstance(step, Slide) else 0.0, float(np.max(lags)))
 
 
 def summarise_mission(record: Record) -> dict[str, Any]:
-    """Returns what became of a mission and of each attempt of its steps; nothing without one.
+    """Returns the outcome of a mission and of each attempt of its steps; empty without a mission.
 
-    Of a hold or slide also: the mean force, rms and largest error of the force along n, what that
-    is certified to be at most (None without a certificate), and the share of the time in which it
-    is within the step's `tolerance`; rms and largest distance from its place or line, and the
-    largest way that it was behind on the line.
+    A hold or slide has the mean force, rms and largest error of the force along n, the certified
+    bound of that (None without a certificate), and the share of the time in which it is within the
+    step's `tolerance`; rms and largest distance from its place or line, and the largest lag on the
+    line.
     """
     if not has_mission(record):
         return {}
     mission, progress = record.scenario.mission.checked(), progress_of(record)
     over = np.flatnonzero(progress["outcome"] != RUNNING)
+    # A row for each attempt; force and position errors for those in contact.
     rows = []
     for attempt in attempts_of(record):
         step, when = mission.steps[attempt.step], attempt.when
@@ -135,14 +136,15 @@ def summarise_mission(record: Record) -> dict[str, Any]:
 
 
 def format_mission(mission: dict[str, Any]) -> list[str]:
-    """Returns the table; nothing without a mission."""
+    """Returns the table; empty without a mission."""
     if not mission:
         return []
     when = "" if mission["over_s"] is None else f" after {mission['over_s']:.1f} s"
     left = f", {mission['not_begun']} steps not begun" if mission["not_begun"] else ""
     lines = ["", f"{'mission':<14}{mission['outcome']}{when}, "
              f"{mission['failures']} steps failed{left}",
-             f"{'':<14}{'':<10}{'from':>7}{'for':>7}{'mean':>8}{'rms':>7}{'worst':>7}{'cert.':>7}{'within':>8}"
+             f"{'':<14}{'':<10}{'from':>7}{'for':>7}{'mean':>8}{'rms':>7}{'worst':>7}"
+             f"{'cert.':>7}{'within':>8}"
              f"{'off rms':>9}{'worst':>7}{'behind':>8}",
              f"{'':<14}{'':<10}{'s':>7}{'s':>7}{'N':>8}{'N':>7}{'N':>7}{'N':>7}{'%':>8}"
              f"{'mm':>9}{'mm':>7}{'mm':>8}"]
@@ -158,7 +160,7 @@ def format_mission(mission: dict[str, Any]) -> list[str]:
 
 
 def pressing_samples(record: Record) -> np.ndarray:
-    """Returns whether a step that presses goes on and the last reading was a touch (T,)."""
+    """Returns whether a pressing step is active and the last measurement was a contact (T,)."""
     steps, progress = record.scenario.mission.steps, progress_of(record)
     presses = np.array([*(isinstance(step, Pressing) for step in steps), False])
     return ((progress["outcome"] == RUNNING) & presses[progress["step"]]

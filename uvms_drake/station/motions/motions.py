@@ -12,14 +12,14 @@ from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario
 
 MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
-FELT = SensedContactMotion()
+SENSED_CONTACT = SensedContactMotion()
 """Dynamic motion with a contact that is felt."""
 
 
 def motion_of(scenario: Scenario) -> Motion:
     """Returns the kind of motion that a scenario names."""
     require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
-    return FELT if scenario.contact.felt else MOTIONS[scenario.motion]
+    return SENSED_CONTACT if scenario.contact.is_sensed else MOTIONS[scenario.motion]
 
 
 def make_ocp(scenario: Scenario, model: ContactModel | None = None) -> Ocp:

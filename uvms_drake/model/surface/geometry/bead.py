@@ -44,11 +44,11 @@ class Bead(DirectedGeometry):
                 f"at most {STEEPEST * self.height / self.slope:.3g} m, a slope of {STEEPEST:g}")
         return super().checked()
 
-    def profile(self, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def profile(self, lateral: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns h (...) [m] and h′ (...) at distances s (...) [m] from the weld's middle."""
-        angle = np.where(np.abs(aside.real) < 0.5 * self.width, np.pi * aside / self.width,
+        angle = np.where(np.abs(lateral.real) < 0.5 * self.width, np.pi * lateral / self.width,
                          0.5 * np.pi)
-        cos = np.where(np.abs(aside.real) < 0.5 * self.width, np.cos(angle), 0.0)
+        cos = np.where(np.abs(lateral.real) < 0.5 * self.width, np.cos(angle), 0.0)
         return (self.height * cos**4,
                 -4.0 * np.pi / self.width * self.height * cos**3 * np.sin(angle))
 
