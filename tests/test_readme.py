@@ -11,6 +11,7 @@ import pytest
 from uvms_drake.station.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).parents[1]
+CERTIFICATE = ROOT / "uvms_drake" / "certificate" / "README.md"
 READMES = sorted(path for path in ROOT.rglob("README.md")
                  if not any(part.startswith(".") or part in ("build", "out")
                             for part in path.relative_to(ROOT).parts))
@@ -30,9 +31,9 @@ def test_the_readme_is_short():
     assert (ROOT / "README.md").stat().st_size <= 12_000
 
 
-def test_the_lags_that_the_readme_names_are_where_the_loop_becomes_unstable():
+def test_the_lags_that_the_guide_of_the_certificate_names_are_where_the_loop_becomes_unstable():
     """Of ë + (k + σ) ė + kσ e = 0 through a lag T: T s³ + s² + (k + σ) s + kσ."""
-    text = (ROOT / "README.md").read_text("utf-8")
+    text = CERTIFICATE.read_text("utf-8")
     found = re.findall(r"(?:room for|leaves)\s+(\d+\.\d+) s", text)
     assert len(found) == 2
     for T, name in zip(map(float, found), ("girona500_ideal", "girona500_contact"), strict=True):
@@ -42,9 +43,9 @@ def test_the_lags_that_the_readme_names_are_where_the_loop_becomes_unstable():
             assert (np.max(roots.real) < 0.0) == stable
 
 
-def test_the_delays_that_the_readme_names_are_where_the_loop_becomes_unstable():
+def test_the_delays_that_the_guide_of_the_certificate_names_are_where_the_loop_becomes_unstable():
     """The same through a delay: where ((k + σ) s + kσ)/s² has the size 1, its phase is used up."""
-    text = (ROOT / "README.md").read_text("utf-8")
+    text = CERTIFICATE.read_text("utf-8")
     named = re.findall(r"of a pure delay, (\d+\.\d+) and (\d+\.\d+) s", text)[0]
     for delay, name in zip(map(float, named), ("girona500_ideal", "girona500_contact"),
                            strict=True):
@@ -82,3 +83,8 @@ def test_every_file_of_the_map_is_there():
     assert len(named) > 30
     assert [name for name in sorted(named)
             if name not in files and not any(f.endswith(f"/{name}") for f in files)] == []
+
+
+@pytest.mark.parametrize("path", READMES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_readme_is_a_guide_of_at_most_120_lines(path):
+    assert len(path.read_text("utf-8").splitlines()) <= 120
