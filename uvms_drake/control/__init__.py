@@ -1,1 +1,1 @@
-"""The tube-based NMPC: planner, ancillary laws, limits, monitor; it knows no plant, no scenario."""
+"""Tube-based NMPC: planner, ancillary laws, limits, monitor; no plant and no scenario."""

@@ -1,4 +1,4 @@
-"""The controller for a wall that nobody measured: it presses where it feels."""
+"""Controller for an unknown wall: nominal MPC, feedback, contact estimator and press target."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
@@ -23,18 +23,20 @@ from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
-def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass,
-                         sensing: ForceSensorModel, *, force: float, largest: float, margin: float,
-                         limits: Limits | None = None, actuation_delay: ActuationDelay = ON_TIME) -> Diagram:
+def make_sensed_tube_mpc(
+    ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClass, sensing: ForceSensorModel, *,
+    force: float, largest: float, margin: float, limits: Limits | None = None,
+    actuation_delay: ActuationDelay = ON_TIME,
+) -> Diagram:
     """Returns the tube-based NMPC that presses on a wall of a class, as a Diagram named "tube_mpc".
 
     ::
 
         desired_force ─▶ desired_force ─▶ press_target ◀─ place, deepest
-                                  ▲ what was felt  │ target
+                                  ▲ contact state  │ target
                                   │                ▼
         force_valid ──────▶ contact_estimator ──▶ nominal_mpc ◀─ turn, of wall_normal
-                                  ▲      front     │ nominal state, ...
+                                  ▲   safe_depth   │ nominal state, ...
                            state ─┴──────────▶ ancillary ──▶ tau, u
         force_measured, vehicle_wrench ─────────▲
 
@@ -71,40 +73,39 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
         - force_lost
         - contact_depth
 
-    - `force_measured`: 𝔉_s (6) [N, N m], which the law takes: through a `HoldLastValue` that lets go
-      by `force_lost`.
-    - `force_valid`: 𝔉_s (6) as the sensor gives it, through a `ForceFaultDetector` if its `repeats` are not
-      0; not finite in a gap. The front learns from it, and from an old value it would take for safe
-      what nobody has felt.
-    - `place`: where across n to press (3) in Σ_I [m]; else where y_des says. It may jump: a plan
-      slides as fast as limits and front let it.
+    - `force_measured`: 𝔉_s (6) [N, N m] for the law, through a `HoldLastValue` that `force_lost`
+      releases.
+    - `force_valid`: 𝔉_s (6) of the sensor, through a `ForceFaultDetector` if its `repeats` are not
+      0; not finite in a gap. The safe region must not be extended by an old value.
+    - `place`: place across n at which to press (3) in Σ_I [m]; that of y_des if unconnected. It may
+      jump: a plan slides as fast as limits and safe region allow.
     - `deepest`: largest depth along n to steer for (1) [m]; see `PressTarget`.
-    - `accepted_force`: what a `DesiredForce` leaves of the desired force (6) [N, N m].
-    - `target`: where the end-effector is sent (3) in Σ_I [m].
-    - `turn`: by how much the reference is to be turned about the vertical, after the wall (1)
-      [rad]; zero without `ocp.turn`.
-    - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: what was felt, see
-      `ContactEstimator`.
-    - the others: see `make_tube_mpc`.
+    - `accepted_force`: desired force, clipped by `DesiredForce` (6) [N, N m].
+    - `target`: target of the end-effector (3) in Σ_I [m].
+    - `turn`: desired turn of the reference about the vertical, after the wall's normal (1) [rad];
+      zero without `ocp.turn`.
+    - `safe_depth`, `touched`, `slope`, `contact_depth`, `force_lost`: see `ContactEstimator`.
+    - The others: see `make_tube_mpc`.
 
     Args:
-        ocp: The problem; its model has no contact, its y_des says where across n to press.
-        law: The feedback law and its gains, one that takes the measured force.
-        walls: What is known of the wall.
-        sensing: What is known of the force sensor.
-        force: Force along n that is asked for if nobody asks for another [N].
-        largest: Largest force along n that may be asked for [N].
-        margin: E, how far the real tip may be beyond the planned one; see `ContactEstimator` [m].
-        limits: Those of the real robot, which `u` and `tau` keep to; None: they are not cut.
-        actuation_delay: Of the commands, see `make_tube_mpc`.
+        ocp: The problem; its model has no contact, its y_des has the place across n.
+        law: The feedback law and its gains; it takes the measured force.
+        walls: Class of the wall.
+        sensing: Model of the force sensor.
+        force: Default of the desired force along n [N].
+        largest: Largest desired force along n that is accepted [N].
+        margin: E, largest distance of the real tip beyond the planned one [m]; see
+            `ContactEstimator`.
+        limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
+        actuation_delay: Delay of the commands, see `make_tube_mpc`.
     """
     require(largest + sensing.noise < sensing.largest, "largest", largest,
-            "a force that is read before the end of the sensor's range")
+            "a force that is measured before the end of the sensor's range")
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
     measured = state.get_output_port()
 
-    # What was felt, and where to press next.
+    # Contact state, and from it the turn, the desired force and the next target.
     estimator = ContactEstimator.AddToBuilder(
         builder, ocp.model, walls, sensing.watched, margin=margin, state=measured)
     normal = WallNormal.AddToBuilder(
@@ -113,10 +114,11 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
     committed = committed_intervals(law, actuation_delay, ocp.time_step)
     search_lead = ocp.following_lag(committed) * search_speed(
         1.0, walls.stiffness, touch_to_plan(ocp.time_step, committed, sensing))
-    press = PressTarget.AddToBuilder(builder, estimator, walls.direction, ocp.y_des[:3],
-                                     desired_force=desired.GetOutputPort("along"), search_lead=search_lead)
+    press = PressTarget.AddToBuilder(
+        builder, estimator, walls.direction, ocp.y_des[:3],
+        desired_force=desired.GetOutputPort("along"), search_lead=search_lead)
 
-    # The plan, and the feedback about it.
+    # Planner on the target within the safe region; its extent keeps that region from shrinking.
     mpc = NominalMpc.AddToBuilder(
         builder, SequentialConvexSolver(ocp), state=measured, committed=committed)
     for source, port in ((press.get_output_port(), "target"),
@@ -126,11 +128,15 @@ def make_sensed_tube_mpc(ocp: TrackingOcp, law: AncillaryLaw, walls: SurfaceClas
             builder.Connect(source, mpc.GetInputPort(port))
     extent = PlanExtent.AddToBuilder(builder, ocp, walls, plan=mpc.GetOutputPort("plan"))
     builder.Connect(extent.get_output_port(), estimator.GetInputPort("extent"))
+
+    # Feedback about the plan, with the plan's forces and the wall's reaction in advance.
     feedback = AncillaryFeedback.AddToBuilder(
         builder, ocp.model, law, nominal=mpc, state=measured, limits=limits)
-    add_feedforward_preview(builder, ocp.model, law, feedback, actuation_delay, nominal=mpc, estimator=estimator,
-                     direction=walls.direction)
+    add_feedforward_preview(
+        builder, ocp.model, law, feedback, actuation_delay, nominal=mpc, estimator=estimator,
+        direction=walls.direction)
 
+    # Ports of the controller: its systems' own, by their names.
     builder.ExportInput(state.get_input_port(), "state")
     export_inputs(builder, feedback, add_observer(
         builder, ocp.model, law, feedback, state=measured))

@@ -1,4 +1,4 @@
-"""The controller: nominal MPC and ancillary feedback as one Diagram."""
+"""Controller for a known surface: nominal MPC and ancillary feedback as one Diagram."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
@@ -57,24 +57,21 @@ def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `force_measured`: 𝔉_s (6) [N, N m], see `AncillaryFeedback`.
     - `vehicle_wrench`: τ_v (6) [N, N m], likewise.
-    - `applied`: τ (6+n) as known actuators give it, for the observer that the law asks for; see
-      `RowObserver`.
+    - `applied`: τ (6+n) as known actuators give it, for the law's observer; see `RowObserver`.
     - `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `u`: 𝔲 (6+n) [m/s², rad/s²].
     - `lost`: 1 while the measured state is not finite and τ is the plan's own, else 0 (1).
-    - `limited`: 1 while a limit cuts what the law commands, else 0 (1).
-    - `pair`: the `Pair` of measured and nominal motion, for a `TubeMonitor`.
-    - the others: see `NominalMpc`.
+    - `limited`: 1 while a limit cuts the law's command, else 0 (1).
+    - `pair`: `Pair` of measured and nominal motion, for a `TubeMonitor`.
+    - The others: see `NominalMpc`.
 
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.
         law: The feedback law and its gains.
-        targets: Makes the problem of another desired force; None if it stays as it is.
-        limits: Those of the real robot, which `u` and `tau` keep to; None: the law's command is
-            passed on as it is.
-        actuation_delay: Of the commands: a law that knows of actuators asks for the plan's forces ahead,
-            and its plans keep what was asked for; see `control.feedback.feedforward_preview` and
-            `control.plan.commitment`.
+        targets: Problems of other desired forces; None: the desired force is constant.
+        limits: Limits of the real robot, to which `u` and `tau` are clipped; None: no clipping.
+        actuation_delay: Delay of the commands, for a law that takes the thrusters' wrench; see
+            `control.feedback.feedforward_preview` and `control.plan.commitment`.
     """
     builder = DiagramBuilder()
     state = builder.AddNamedSystem("state", PassThrough(2 * ocp.model.size))
@@ -131,7 +128,7 @@ def make_kinematic_tube_mpc(ocp: KinematicOcp, law: AncillaryLaw) -> Diagram:
     - `configuration`: 𝔮 measured (6+n), in the paper's order.
     - `u`: the velocity command ζ (6+n) [m/s (3), rad/s (3+n)].
     - `lost`: 1 while the measured 𝔮 is not finite and ζ is the plan's own, else 0 (1).
-    - the others: see `NominalMpc`.
+    - The others: see `NominalMpc`.
 
     Args:
         ocp: The problem that the nominal MPC solves; its model is the controller's.

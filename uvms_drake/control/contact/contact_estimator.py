@@ -1,4 +1,4 @@
-"""Keeps what the tip has felt of a wall, sample by sample, and puts out how far it may go."""
+"""Estimator of the contact state: safe region, stiffness and inclination of an unknown wall."""
 
 from collections.abc import Callable
 
@@ -34,7 +34,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 
 class ContactEstimator(LeafSystem):
-    """Keeps the front and the slope of the wall at every reading of a force sensor.
+    """Estimator of safe region, stiffness and inclination at every reading of a force sensor.
 
     .. pydrake_system::
 
@@ -56,22 +56,23 @@ class ContactEstimator(LeafSystem):
 
     - `state`: (𝔮, ζ) (2(6+n)) measured, in the paper's order.
     - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `extent` (4): least, then largest place across n of the rest of the plan that is followed, see
-      `dominates` [m]; where it is not connected, plans stay where the tip is.
-    - `safe_depth` (1): x_safe [m] where the tip is; −inf before any reading allows a place.
-    - `estimator` (4, or 1 for α = 0): bounds of the facets [m], for plans; see `estimator.bounds`.
+    - `extent` (4): least, then largest place across n of the remaining plan, see `dominates` [m];
+      the tip's own place if unconnected.
+    - `safe_depth` (1): x_safe [m] at the tip's place; −inf while no place is proven safe.
+    - `facet_depths` (4, or 1 for α = 0): bounds of the facets [m], for plans; see
+      `safe_region.bounds`.
     - `apex` (3): 𝔞 [m], for plans that slide: ⟨𝔭̄ − 𝔞⟩ ≤ −E; NaN with −inf.
     - `touched` (1): 1 if the last reading was a touch, else 0.
-    - `reading` (4): where the tip was at the last reading (3) [m], and its force n·𝐅 [N].
+    - `reading` (4): place of the tip at the last reading (3) [m], and its force n·𝐅 [N].
     - `slope` (1): κ̂ [N/m], see `slope`.
-    - `tilt` (3): 𝔱, how the wall is inclined across n, see `slope`; zero if nothing was felt yet.
-    - `contact_depth` (1): where the wall begins by the slope [m]; NaN if nothing was touched yet.
-    - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, were none.
+    - `tilt` (3): inclination 𝔱 of the wall across n, see `tilt`; zero before the first touch.
+    - `contact_depth` (1): depth of the undeformed wall, by κ̂ [m]; NaN before the first touch.
+    - `force_lost` (1): 1 if the last readings, as many as the sensor's `patience`, are missing.
 
-    The discrete state is `ContactState`. Until the first update, outputs are those of the inputs as they
-    are, so that a plan can be made at initialization. A reading that is not finite teaches
-    nothing, but the tip is seen to move on; a state that is not finite leaves a gap, and there is
-    no new front until the time W is without one.
+    The discrete state is `ContactState`. Until the first update, outputs are those of the present
+    inputs, so that a plan can be made at initialization. A reading that is not finite updates the
+    tip's motion only; after a state that is not finite the safe region is not extended until the
+    window W has no gap.
 
     Args:
         model: The controller's model, for the tip's motion.
@@ -107,19 +108,21 @@ class ContactEstimator(LeafSystem):
         ):
             self.DeclareVectorOutputPort(name, size, self._calc(calc), known)
 
-    def _calc(self, of: Callable[[ContactState], np.ndarray]) -> Callable[[Context, BasicVector], None]:
+    def _calc(self, of: Callable[[ContactState], np.ndarray]
+              ) -> Callable[[Context, BasicVector], None]:
         return lambda context, output: output.SetFromVector(np.atleast_1d(of(self._now(context))))
 
     @staticmethod
     def _remembered(context: Context) -> ContactState:
-        return ContactState(*(context.get_discrete_state(i).value() for i in range(len(ContactState._fields))))
+        parts = range(len(ContactState._fields))
+        return ContactState(*(context.get_discrete_state(i).value() for i in parts))
 
     def _now(self, context: Context) -> ContactState:
         remembered = self._remembered(context)
         return self._after(context) if np.isnan(remembered.reading[0]) else remembered
 
     def _after(self, context: Context) -> ContactState:
-        """Returns what is known after a reading of the input ports."""
+        """Returns the contact state after a reading of the input ports."""
         before, state = self._remembered(context), self._state_port.Eval(context)
         if np.all(np.isfinite(state)):
             config, zeta = state[: self._model.size], state[self._model.size:]
@@ -143,16 +146,16 @@ class ContactEstimator(LeafSystem):
                      sensing: ForceSensorModel, *, margin: float,
                      state: OutputPort, force_measured: OutputPort | None = None,
                      name: str = "contact_estimator") -> "ContactEstimator":
-        """Adds the front and connects it.
+        """Adds the estimator and connects it.
 
         Args:
-            builder: Where to add it.
+            builder: Builder of the Diagram.
             model: The controller's model.
             surface: The class of walls.
             sensing: The sensor.
             margin: E [m].
             state: Gives (𝔮, ζ) measured.
-            force_measured: Gives 𝔉 as the sensor does; left to the caller if None.
+            force_measured: Gives 𝔉 of the sensor; left to the caller if None.
             name: Name of the system.
         """
         estimator = ContactEstimator(model, surface, sensing, margin=margin)

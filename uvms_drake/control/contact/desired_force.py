@@ -1,4 +1,4 @@
-"""The force that is asked for, as far as it can be given."""
+"""Desired force, clipped to the range along n that is accepted."""
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -15,18 +15,18 @@ from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
 
 GIVEN, CUT, ACROSS, LOST = range(4)
-"""What becomes of a desired force: it is given, cut, left out across the direction, or is none."""
+"""Outcomes of a desired force: accepted, clipped, without its part across n, or not finite."""
 SLACK = 1e-9
-"""Part of a force, and newtons, by which it may be off without a warning: rounding."""
+"""Relative and absolute rounding of a force that gives no warning [1, N]."""
 
 
 def along_of(wanted: np.ndarray, direction: np.ndarray, largest: float) -> tuple[float, int]:
-    """Returns the force along n that is given [N], and what becomes of what is asked for.
+    """Returns the accepted force along n [N] and the outcome.
 
     Args:
         wanted: 𝔉_des (6,) [N, N m].
         direction: Unit vector n (3,) in Σ_I.
-        largest: Largest force along n that is given [N].
+        largest: Largest accepted force along n [N].
     """
     if not np.all(np.isfinite(wanted)):
         return 0.0, LOST
@@ -40,9 +40,9 @@ def along_of(wanted: np.ndarray, direction: np.ndarray, largest: float) -> tuple
 
 
 class DesiredForce(LeafSystem):
-    """Puts out the desired force along a direction, cut to what may be asked for.
+    """Desired force along a direction, clipped to its accepted range.
 
-    What is not given as it is asked for is told on the logger `uvms_drake`, when that begins.
+    The logger `uvms_drake` warns when a desired force begins to differ from the accepted one.
 
     .. pydrake_system::
 
@@ -53,12 +53,11 @@ class DesiredForce(LeafSystem):
         - accepted_force
         - along
 
-    - `desired_force` (6): 𝔉_des [N, N m]; where it is not connected, the default; where it is not
-      finite, none: the tip lets go.
+    - `desired_force` (6): 𝔉_des [N, N m]; the default if unconnected; zero if it is not finite.
     - `accepted_force` (6): its force along n, from 0 to the largest; no other force, no torque.
     - `along` (1): the size of that force [N].
 
-    The discrete state is what became of it at the beginning of the last step, to tell once.
+    The discrete state is the outcome at the beginning of the last step, to warn once.
 
     Args:
         direction: Unit vector n (3,) in Σ_I.

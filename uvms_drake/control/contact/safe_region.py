@@ -1,35 +1,14 @@
-"""The explored front: where the tip may go without pressing too hard, by what it has felt so far.
+"""Safe region of the tip: the inner approximation of the set φ ≤ F_max that readings prove.
 
-*A measurement is for good.* If φ ≤ φ⁺ ≤ F_max at a point 𝔮, then φ(𝔭) ≤ φ⁺ + κ₊⟨𝔭 − 𝔮⟩₊ ≤ F_max
-for every 𝔭 of the cone
+A reading that bounds the static force at 𝔮 by φ⁺ ≤ F_max makes the cone
 
-    C(𝔞) = {𝔭 : ⟨𝔭 − 𝔞⟩ ≤ 0},    its apex 𝔞 = 𝔮 + (F_max − φ⁺)/κ₊ n:
+    C(𝔞) = {𝔭 : ⟨𝔭 − 𝔞⟩ ≤ 0},    apex 𝔞 = 𝔮 + (F_max − φ⁺)/κ₊ n,
 
-⟨𝔭 − 𝔮⟩ = ⟨𝔭 − 𝔞 + (𝔞 − 𝔮)⟩ = ⟨𝔭 − 𝔞⟩ + (F_max − φ⁺)/κ₊. Straight on, α = 0, it is the half-space
-x ≤ x_safe = x_𝔮 + (F_max − φ⁺)/κ₊. If φ⁺ > F_max the measurement says nothing of any place: behind
-𝔮 the force is no larger, but nobody knows how far back it is below F_max; a soft wall gives in
-slowly. (To write x_safe as the maximum over *all* measurements is wrong for those, if taken alone:
-with φ = 46 N, F_max = 45 N and κ = κ₊/10, x_𝔮 − 1 N/κ₊ still has 45.9 N.)
-
-*A reading is older than it looks.* Sensors hold, delay and average. A reading that is any average
-of the force over the last W seconds is at least the least force of that time, so some 𝔭_s in it has
-φ(𝔭_s) ≤ φ⁺, with the fastest retreat of that time in φ⁺; and every 𝔮 with ⟨𝔮 − 𝔭_s⟩ ≤ 0 for all s
-has φ(𝔮) ≤ φ(𝔭_s). The deepest such 𝔮 beside the tip 𝔭 is 𝔭 − n max_s⟨𝔭 − 𝔭_s⟩. No filter has to be
-known for that, only W. Forces that turn, at an edge or with the friction, cancel in an average: of
-one only the part along n counts, see `SurfaceClass.normal_force_bound`. Of the s between two
-readings, see `between_readings`. (A lag T without an end gives the older past the weight e^(−W/T),
-so the force is at most the reading over 1 − e^(−W/T): take W = 3T and ν for the 5 %.)
-
-*The pyramid never shrinks* where the plan goes. A plan keeps linear rows, `SurfaceClass.facets`:
-the pyramid n·m + α‖P_t m‖₁ ≤ 0 in the cone, with the same apex. One takes the place of another only
-if nothing is lost over all places across n at which the rest of the plan that is followed is
-(`plan_extent`), see `dominates`, so a plan that was allowed still is. What lies behind a tip that
-slides is lost, for no plan goes there.
-
-*The real tip and the planned one.* 𝔮 is the real tip. If the planned tip 𝔭̄ is at most E_n from it
-along n and E_t across, then N·(𝔭̄ − 𝔞) ≤ −(E_n + √2 αE_t) for all facets N puts the real one in
-C(𝔞). Between the knots of a plan whose acceleration is constant in each interval, see
-`approach.between_knots`.
+safe for good (⟨·⟩: `SurfaceClass.advance`); for α = 0 it is the half-space x ≤ x_𝔮 + (F_max − φ⁺)/κ₊.
+A plan keeps the facets of the pyramid in it. Proofs in control/contact/theory.md: the cone and
+readings that bound no place (#readings-that-bound-no-place), delayed and averaged readings
+(#age-of-a-reading), the time between two (#tip-between-two-readings), replacement of one apex by
+another (#pyramid-that-never-shrinks), the margin E (#planned-tip-within-the-safe-region).
 """
 
 import numpy as np
@@ -39,9 +18,9 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, force: np.ndarray,
          force_max: float, noise: float, period: float = 0.0) -> np.ndarray:
-    """Returns the apex 𝔞 (..., 3) of what a reading makes safe; NaN if it says nothing.
+    """Returns the apex 𝔞 (..., 3) of the cone that a reading proves safe; NaN if there is none.
 
-    It says nothing either if one of the velocities is NaN, for a time at which nobody saw the tip.
+    There is none either if one of the velocities is NaN: the tip's motion was not measured.
 
     Args:
         surface: The class of walls.
@@ -63,17 +42,11 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
 
 
 def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: float) -> np.ndarray:
-    """Returns by how much ⟨𝔭 − 𝔭_s⟩ may exceed its values at the readings about s (...) [m].
+    """Returns the largest excess of ⟨𝔭 − 𝔭_s⟩ over its values at the readings about s (...) [m].
 
-    Let the velocity between two readings, T apart, be a mean of those at them, as it is with a
-    constant acceleration; what is not so is in ν. ⟨·⟩ is convex, so there ⟨±v⟩ ≤ A_±, the larger of
-    the two values and zero, and a retreat is not faster than at a reading. By subadditivity
-
-        ⟨𝔭 − 𝔭_s⟩ ≤ ⟨𝔭 − 𝔭_i⟩ + ⟨−∫v⟩ ≤ ⟨𝔭 − 𝔭_i⟩ + (s − t_i) A_−,
-        ⟨𝔭 − 𝔭_s⟩ ≤ ⟨𝔭 − 𝔭_{i+1}⟩ + ⟨∫v⟩ ≤ ⟨𝔭 − 𝔭_{i+1}⟩ + (t_{i+1} − s) A_+.
-
-    The lesser of a rising and a falling line is at most T A_+A_−/(A_+ + A_−): nothing, for a tip
-    that does not turn round, and at most T/2 times the larger of the two.
+    With A_± the larger of the values of ⟨±v⟩ at two readings, T apart, and zero it is
+    T A_+A_−/(A_+ + A_−), zero for a tip that does not turn back: see
+    control/contact/theory.md#tip-between-two-readings.
 
     Args:
         surface: The class of walls.
@@ -88,7 +61,7 @@ def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: floa
 
 
 def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Returns how far ahead of 𝔭 (..., 3) along n the cone of an apex (..., 3) ends (...) [m].
+    """Returns the distance along n from 𝔭 (..., 3) to the end of an apex's cone (...) [m].
 
     It is −⟨𝔭 − 𝔞⟩, below zero outside; −inf for an apex that is NaN.
     """
@@ -98,22 +71,18 @@ def free_distance(surface: SurfaceClass, at: np.ndarray, point: np.ndarray) -> n
 
 def dominates(surface: SurfaceClass, new: np.ndarray, old: np.ndarray, extent: np.ndarray
              ) -> np.ndarray:
-    """Returns whether an apex takes the place of the old one: nothing is lost where plans go.
+    """Returns whether an apex's pyramid contains that of the old one over a box of lateral places.
 
-    With ‖·‖ that of `SurfaceClass.around`, at a lateral place 𝔲 the new pyramid has all of the old
-    one iff s' − α‖𝔲 − 𝔲'‖ ≥ s − α‖𝔲 − 𝔲₀‖, s = n·𝔞 and 𝔲', 𝔲₀ the apexes' own places. Along each
-    axis the difference |uᵢ − u'ᵢ| − |uᵢ − u₀ᵢ| is monotone in uᵢ, so in a box of places it is
-    largest at an end, and
+    With s = n·𝔞 and 𝔲', 𝔲₀ the lateral places of the apexes it does iff
 
-        s' ≥ s + α Σᵢ max over the ends uᵢ of (|uᵢ − u'ᵢ| − |uᵢ − u₀ᵢ|)
+        s' ≥ s + α Σᵢ max over the ends uᵢ of (|uᵢ − u'ᵢ| − |uᵢ − u₀ᵢ|),
 
-    iff nothing is lost in all of the box. A tip that presses at a place keeps all that it has. One
-    that slides gains α for each metre that it leaves behind, more than any wall takes.
+    see control/contact/theory.md#pyramid-that-never-shrinks.
 
     Args:
         surface: The class of walls.
-        new: Apex of the latest reading (..., 3); NaN replaces nothing.
-        old: The one so far (..., 3); NaN is replaced by any.
+        new: Apex of the latest reading (..., 3); NaN dominates nothing.
+        old: Present apex (..., 3); NaN is dominated by any.
         extent: Ends of the box, least and largest 𝔲 = (t₁, t₂)·𝔭 of places (..., 2, 2) [m].
     """
     places = surface.across(new)[..., None, :], surface.across(old)[..., None, :]
@@ -128,7 +97,7 @@ def bounds(surface: SurfaceClass, at: np.ndarray, margin: float) -> np.ndarray:
 
     Args:
         surface: The class of walls.
-        at: 𝔞 (..., 3); NaN, for no place is known to be safe, gives −∞.
+        at: 𝔞 (..., 3); NaN, no place is proven safe, gives −∞.
         margin: E = E_n + √2 αE_t of the planned tip, and errors of the measured position [m].
     """
     depths = at @ surface.facets.T - margin
@@ -142,7 +111,7 @@ def safe_depth(surface: SurfaceClass, at: np.ndarray, place: np.ndarray, margin:
     Args:
         surface: The class of walls.
         at: 𝔞 (..., 3).
-        place: Where across n (..., 3) [m].
+        place: Places across n (..., 3) [m].
         margin: E [m].
     """
     depth = surface.depth(at) - surface.tilt * surface.around(place - at) - margin

@@ -134,7 +134,7 @@ def moved(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, m
     # Each of κ, t₁, t₂ comes to be as unknown as at first, and no more.
     most = np.array([0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2]) ** 2
     harder = (HARDENING * kappa) ** 2 * kappa * np.abs(row[..., 1]) / memory
-    bent = surface.tilt**2 * surface.aside(tip - estimate.at) / BEND
+    bent = surface.tilt**2 * surface.lateral(tip - estimate.at) / BEND
     grown = np.minimum(np.stack([harder, bent, bent], axis=-1), np.maximum(
         most - np.diagonal(P, axis1=-2, axis2=-1)[..., 1:], 0.0))
     grown = np.concatenate([np.zeros_like(s)[..., None], grown], axis=-1)

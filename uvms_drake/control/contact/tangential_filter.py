@@ -1,27 +1,15 @@
-"""The force across n as a law with a clock should take it: slowly.
+"""Low-pass filter of the tangential force: the law cancels it slowly, the normal force at once.
 
-A law cancels the force that it measures, and with a computer it does so a time τ late. Let friction
-hold a tip that moves across n at v with cv, c = μF/v₀ below its creep v₀, and let m be the tip's
-inertia there, (𝔱ᵀJ M⁻¹Jᵀ𝔱)⁻¹ along 𝔱. With u the acceleration that the law means,
-
-    m v̇ = mu − c v(t) + c v(t − τ) ≈ mu − cτ v̇,    v̇ ≈ m/(m + cτ) u:
-
-the tip is heavier by cτ than the law believes. For an arm on a vehicle of 10 kg that is more than
-m: 1.9 kg beside 1.5 for 8 N, μ = 0.2, v₀ = 25 mm/s and τ = 30 ms. Such a tip goes half along with
-a vehicle that turns, friction rubs, and thrusters cancel that later still: swings that do not end.
-
-Friction that is not cancelled damps. So the law follows the force across n with a time constant T,
+A law that cancels friction τ late makes the tip heavier by cτ, c the slope of friction below its
+creep speed, which on a light vehicle is an oscillation that does not decay. So the law follows the
+force across n with a time constant T,
 
     T 𝔣˙ = P_t 𝔉 − 𝔣,    𝔉_law = n n·𝔉 + 𝔣,                                                  (S)
 
-which takes of friction what lasts, on a slide or on a wall off n, and leaves what rubs. Along n
-nothing is late by it: there a reading that is τ late makes no inertia of the wall's stiffness κ,
-but damping: −κx(t) + κx(t − τ) ≈ −κτ v + ½κτ² v̇, and ½κτ² is 0.2 kg at 500 N/m.
-
-A wall that is left takes its friction with it at once, 𝔣 does not. So 𝔣 counts up to `LARGEST_RATIO` of what
-is felt along n: without a force there is none across it.
-
-No proof covers (S): what it leaves out is not in the error of a reading that is declared.
+which cancels steady friction and leaves its fast part to damp. 𝔣 is limited to `LARGEST_RATIO`
+times the force along n: a wall that is left takes its friction with it at once. No proof covers
+(S): the omitted part is not in the declared error of a reading. Derivation:
+control/contact/theory.md#tangential-filter.
 """
 
 import numpy as np
@@ -38,13 +26,13 @@ from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
 
 LARGEST_RATIO = 1.5
-"""Largest part that friction and a wall off n may have of the force along n: more is of a wall that
-was left, or of a force that is lost."""
+"""Largest ratio of 𝔣 to the force along n, for friction and the tilt of the wall; more is a remainder
+of a wall that was left, or of a lost force."""
 
 
 def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: float
              ) -> np.ndarray:
-    """Returns 𝔣 (3,) a period later [N], exact for a force that is constant meanwhile.
+    """Returns 𝔣 (3,) a period later [N], exact for a constant force.
 
     Args:
         slow: 𝔣 now (3,) [N].
@@ -57,7 +45,7 @@ def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: 
 
 
 class TangentialFilter(LeafSystem):
-    """Passes a force on, what of it is across n behind a lag.
+    """First-order lag of the part of a force across n; the part along n passes.
 
     .. pydrake_system::
 
@@ -68,8 +56,7 @@ class TangentialFilter(LeafSystem):
         - force
 
     - `measured`: 𝔉 in Σ_I (6) [N, N m]; 𝔣 stays as it is while that is not finite.
-    - `force`: 𝔉_law of (S), 𝔣 cut to `LARGEST_RATIO` of what is along n, its torque as it is measured (6)
-      [N, N m].
+    - `force`: 𝔉_law of (S), with 𝔣 limited to `LARGEST_RATIO`, and the measured torque (6) [N, N m].
 
     The discrete state is 𝔣 (3), updated once in a period; zero at the start.
 
@@ -106,5 +93,5 @@ class TangentialFilter(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, direction: np.ndarray, lag: float, period: float, *,
                      measured: OutputPort, name: str = "tangential_filter") -> "TangentialFilter":
-        """Adds the system behind the force that `measured` gives."""
+        """Adds the system and connects its input."""
         return added(builder, name, TangentialFilter(direction, lag, period), measured=measured)

@@ -1,25 +1,10 @@
-"""How a wall is turned, by what a tip that slides on it feels, and how far to turn after it.
+"""Estimate of a wall's normal from the force and the path of a sliding tip, and the turn after it.
 
 On the wall, with its inward normal along n + 𝔱, 𝔱 ⊥ n, a tip that moves along d ⊥ n exerts
-
-    𝐅 = φ (n + 𝔱) + friction along d.
-
-Across its way, 𝔱 − (d·𝔱) d is that part of 𝐅/(n·𝐅), whatever the friction. Along its way 𝐅 has the
-friction in it, but the path is on the wall: over a way s the tip goes deeper by Δx = Δφ/κ − s d·𝔱,
-which says little where Δφ/κ is much, as while a press begins, for κ̂ is above κ more often than not.
-Both are averaged over the way, `LENGTH`: a tip at rest learns nothing, as friction may then point
-anywhere, and a way shorter than `STEP` says too little of d. What is off: a force across of b of
-the normal one (a bias of the sensor) is b [rad]; a d that is off by δ, μδ; a depth that is off by
-ε, or a force by κε, ε/`LENGTH`; a κ̂ above κ, up to (κ̂/κ − 1) `STEADY` while the force changes; and
-on a wall that bends it is where the tip was `LENGTH` ago. What
-`slope` estimates of 𝔱 counts on errors of the force as large as is declared, and is slower.
-
-It is no bound, and need be none: by how much a reference turns is in no limit of a plan
-(`TrackingOcp`). A robot that may turn about the vertical turns by the angle between the horizontal
-parts of n and n + 𝔱, so that the tool follows the normal as far as a turn can make it: on its way,
-and by `TURN_PER_METRE` of it, for a robot that turns about its tip has to be moved, too. Its plans leave
-the tip beside its place by about 0.4 s of a metre for each radian: at 20 mm/s, 3 mm. In a hold it
-does not turn.
+𝐅 = φ (n + 𝔱) + friction along d. Across d, 𝔱 − (d·𝔱) d is that part of 𝐅/(n·𝐅); along d it follows
+from the change of depth Δx = Δφ/κ − s d·𝔱 over a displacement s. Both are averaged over `LENGTH`. It
+is an estimate without a bound, which the turn of a reference does not need; its errors and the
+limits of the turn are in control/contact/theory.md#inclination-of-the-wall.
 """
 
 from typing import NamedTuple
@@ -39,41 +24,41 @@ from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEP = 0.01
-"""Shortest way across n by which anything is learned [m]."""
+"""Shortest displacement across n that updates the estimate [m]."""
 LENGTH = 0.03
-"""Way across n over which it is averaged [m]."""
+"""Displacement across n over which it is averaged [m]."""
 STEADY = 0.05
-"""Largest Δφ/κ over the way at which the path says how the wall lies."""
+"""Largest Δφ/κ over the displacement at which the path determines the inclination along it."""
 TURN_PER_METRE = 0.4
-"""By how much the turn that is asked for changes at most on a way across n [rad/m]."""
+"""Largest change of the desired turn over a displacement across n [rad/m]."""
 SMALLEST_FORCE = 1.0
-"""Force along n below which its direction says nothing [N]."""
+"""Force along n below which its direction is not used [N]."""
 
 
 class Inclination(NamedTuple):
-    """What is known of a wall's normal."""
+    """Estimate of a wall's inclination."""
 
     tilt: np.ndarray
-    """𝔱 (3,), across n."""
+    """Inclination 𝔱 (3,), across n."""
     reading: np.ndarray
-    """Where the tip was when it was learned last (3) in Σ_I [m], and its force along n [N]; NaN:
-    not on the wall."""
+    """Place of the tip at the last update (3) in Σ_I [m], and its force along n [N]; NaN off the
+    wall (4,)."""
 
 
 UNKNOWN = Inclination(np.zeros(3), np.full(4, np.nan))
-"""Nothing was felt yet."""
+"""Estimate before any touch."""
 
 
 def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
             slope: float) -> Inclination:
-    """Returns what is known after a reading on the wall; 𝔱 is one of the class.
+    """Returns the estimate after a reading on the wall; 𝔱 is one of the class.
 
     Args:
-        before: What was known.
+        before: Estimate before it.
         surface: The class of walls.
-        tip: Where the tip is (3,) in Σ_I [m].
+        tip: Place of the tip (3,) in Σ_I [m].
         force: 𝐅 on the wall (3,) in Σ_I [N]; not finite: no reading.
-        slope: κ of the wall [N/m], as far as it is known.
+        slope: Estimate of κ [N/m].
     """
     n = surface.direction
     reading = np.append(tip, n @ force)
@@ -98,7 +83,7 @@ def learned(before: Inclination, surface: SurfaceClass, tip: np.ndarray, force: 
 
 
 def wall_turn(direction: np.ndarray, tilt: np.ndarray) -> float:
-    """Returns by how much a wall's inward normal is turned from n about the vertical [rad].
+    """Returns the turn about the vertical from n to a wall's inward normal [rad].
 
     Args:
         direction: n (3,); zero is returned for a vertical one.
@@ -111,7 +96,7 @@ def wall_turn(direction: np.ndarray, tilt: np.ndarray) -> float:
 
 
 class WallNormal(LeafSystem):
-    """Keeps a wall's inclination at every reading, and puts out how far the wall is turned.
+    """Estimator of a wall's inclination and of the turn of the reference that follows it.
 
     .. pydrake_system::
 
@@ -124,16 +109,16 @@ class WallNormal(LeafSystem):
         output_ports:
         - turn
 
-    - `reading`, `touched`, `slope`: those of an `ContactEstimator`.
+    - `reading`, `touched`, `slope`: those of a `ContactEstimator`.
     - `force_measured`: 𝔉 (6) on the wall as the sensor gives it; its force in Σ_I is read [N].
-    - `turn` (1): goes to `wall_turn` with `TURN_PER_METRE` [rad]; it stays where it is off the wall.
+    - `turn` (1): follows `wall_turn` with `TURN_PER_METRE` [rad]; constant off the wall.
 
     The discrete state is an `Inclination` and the turn.
 
     Args:
         surface: The class of walls.
         most: Largest turn, to either side [rad].
-        period: Time between two looks [s].
+        period: Time between two updates [s].
     """
 
     def __init__(self, surface: SurfaceClass, most: float, period: float):
@@ -166,7 +151,7 @@ class WallNormal(LeafSystem):
         if np.all(np.isfinite([known.reading, before.reading])):
             wanted = np.clip(wall_turn(self._surface.direction, known.tilt),
                              -self._most, self._most)
-            step = TURN_PER_METRE * self._surface.aside(known.reading[:3] - before.reading[:3])
+            step = TURN_PER_METRE * self._surface.lateral(known.reading[:3] - before.reading[:3])
             turn += np.clip(wanted - turn, -step, step)
         for i, part in enumerate((*known, [turn])):
             state.set_value(i, part)
@@ -178,11 +163,11 @@ class WallNormal(LeafSystem):
         """Adds the system and connects it, but for `force_measured`.
 
         Args:
-            builder: Where to add it.
-            estimator: What was felt.
+            builder: Builder of the Diagram.
+            estimator: Estimator of the contact state.
             surface: The class of walls.
             most: Largest turn, to either side [rad].
-            period: Time between two looks [s].
+            period: Time between two updates [s].
             name: Name of the system.
         """
         return added(builder, name, WallNormal(surface, most, period), **{

@@ -1,14 +1,13 @@
-"""The ancillary feedback: keeps the real state in a tube about the nominal one.
+"""Ancillary feedback: keeps the real state in a tube about the nominal one.
 
-u of (eq:dynamics) is a generalised acceleration: f carries M⁻¹ inside, u stands beside it. What
-goes to thrusters and joints is τ = M(𝔮) u, with the full inertia including added mass. The laws are
-in `control.laws`.
+u of (eq:dynamics) is a generalised acceleration: f contains M⁻¹, u is added to it. The command to
+thrusters and joints is τ = M(𝔮) u, with the full inertia including added mass. The laws are in
+`control.laws`.
 
-An actuator saturates, and so does the command, where it is told the robot's input limits. Inside
-of what the certificate covers, and as far as the estimated radii of the input hold, the command is
-within them; so there nothing is cut and the law's own is sent. Where the law is told what the
-thrusters give, they are the ones to cut the vehicle's command, which would cost the tip its hold
-here: only what the joints get is cut.
+An actuator saturates, and so does the command if the robot's input limits are given. Within the
+certificate, and as far as the estimated radii of the input hold, no limit is active and the law's
+own command is sent. A law that takes the thrusters' wrench leaves the saturation of the vehicle's
+command to the thrusters, for clipping it here would disturb the tip: only the joints' is clipped.
 """
 
 import math
@@ -35,18 +34,18 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.ndarray,
                   tau_limit: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Returns u and τ cut to their limits, and whether they are cut.
+    """Returns u and τ clipped to their limits, and whether they are clipped.
 
     First u ← clip(u, ±u_limit) and τ = M u, one component at a time, then likewise
-    τ ← clip(τ, ±τ_limit) and u = M⁻¹τ. What exceeds no limit is returned as it is. τ is what is
-    sent: where its own limits cut it, u follows from it and may be beyond those of u.
+    τ ← clip(τ, ±τ_limit) and u = M⁻¹τ; without a violation both are returned unchanged. τ is sent:
+    where its own limits clip it, u follows from it and may exceed those of u.
 
     Args:
         u: (6+n,) [m/s² (3), rad/s² (3+n)].
         tau: M u (6+n,) [N (3), N m (3+n)].
         M: (6+n, 6+n).
-        u_limit: Of |uᵢ| (6+n,).
-        tau_limit: Of |τᵢ| (6+n,); None if τ is not limited.
+        u_limit: Limits of |uᵢ| (6+n,).
+        tau_limit: Limits of |τᵢ| (6+n,); None if τ is not limited.
     """
     limited = False
     if (np.abs(u) > u_limit).any():
@@ -59,7 +58,7 @@ def limited_input(u: np.ndarray, tau: np.ndarray, M: np.ndarray, u_limit: np.nda
 
 
 def _cut(command: Command, u_limit: np.ndarray, tau_limit: np.ndarray | None) -> Command:
-    """Returns what `limited_input` leaves of a command."""
+    """Returns a command clipped by `limited_input`."""
     u, tau, limited = limited_input(command.u(), command.tau(), command.M(), u_limit, tau_limit)
     return Command(lambda: u, lambda: tau, command.M, limited)
 
@@ -80,12 +79,12 @@ def _of_joints(u_limit: np.ndarray, tau_limit: np.ndarray | None
 
 
 def is_lost(measured: np.ndarray) -> bool:
-    """Returns whether a measurement is none, because it is not finite."""
+    """Returns whether a measurement is missing: not finite."""
     return not math.isfinite(measured.sum())
 
 
 class AncillaryFeedback(LeafSystem):
-    """Turns nominal trajectory and measured state into a command, as acceleration and as force.
+    """Ancillary law from nominal trajectory and measured state to acceleration and force.
 
     .. pydrake_system::
 
@@ -108,32 +107,30 @@ class AncillaryFeedback(LeafSystem):
 
     - `state`: (𝔮, ζ) measured (2(6+n)), in the paper's order.
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
-    - `nominal_acceleration`: ζ̄̇ (6+n); read where the law asks for it.
+    - `nominal_acceleration`: ζ̄̇ (6+n); read if the law needs it.
     - `nominal_input`: ū (6+n); likewise.
-    - `force_measured`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, to a law
-      that takes it in place of the force by the model's surface. It is to be the last finite one,
-      as a `HoldLastValue` gives it; while it is not finite, because there was none yet, the law takes
-      the surface's.
-    - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, to a law that takes what the thrusters give
-      now; see `VEHICLE_WRENCH`.
-    - `estimate`: δ̂ (6+n), from a `RowObserver`, to a law that asks for one.
-    - `preview`: what the plan's forces change until they act (6+n), from a `FeedforwardPreview`.
+    - `force_measured`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, for a law
+      that takes it in place of the force by the model's surface. It is the last finite one, of a
+      `HoldLastValue`; while it is not finite, before the first one, the law takes the surface's.
+    - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, the thrusters' present wrench, for a law that
+      takes it; see `VEHICLE_WRENCH`.
+    - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.
+    - `preview`: change of the plan's forces until they act (6+n), of a `FeedforwardPreview`.
     - `u`: generalised acceleration command (6+n) [m/s² (3), rad/s² (3+n)].
     - `tau`: τ = M(𝔮) u (6+n), wrench on the vehicle in body axes and joint torques [N (3), N m
       (3+n)].
     - `lost` (1): 1 while the measured state is not finite, else 0.
-    - `limited` (1): 1 while a limit cuts the command, else 0.
-    - `pair`: the `Pair` of measured and nominal motion, which a `TubeMonitor` reads too.
+    - `limited` (1): 1 while a limit clips the command, else 0.
+    - `pair`: `Pair` of measured and nominal motion, also for a `TubeMonitor`.
 
-    It has no state. In place of a measured state that is not finite the law takes the nominal one,
-    so that the command is the plan's own, without feedback. `u` and `tau` are what the limits leave
-    of the law's command, see `limited_input`.
+    It has no state. A measured state that is not finite is replaced by the nominal one, so that the
+    command is the plan's own, without feedback. `u` and `tau` are the law's command clipped by
+    `limited_input`.
 
     Args:
         model: The controller's model of the robot and of the surface.
         law: The law and its gains.
-        limits: Those of the real robot, of which the ones of u and τ are read; None: the law's
-            command is passed on as it is.
+        limits: Limits of the real robot, of which those of u and τ are read; None: no clipping.
     """
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, limits: Limits | None = None):
@@ -214,12 +211,12 @@ class AncillaryFeedback(LeafSystem):
         """Adds the feedback and connects it to a system with a `NominalMpc`'s output ports.
 
         Args:
-            builder: Where to add it.
+            builder: Builder of the Diagram.
             model: The controller's model.
             law: The law and its gains.
             nominal: Gives nominal_state, nominal_acceleration and nominal_input.
             state: Gives (𝔮, ζ); left to the caller if None.
-            limits: Those of the real robot; None: the command is not limited.
+                limits: Limits of the real robot; None: no clipping.
             name: Name of the system.
         """
         return added(builder, name, AncillaryFeedback(model, law, limits), state=state, **{

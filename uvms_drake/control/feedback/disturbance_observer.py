@@ -1,24 +1,14 @@
-"""The observer: estimates the disturbance of each output of a law from what the output did.
+"""Disturbance observer of the outputs of a law, from their measured rates and the applied forces.
 
-An output of a law obeys ÿ = ÿ_pred + δ, where ÿ_pred = J_y ζ̇_pred + J̇_y ζ is what the model says of
-the forces that act, M ζ̇_pred + b + Jᵀ𝔉_s = τ_applied: ÿ_pred = Gτ + c, where G = J_y M⁻¹ and c
-change with the motion. At the ticks of a period h,
+An output obeys ÿ = ÿ_pred + δ, ÿ_pred = Gτ + c with G = J_y M⁻¹, of the model and the applied forces.
+At the ticks of a period h
 
     δ̂ₖ = δ̂ₖ₋₁ + (1 − e^{−λh}) (mₖ − δ̂ₖ₋₁),   mₖ = [Δẏ − Ḡ Δ∫τ]/h − c̄,                            (O)
 
-Δ over the period, a bar the mean of both ends: mₖ is the mean of δ over the period, but for what G
-and c are bent in it. For a short h, δ − δ̂ = s/(s + λ) δ: a constant disturbance leaves nothing,
-and |δ̂| ≤ sup|δ| always, but for the same.
-
-*Nothing winds up.* The error of the output is not integrated: (O) does not contain it. ÿ_pred takes
-the forces as they are applied, after every limit, lag and hold that is known, so what they do not
-give is no disturbance. Where the state is not measured δ̂ is kept, and the ticks on both sides of
-the gap are not compared. A state that is the last one to the bit is no news: a law that goes on
-with it would be seen to push in vain, the longer the more. The tick is left out, and the mean that
-comes next is one of all the time since.
-
-*In a sampled loop too.* τ is integrated over time, so a held or late command needs no thought: mₖ
-is a mean whatever the command did within the period. All else is sampled, by a computer's clock.
+Δ over the period, a bar the mean of both ends: δ − δ̂ = s/(s + λ) δ for a short h, and |δ̂| ≤ sup|δ|.
+Nothing winds up: the error of the output is not integrated, τ is the applied force, and a tick
+whose state is missing, or equal to the last one to the bit (a frozen measurement), is left out.
+Derivation: control/feedback/theory.md#disturbance-observer.
 """
 
 import numpy as np
@@ -46,7 +36,7 @@ def estimate(before: np.ndarray, mean: np.ndarray, rates: np.ndarray, period: fl
 
 
 class RowObserver(LeafSystem):
-    """Estimates the disturbance of a law's outputs.
+    """Observer of the disturbance of a law's outputs.
 
     .. pydrake_system::
 
@@ -62,20 +52,20 @@ class RowObserver(LeafSystem):
         - estimate
 
     - `state`: (𝔮, ζ) measured (2(6+n)).
-    - `pair`: the `Pair` of it and the nominal motion.
-    - `tau`: the command τ (6+n) [N, N m], as it is sent.
-    - `applied`: what known actuators make of it (6+n), if they do anything to it.
-    - `vehicle_wrench`: its first six as the thrusters give them, see `VEHICLE_WRENCH`.
+    - `pair`: `Pair` of it and the nominal motion.
+    - `tau`: command τ (6+n) [N, N m], as it is sent.
+    - `applied`: τ behind known actuators (6+n), if there are any.
+    - `vehicle_wrench`: its first six of the thrusters, see `VEHICLE_WRENCH`.
     - `force_measured`: 𝔉_s (6), in place of the force by the model's surface.
-    - `estimate`: δ̂ (6+n) [m/s², rad/s²]; it follows from the state alone.
+    - `estimate`: δ̂ (6+n) [m/s², rad/s²]; no feedthrough.
 
     The continuous state is ∫τ (6+n). The discrete state is δ̂ (6+n), from zero; of the last tick
-    with news ẏ, ∫τ, c (6+n each) and the rows of G, NaN if nothing was measured since, and the
-    measured state (2(6+n)); and the number of ticks until the next one (1).
+    with a new measurement ẏ, ∫τ, c (6+n each) and the rows of G, NaN after a missing one, and the
+    measured state (2(6+n)); and the number of ticks since it (1).
 
     Args:
         model: The controller's model.
-        observed: The outputs, and how fast they are observed.
+        observed: The outputs and their rates λ.
     """
 
     def __init__(self, model: UvmsModel, observed: Observed):
@@ -132,10 +122,10 @@ class RowObserver(LeafSystem):
         motion = self._motion(context)
         if np.isfinite(before).all():
             since, size = float(ticks[0]) * self._observed.period, self._model.size
-            gone, given = (motion - before)[: 2 * size].reshape(2, size)
+            rate_change, impulse = (motion - before)[: 2 * size].reshape(2, size)
             c, *G = (0.5 * (motion + before))[2 * size:].reshape(-1, size)
             state.set_value(0, estimate(
-                known, (gone - np.array(G) @ given) / since - c, self._observed.rates, since))
+                known, (rate_change - np.array(G) @ impulse) / since - c, self._observed.rates, since))
         state.set_value(1, motion)
         state.set_value(2, measured)
         state.set_value(3, np.ones(1))
@@ -147,13 +137,13 @@ class RowObserver(LeafSystem):
 def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
                  feedback: AncillaryFeedback, *, state: OutputPort, name: str = "observer"
                  ) -> RowObserver | None:
-    """Adds the observer that a law asks for and connects it with the feedback, or returns None.
+    """Adds the observer of a law and connects it with the feedback; None if it has none.
 
     Args:
-        builder: Where to add it.
+        builder: Builder of the Diagram.
         model: The controller's model.
         law: The law.
-        feedback: The law as a system; what it takes from outside is left to the caller.
+        feedback: The law as a system; its inputs from outside are left to the caller.
         state: Gives (𝔮, ζ) as it is measured.
         name: Name of the system.
     """
@@ -170,7 +160,7 @@ def add_observer(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
 
 def export_inputs(builder: DiagramBuilder, feedback: AncillaryFeedback,
                   observer: RowObserver | None) -> None:
-    """Exports the ports of feedback and observer for what a controller is told of the robot."""
+    """Exports the inputs of feedback and observer for measured and applied forces."""
     for name in (MEASURED_FORCE, VEHICLE_WRENCH):
         port = builder.ExportInput(feedback.GetInputPort(name), name)
         if observer is not None:

@@ -67,7 +67,7 @@ class KinematicFeedback(LeafSystem):
         """Adds the feedback and connects it to a system with a `NominalMpc`'s output ports.
 
         Args:
-            builder: Where to add it.
+            builder: Builder of the Diagram.
             model: The controller's model.
             law: The law and its σ.
             nominal: Gives nominal_state.

@@ -295,7 +295,7 @@ class TubeMonitor(LeafSystem):
         """Adds the monitor and connects it.
 
         Args:
-            builder: Where to add it.
+            builder: Builder of the Diagram.
             model: The controller's model.
             law: The law and its gains.
             d_bound: d̃, or w̃.

@@ -1,4 +1,4 @@
-"""The ancillary laws, one in a file, which keep the real state in a tube about the nominal one."""
+"""Ancillary laws, one a file, which keep the real state in a tube about the nominal one."""
 
 from uvms_drake.control.laws.resolved import Resolved
 from uvms_drake.control.laws.tip_first import TipFirst

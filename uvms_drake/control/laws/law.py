@@ -1,8 +1,8 @@
-"""The interface of an ancillary law: its command, its errors and its bound along the run.
+"""Interface of an ancillary law: its command, its errors and its bound along the run.
 
-A law is a dataclass of its gains that derives from `AncillaryLaw`. One of `command` and `velocity`
-is all that a closed loop needs. `AnyLaw` in `control.laws` names those that a scenario's file may
-name, and `tube.laws.dynamic` and `tube.laws.kinematic` those that have a certificate.
+A law is a dataclass of its gains that derives from `AncillaryLaw`. A closed loop needs only one of
+`command` and `velocity`. `AnyLaw` in `control.laws` lists the laws of scenario files,
+`tube.laws.dynamic` and `tube.laws.kinematic` those with a certificate.
 """
 
 import math
@@ -20,7 +20,7 @@ from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
 class Pair(NamedTuple):
-    """How the real and the nominal robot move at an instant; the real one is first everywhere."""
+    """Motion of the real and of the nominal robot at an instant; the real one is always first."""
 
     kinematics: Kinematics
     """Geometry of the two robots, stacks (2,)."""
@@ -37,21 +37,20 @@ class Pair(NamedTuple):
     inverse: np.ndarray
     """Inverse Jacobian J_x(𝔮)⁻¹ (6+n, 6+n)."""
     contact: np.ndarray | None = None
-    """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: that of the model's
-    surface."""
+    """Measured force 𝔉_s of the real robot on the surface (6,) [N, N m]; None: the model's."""
     wrench: np.ndarray | None = None
-    """τ_v, the wrench that the thrusters give the vehicle now (6,) in body axes [N, N m]; None:
-    the one that is commanded."""
+    """Present wrench τ_v of the thrusters on the vehicle (6,) in body axes [N, N m]; None: the
+    commanded one."""
     estimate: np.ndarray | None = None
-    """δ̂, what an observer takes the disturbance of the law's outputs for (6+n,) [m/s², rad/s²];
-    None: there is no observer."""
+    """Observer's estimate δ̂ of the disturbance of the law's outputs (6+n,) [m/s², rad/s²]; None
+    without an observer."""
     preview: np.ndarray | None = None
-    """τ̄(t + ℓ) − τ̄(t), what the plan's forces change until a command acts (6+n,) [N, N m]; None: it
-    acts at once."""
+    """Feedforward preview τ̄(t + ℓ) − τ̄(t) of the plan's forces (6+n,) [N, N m]; None: commands act
+    at once."""
 
 
 def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> Pair:
-    """Returns how the robot moves at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each."""
+    """Returns the pair of motions at (𝔮, ζ) and at (𝔮̄, ζ̄) (2(6+n),) each."""
     both = np.array([state, nominal_state], dtype=float)
     config, zeta = both[:, : model.size], both[:, model.size:]
     kinematics = model.kinematics(config)
@@ -61,10 +60,10 @@ def pair_of(model: UvmsModel, state: np.ndarray, nominal_state: np.ndarray) -> P
 
 @dataclass(frozen=True)
 class Command:
-    """The command of a law, which gives u or τ; the rest is computed when it is asked for.
+    """Command of a law; a function that is not needed is never called.
 
-    That may be after `AncillaryLaw.command` has returned: what it was given to ask for the nominal
-    motion is called inside `command`, not inside these functions.
+    The functions may be called after `AncillaryLaw.command` has returned; the nominal motion, which
+    is given to `command` as functions too, has to be read inside `command`.
     """
 
     u: Callable[[], np.ndarray]
@@ -84,10 +83,10 @@ FIELDS = ("task", "position", "orientation", "joints", "z", "r")
 
 @dataclass(frozen=True)
 class Deviation:
-    """The real motion relative to the nominal one, at an instant."""
+    """Real motion relative to the nominal one, at an instant."""
 
     task: np.ndarray
-    """The error that the law feeds back: 𝔢_y (6+n,), or 𝔢 (6,)."""
+    """Error that the law feeds back: 𝔢_y (6+n,), or 𝔢 (6,)."""
     e_y: np.ndarray
     """Error of the extended task, 𝔢_y = y − ȳ (6+n,) [m, rad]."""
     z: np.ndarray
@@ -97,7 +96,7 @@ class Deviation:
 
     @cached_property
     def norms(self) -> np.ndarray:
-        """The norms (6,) that `FIELDS` names."""
+        """Norms (6,) of `FIELDS`."""
         e_y = self.e_y
         return np.array([math.sqrt(x @ x) for x in (
             self.task, e_y[:3], e_y[3:6], e_y[6:], self.z, self.r)])
@@ -105,7 +104,7 @@ class Deviation:
 
 @dataclass(frozen=True)
 class RunBound:
-    """A bound on the deviation along the run: the solution of a differential equation."""
+    """Bound on the deviation along the run: the solution of a differential equation."""
 
     size: int
     """Number of its states x."""
@@ -118,35 +117,34 @@ class RunBound:
 
 
 class Outputs(NamedTuple):
-    """What a law feeds back of the real and the nominal robot, the real one first."""
+    """Outputs that a law feeds back, of the real and the nominal robot, the real one first."""
 
     error: np.ndarray
-    """e = y − ȳ of the outputs y (6+n,), angles by the shorter way round."""
+    """Error e = y − ȳ of the outputs y (6+n,), angles wrapped."""
     rate: np.ndarray
-    """ẏ, ẏ̄ (2, 6+n)."""
+    """Rates ẏ, ẏ̄ (2, 6+n)."""
     J: np.ndarray
-    """J_y (2, 6+n, 6+n): ẏ = J_y ζ."""
+    """Jacobians J_y (2, 6+n, 6+n): ẏ = J_y ζ."""
     bias: np.ndarray
-    """J̇_y ζ (2, 6+n)."""
+    """Bias J̇_y ζ (2, 6+n)."""
 
 
 @dataclass(frozen=True)
 class Observed:
-    """The outputs of a law whose disturbance an observer is to estimate, see `RowObserver`."""
+    """Outputs of a law whose disturbance is estimated by a `RowObserver`."""
 
     rates: np.ndarray
-    """λ of each output (6+n,) [1/s]; zero for an output that is not observed."""
+    """Rate λ of each output (6+n,) [1/s]; zero for an output that is not observed."""
     period: float
     """Time between two estimates [s]."""
     outputs: Callable[[Pair], Outputs]
-    """The outputs of a pair of motions."""
+    """Outputs of a pair of motions."""
 
 
 class AncillaryLaw(ABC):
-    """What feedback, monitor and certificate ask of a law.
+    """Law as feedback, monitor and certificate use it.
 
-    What a law does not answer is answered here without any claim: it has no bound along the run,
-    and its errors are those of the whole extended task.
+    The defaults claim nothing: no bound along the run, errors of the whole extended task.
     """
 
     k: float = math.nan
@@ -157,7 +155,7 @@ class AncillaryLaw(ABC):
     takes_force: ClassVar[bool] = False
     """Whether the command takes `Pair.contact`."""
     takes_wrench: ClassVar[bool] = False
-    """Whether it knows of actuators: the command takes `Pair.wrench` and `Pair.preview`."""
+    """Whether the command takes `Pair.wrench` and `Pair.preview`, of actuators with a delay."""
 
     @property
     def name(self) -> str:
@@ -184,14 +182,13 @@ class AncillaryLaw(ABC):
         Args:
             model: The prediction model.
             now: Measured and nominal motion.
-            nominal_acceleration: Gives ζ̄̇ (6+n,) to a law that asks for it; call it inside
-                `command`, as the next.
-            nominal_input: Gives ū (6+n,) to a law that asks for it; it costs an evaluation of f.
+            nominal_acceleration: Function that returns ζ̄̇ (6+n,); call it inside `command`.
+            nominal_input: Function that returns ū (6+n,), likewise; it costs an evaluation of f.
         """
 
     def velocity(self, model: UvmsModel, configuration: np.ndarray, nominal_state: np.ndarray
                  ) -> np.ndarray:
-        """Returns the command ζ (6+n,) where the velocity is the input; by default there is none.
+        """Returns the command ζ (6+n,) of kinematic motion; by default there is none.
 
         Args:
             model: Supplies J_x.
@@ -201,11 +198,11 @@ class AncillaryLaw(ABC):
         raise InvalidParameter("ancillary", self.name, "a law with a velocity (motion: kinematic)")
 
     def observed(self, model: UvmsModel) -> Observed | None:
-        """Returns the outputs whose disturbance `Pair.estimate` is to be; None, as by default."""
+        """Returns the outputs of which `Pair.estimate` is the disturbance, if there are any."""
         return None
 
     def deviation(self, now: Pair) -> Deviation:
-        """Returns the errors in which the law has its tube; by default 𝔢_y, and 𝔷 for 𝔯."""
+        """Returns the errors of the law's tube; by default 𝔢_y, and 𝔷 for 𝔯."""
         e_y, z = pose_difference(*now.y), now.zeta[0] - now.zeta[1]
         return Deviation(e_y, e_y, z, z)
 

@@ -1,17 +1,13 @@
-"""The law `resolved`: resolved acceleration on the extended task y = (χ, q).
+"""Law `resolved`: resolved acceleration on the extended task y = (χ, q).
 
 With J_x = [J; 0 I], 𝔢_y = y − ȳ and Euler angles compared modulo 2π,
 
     ζ_ref = J_x(𝔮)⁻¹ [J_x(𝔮̄) ζ̄ − σ 𝔢_y],   𝔯 = ζ − ζ_ref,   u = ζ̇_ref − f(𝔮, ζ) − k 𝔯,
 
-leaves exactly 𝔢̇_y = −σ 𝔢_y + J_x(𝔮) 𝔯 and 𝔯̇ = −k 𝔯 + d: a cascade without f in it, so a stiff
-surface costs nothing, and ‖𝔢_y‖ ≤ J̄ d̃/(kσ), ‖𝔯‖ ≤ d̃/k for every k, σ > 0. τ = M(𝔮)u is the inverse
-dynamics at ζ̇_ref − k𝔯, so neither f nor M is needed.
-
-With a measured contact force 𝔉_s in the inverse dynamics in place of the model's, nothing is asked
-of the surface: d is then joined by M⁻¹Jᵀ(𝔉_s − 𝔉), the sensor's error, wherever the wall is.
-
-Where the velocity is the input, ζ = ζ_ref leaves exactly 𝔢̇_y = −σ 𝔢_y + (w, 0).
+leaves exactly 𝔢̇_y = −σ 𝔢_y + J_x(𝔮) 𝔯 and 𝔯̇ = −k 𝔯 + d: a cascade without f in it, and
+‖𝔢_y‖ ≤ J̄ d̃/(kσ), ‖𝔯‖ ≤ d̃/k for every k, σ > 0. τ = M(𝔮)u is the inverse dynamics at ζ̇_ref − k𝔯,
+with the measured contact force 𝔉_s in place of the model's, if there is one. Where the velocity is
+the input, ζ = ζ_ref leaves 𝔢̇_y = −σ 𝔢_y + (w, 0). Proof: control/laws/theory.md#law-resolved.
 """
 
 from collections.abc import Callable
@@ -37,7 +33,7 @@ class Resolved(AncillaryLaw):
     """The law `resolved` and its gains."""
 
     k: float = 20.0
-    """Gain of the velocity error [1/s]; of no meaning where the velocity is the input."""
+    """Gain of the velocity error [1/s]; not read where the velocity is the input."""
     sigma: float = 5.0
     """σ, gain of the task error [1/s]."""
 
@@ -48,7 +44,7 @@ class Resolved(AncillaryLaw):
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
-        """Returns τ of the inverse dynamics at ζ̇_ref − k𝔯; it asks for ζ̄̇ only."""
+        """Returns τ of the inverse dynamics at ζ̇_ref − k𝔯; it reads ζ̄̇ only."""
         (zeta, nominal_zeta), (J, J_nominal) = now.zeta, now.J_x
         J_dot, J_dot_nominal = now.J_x_dot
         velocity = J_nominal @ nominal_zeta
@@ -85,7 +81,7 @@ class Resolved(AncillaryLaw):
 
         μ the largest eigenvalue of the symmetric part of −J_x⁻¹J̇_x. By the proofs in
         `tube.resolved.bounds` ‖𝔯‖ ≤ ‖Ŵ⁻¹𝔯‖ ≤ R, ‖𝔢_b‖ ≤ E_b, ‖J_x⁻¹𝔢_y‖ ≤ P, and so
-        ‖𝔷‖ ≤ R + σP + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖. Only the E_b know of Ŵ; R and P are those of
+        ‖𝔷‖ ≤ R + σP + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖. Only the E_b depend on Ŵ; R and P are those of
         the ball ‖d‖ ≤ d̃ too. The states are R, the E_b of task, position, orientation and joints,
         and P.
         """
@@ -108,8 +104,8 @@ class Resolved(AncillaryLaw):
 
         𝔢̇_y = −σ𝔢_y + (w, 0) exactly, so Ė = −σE + w̃ for the task and its blocks, which a constant w
         takes to their bounds, and without w̃ for the joints. ‖𝔷‖ is compared with
-        σ‖J_x(𝔮)⁻¹‖E + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖, and 𝔯 with zero, which it is where ζ is what
-        the law commands. The states are the E of task, position, orientation and joints.
+        σ‖J_x(𝔮)⁻¹‖E + ‖J_x(𝔮)⁻¹(J_x(𝔮̄) − J_x(𝔮))ζ̄‖, and 𝔯 with zero, its value where ζ is the
+        command. The states are the E of task, position, orientation and joints.
         """
         drive = np.array([w_bound, w_bound, w_bound, 0.0])
         return RunBound(4, lambda E, now: drive - self.sigma * E, self._kinematic_bounds,
@@ -121,7 +117,7 @@ class Resolved(AncillaryLaw):
 
 
 def gains_and_growth(now: Pair, weights: np.ndarray) -> tuple[np.ndarray, float]:
-    """Returns (5,) ‖J_xŴ‖, its blocks' for position, orientation and joints, and 1; and μ [1/s].
+    """Returns the norms (5,) of J_xŴ, of its position, orientation and joint rows, 1; and μ [1/s].
 
     ‖J‖² is the largest eigenvalue of J Jᵀ. The rows of the joints are unit vectors.
     """

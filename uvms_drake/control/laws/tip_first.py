@@ -1,41 +1,19 @@
-"""The law `tip first`: the arm holds the tip, the vehicle keeps station, each with its own gains.
+"""Law `tip first`: the arm holds the tip, the vehicle keeps station, each with its own gains.
 
 Its outputs are y = (η, s): the vehicle's pose η, and n rows s of (χ, q), the tip's task, see
-`tip_rows`. With e = y − ȳ, ẏ = J_y ζ, J_y = [J_η 0; J_sv J_sq], diagonal gains K and Σ, and δ̂ the
-estimate of an observer, if there is one,
+`tip_rows`. With e = y − ȳ, ẏ = J_y ζ, diagonal gains K and Σ, and δ̂ the estimate of an observer,
 
     v = ÿ̄ − (K + Σ)(ẏ − ẏ̄) − K Σ e − δ̂,    J_y ζ̇_des = v − J̇_y ζ,    τ = M ζ̇_des + b + Jᵀ𝔉_s.    (L)
 
-(b: Coriolis forces, drag, weight and buoyancy; 𝔉_s: the measured contact force, or the model's.) If
-the actuators give τ, the robot has ζ̇ = ζ̇_des + d, and each row is a loop of its own:
+If the actuators give τ, each row is a loop of its own, ë + (k + σ) ė + kσ e = δ − δ̂ with δ = J_y d.
+If the thrusters give τ_v, the joints' torques are those of
 
-    ë + (k + σ) ė + kσ e = δ − δ̂,    δ = J_y d.                                               (R)
+    M ζ̇_now + b + Jᵀ𝔉_s = (τ_v, τ_q),    J_s ζ̇_now = v_s − J̇_s ζ,    in (ζ̇_now, τ_q),           (A)
 
-*The thrusters as they are.* They lag, have limits and dead time. Let τ_v be what they give the
-vehicle now. The joints' torques are not those of (L) then, but those of
-
-    M ζ̇_now + b + Jᵀ𝔉_s = (τ_v, τ_q),    J_s ζ̇_now = v_s − J̇_s ζ,    in (ζ̇_now, τ_q).           (A)
-
-*The tip's rows obey (R) whatever the thrusters do.* The robot obeys M(ζ̇ − d) + b + Jᵀ𝔉 = (τ_v, τ_q)
-with that very τ_v. The difference to (A) is M(ζ̇ − d − ζ̇_now) = Jᵀ(𝔉_s − 𝔉), so that ζ̇ = ζ̇_now + d'
-with d' = d + M⁻¹Jᵀ(𝔉_s − 𝔉), and s̈ = J_s ζ̇ + J̇_s ζ = v_s + J_s d'. This is (R) with δ = J_s d'. ∎
-What the thrusters give wrongly, τ_v + ε in truth, adds M⁻¹(ε, 0) to d, no more.
-
-*When it has a solution.* (A) is [M_v; J_s] ζ̇_now = (τ_v − b_v, v_s − J̇_s ζ), M_v the vehicle's rows
-of M, and then τ_q. det[M_v; J_s] = det M_vv det J_g with the generalised Jacobian
-J_g = J_sq − J_sv M_vv⁻¹M_vq: how the tip moves by the joints of a robot whose vehicle floats free.
-So (A) is solvable where J_g is regular, (L) where J_sq is. Near a singular posture the torques grow
-as one over the smallest singular value and limits cut them; at one, the law refuses. A certificate
-has to keep the robot away from there.
-
-*An axis without thrusters*, such as the roll of a vehicle with five: the vehicle gets no torque
-about it. In (L) its row of dynamics, with that torque, takes the place of its row of η, which is
-not fed back; all other rows obey (R) as before.
-
-The vehicle's rows obey (R) as far as τ_v is what (L) asks for. What a lag makes of them is in
-`tube.loops.row_loop`. What is known in advance need not be late: where the command is known to
-act ℓ later, the plan's forces of that time are asked for, τ + τ̄(t + ℓ) − τ̄(t), see
-`control.feedback.feedforward_preview`.
+with which the tip's rows obey the same equation whatever τ_v is. (A) is solvable where the
+generalised Jacobian is regular, (L) where J_sq is; at a singular posture the law refuses. An axis
+without thrusters, such as a roll, gets no torque and is not fed back: in (L) its row of the
+dynamics takes the place of its row of η. Proof: control/laws/theory.md#law-tip-first.
 """
 
 from collections.abc import Callable
@@ -51,9 +29,9 @@ from uvms_drake.control.laws.tip_rows import POSE, tip_rows
 from uvms_drake.model.uvms_model import UvmsModel
 
 MAY_BE_UNDRIVEN = ("roll", "pitch")
-"""Axes of the vehicle that weight and buoyancy hold, if no thruster does."""
+"""Axes of the vehicle that weight and buoyancy stabilise without a thruster."""
 LARGEST = 1e6
-"""Acceleration [m/s², rad/s²] that only a singular posture asks for."""
+"""Acceleration [m/s², rad/s²] that occurs at singular postures only."""
 
 
 @dataclass
@@ -76,15 +54,15 @@ class BlockGains:
 
 @dataclass
 class TipFirst(AncillaryLaw):
-    """The law `tip first`, its rows and its gains."""
+    """Law `tip first`: its rows and its gains."""
 
     vehicle: BlockGains = field(default_factory=lambda: BlockGains(1.5, 0.4))
-    """Gains of the vehicle's pose, which thrusters can follow."""
+    """Gains of the vehicle's pose, within the bandwidth of the thrusters."""
     tip: BlockGains = field(default_factory=lambda: BlockGains(20.0, 10.0))
     """Gains of the tip's task."""
     rows: list[str] = field(default_factory=list)
-    """The tip's task, one row for each joint: of x, y, z, roll, pitch, yaw of the end-effector and
-    q1, q2, ...; none for position first and then what the arm holds best."""
+    """Rows of the tip's task, one a joint: of x, y, z, roll, pitch, yaw of the end-effector and
+    q1, q2, ...; none for the position first and then the rows that are best conditioned."""
     undriven: list[str] = field(default_factory=list)
     """Axes of the vehicle that no thruster drives, of roll and pitch: not fed back."""
     observer_period: float = 0.02
@@ -122,24 +100,25 @@ class TipFirst(AncillaryLaw):
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
-        """Returns τ of (L), with a wrench the joints' of (A), ahead if told; it asks for ζ̄̇ only."""
+        """Returns τ of (L), τ_q of (A) for a given wrench, and the preview; it reads ζ̄̇ only."""
         n, out = model.num_joints, outputs_of(now, tip_rows(model, tuple(self.rows)))
         k, sigma = self.gains("k", n), self.gains("sigma", n)
-        desired_output_acceleration = out.J[1] @ nominal_acceleration() + out.bias[1]  # ÿ̄
-        desired_output_acceleration += -(k + sigma) * (out.rate[0] - out.rate[1]) - k * sigma * out.error
+        v = out.J[1] @ nominal_acceleration() + out.bias[1]  # ÿ̄
+        v += -(k + sigma) * (out.rate[0] - out.rate[1]) - k * sigma * out.error
         if now.estimate is not None:
-            desired_output_acceleration -= now.estimate
+            v -= now.estimate
         measured, zeta = now.kinematics.at(0), now.zeta[0]
         M, b = model.mass_matrix(measured), model.inverse_dynamics(
             measured, zeta, np.zeros_like(zeta), now.contact)
         given = np.zeros(6) if now.wrench is None else now.wrench
 
         def torques(axes: np.ndarray) -> np.ndarray:
-            """Returns τ (6+n,) where the vehicle gets what is given about these axes."""
-            A, right = out.J[0].copy(), desired_output_acceleration - out.bias[0]
+            """Returns τ (6+n,) with the given wrench, not the law's, on these axes."""
+            A, right = out.J[0].copy(), v - out.bias[0]
             A[axes], right[axes] = M[axes], given[axes] - b[axes]
             return M @ _solve(A, right, now.y[0, 6:]) + b
 
+        # Undriven axes get no torque; the joints compensate the wrench that the thrusters give.
         undriven = self.undriven_rows
         tau = torques(undriven)
         if now.wrench is not None:

@@ -1,12 +1,11 @@
-"""Which rows of y = (χ, q) are the tip's task s ∈ Rⁿ that the arm holds: its position first.
+"""Choice of the rows of y = (χ, q) that are the tip's task s ∈ Rⁿ of the arm: its position first.
 
-An arm of n joints can hold n rows. Where they are not named they are chosen for the robot: the
-position, from six joints on the whole pose, and then the rows which the arm can hold best, that is
-with the largest geometric mean, over postures within its joint ranges, of the smallest singular
-value of J_sq, the derivative of s by q. The vehicle is level there: then nothing depends on where
-it is and heads. Of rows that differ by rounding alone, as the tip's roll and a wrist that turns the
-tool about itself, the later are taken: a joint's angle. An arm of one or two joints cannot hold a
-position; its joints are held.
+An arm of n joints can control n rows. Rows that are not named are chosen for the robot: the
+position, from six joints on the whole pose, and then the best conditioned rows, with the largest
+geometric mean, over postures within the joint ranges, of the smallest singular value of J_sq, the
+derivative of s by q, for a level vehicle (then place and heading do not matter). Of rows that
+differ by rounding alone, as the tip's roll and a wrist that turns the tool about itself, the later
+are taken: a joint's angle. The task of an arm of one or two joints is its joints.
 """
 
 from functools import lru_cache
@@ -22,7 +21,7 @@ POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 POSTURES = 400
 """Postures at which rows are compared."""
 DIGITS = 6
-"""Decimals of the mean logarithm by which rows are compared; what is beyond is rounding."""
+"""Decimals of the mean logarithm by which rows are compared; the others are rounding."""
 SINGULAR = 1e-9
 """Smallest singular value of a J_sq that is regular; less is rounding."""
 
@@ -38,7 +37,7 @@ def tip_rows(model: UvmsModel, names: tuple[str, ...] = ()) -> np.ndarray:
 
     Args:
         model: The robot.
-        names: The n rows as `row_names` has them; none for those chosen for the robot.
+        names: The n rows, of `row_names`; none for those chosen for the robot.
 
     Raises:
         InvalidParameter: They are not n different rows.
@@ -53,7 +52,7 @@ def tip_rows(model: UvmsModel, names: tuple[str, ...] = ()) -> np.ndarray:
 
 
 def best_rows(model: UvmsModel) -> np.ndarray:
-    """Returns the indices (n,) in y of the rows that are chosen for a robot."""
+    """Returns the indices (n,) in y of the default rows of a robot."""
     n = model.num_joints
     if n < 3:
         return np.arange(6, 6 + n)

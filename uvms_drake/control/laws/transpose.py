@@ -1,15 +1,12 @@
-"""The law `transpose` of Nikou, Verginis and Dimarogonas (2018), as its proof needs it.
+"""Law `transpose` of Nikou, Verginis and Dimarogonas (2018), as its proof needs it.
 
 With 𝔢 = χ − χ̄, 𝔷 = ζ − ζ̄ and Euler angles compared modulo 2π,
 
-    u = ū − k 𝔷 − k σ J(𝔮̄)ᵀ 𝔢.
+    u = ū − k 𝔷 − k σ J(𝔮̄)ᵀ 𝔢,
 
-The printed (eq:kappa_law) multiplies a (6+n)×6 matrix with a (6+n)-vector; the proof uses
-u − ū = −k 𝔯 with 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢, which is this. It does not act on the arm's self-motion; with
-`joints`, J_x and 𝔢_y take the place of J and 𝔢, the proof goes through as before, and it does.
-
-Where the velocity is the input, ζ = ζ̄ − σ J(𝔮̄)ᵀ 𝔢, the paper's, leaves
-𝔢̇ = (J(𝔮) − J(𝔮̄))ζ − σJ(𝔮̄)J(𝔮̄)ᵀ𝔢 + w.
+and ζ = ζ̄ − σ J(𝔮̄)ᵀ 𝔢 where the velocity is the input. It does not act on the arm's self-motion;
+with `joints`, J_x and 𝔢_y take the place of J and 𝔢, and it does. Derivation and the difference to
+the printed law: control/laws/theory.md#law-transpose.
 """
 
 from collections.abc import Callable
@@ -35,7 +32,7 @@ class Transpose(AncillaryLaw):
     """The law `transpose` and its gains."""
 
     k: float = 20.0
-    """Gain of the velocity error [1/s]; of no meaning where the velocity is the input."""
+    """Gain of the velocity error [1/s]; not read where the velocity is the input."""
     sigma: float = 1.0
     """σ, gain of the task error [1/s]."""
     joints: bool = False
@@ -56,7 +53,7 @@ class Transpose(AncillaryLaw):
 
     def command(self, model: UvmsModel, now: Pair, nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> Command:
-        """Returns u = ū − k𝔷 − kσJ(𝔮̄)ᵀ𝔢; it asks for ū only."""
+        """Returns u = ū − k𝔷 − kσJ(𝔮̄)ᵀ𝔢; it reads ū only."""
         error = pose_difference(*now.y)[self._rows]
         z = now.zeta[0] - now.zeta[1]
         u = nominal_input() - self.k * z - self.k * self.sigma * now.J_x[1, self._rows].T @ error
@@ -85,10 +82,10 @@ class Transpose(AncillaryLaw):
 
             Ė = −σ λ(J(𝔮̄)J(𝔮̄)ᵀ) E + ‖(J(𝔮) − J(𝔮̄))ζ‖ + w̃,
 
-        λ the smallest eigenvalue. The middle term is taken as it comes: no constant bounds it by
-        ‖𝔢‖, since the arm's self-motion, on which the law does not act, is in it. Nothing is said
-        about the joints; with J_x and 𝔢_y in place of J and 𝔢, it is. ‖𝔷‖ is compared with
-        σ‖J(𝔮̄)‖E, and 𝔯 with zero, which it is where ζ is what the law commands.
+        λ the smallest eigenvalue. The middle term is evaluated along the run: no constant bounds it
+        by ‖𝔢‖, since the arm's self-motion, on which the law does not act, is in it. The joints
+        have a bound only with J_x and 𝔢_y in place of J and 𝔢. ‖𝔷‖ is compared with σ‖J(𝔮̄)‖E,
+        and 𝔯 with zero, its value where ζ is the command.
         """
         return RunBound(1, partial(self._rate, w_bound), self._bounds, from_deviation=True)
 

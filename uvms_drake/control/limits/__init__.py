@@ -1,4 +1,4 @@
-"""Limits, one kind a file, and the tube that is taken off them."""
+"""Limits, one kind a file, and their tightening by the tube."""
 
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii, resolved_radii

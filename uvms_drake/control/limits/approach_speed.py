@@ -1,4 +1,4 @@
-"""Limits that a felt contact asks for: how fast the tip moves, and how the tool is held."""
+"""Limits of a sensed contact: the tip's speed along and across n, and the tool's angle."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,6 +9,9 @@ from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.plan.points import About, Points, Slopes
 
+THETA, PSI = 4, 5
+"""Indices of the tool's pitch and yaw in y."""
+
 
 @dataclass
 class ContactSpeed(Limit):
@@ -18,7 +21,7 @@ class ContactSpeed(Limit):
     about: ClassVar[About] = "speed"
 
     axes: np.ndarray
-    """n and the tᵢ (3, 3) in Σ_I, the rows of a rotation; n into the surface."""
+    """Axes n and tᵢ (3, 3) in Σ_I, the rows of a rotation; n into the surface."""
     along: float
     """Largest |n·𝔭̇| [m/s]."""
     across: float
@@ -29,7 +32,7 @@ class ContactSpeed(Limit):
         return (self.axes @ (at.tip_jacobian @ at.zeta[..., None]))[..., 0]
 
     def slopes(self, at: Points) -> Slopes:
-        """Returns those of 𝔭̇ = J_𝔭(𝔮)ζ, in these axes."""
+        """Returns the derivatives of 𝔭̇ = J_𝔭(𝔮)ζ, in these axes."""
         rates = np.einsum("...ijk,...j->...ik", at.tip_jacobian_rates, at.zeta)
         return Slopes(self.axes @ rates @ at.config_y, self.axes @ at.tip_jacobian)
 
@@ -50,19 +53,19 @@ class ContactSpeed(Limit):
 
     @property
     def bars(self) -> list[str]:
-        """The speed into the surface, and the larger one of the others."""
+        """Speed into the surface, and the larger one of the others."""
         return [f"tip {axis} n  ≤ {most:.3g} m/s"
                 for axis, most in zip(("along", "across"), self.upper, strict=False)]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
-        """Returns that of n·𝔭̇ and the largest of the other two."""
+        """Returns the part of n·𝔭̇ and the largest of the other two."""
         along, *across = np.moveaxis(self.used(at), -1, 0)
         return np.stack([along, np.maximum(*across)], axis=-1)
 
 
 @dataclass
 class ToolAngle(Limit):
-    """The angle between the tool's axis, x of the end-effector, and n is at most a bound.
+    """Bound on the angle between the tool's axis, x of the end-effector, and n.
 
     Its value is the cosine: smooth, where the angle has a kink at zero.
     """
@@ -76,13 +79,13 @@ class ToolAngle(Limit):
 
     def values(self, at: Points) -> np.ndarray:
         """Returns n·x_E, by the Euler angles (φ, θ, ψ) about Σ_T."""
-        theta, psi = at.y[..., 4], at.y[..., 5]
+        theta, psi = at.y[..., THETA], at.y[..., PSI]
         x_E = np.stack([np.cos(theta) * np.cos(psi), np.cos(theta) * np.sin(psi),
                         -np.sin(theta)], axis=-1)
         return (x_E @ (self.direction @ at.model.R_WT))[..., None]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the cosine of the bound, and one that is never reached."""
+        """Returns the cosine of the bound, and an upper bound that is never reached."""
         return np.array([np.cos(self.bound)]), np.array([2.0 - np.cos(self.bound)])
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
@@ -95,16 +98,16 @@ class ToolAngle(Limit):
         return np.array([np.sin(self.bound) * np.sqrt(2.0) * tube.orientation])
 
     def plan_takes(self, tube: TubeRadii) -> float:
-        """Returns sin(bound) times that of the end-effector."""
+        """Returns sin(bound) times the end-effector's turn between knots [rad]."""
         return float(np.sin(self.bound)) * (tube.tool_between or 0.0)
 
     def unit_of(self, signal: str) -> str:
-        """Returns nothing: it is a cosine."""
+        """Returns the empty unit of a cosine."""
         return ""
 
     @property
     def bars(self) -> list[str]:
-        """The angle and its bound."""
+        """Angle and its bound."""
         return [f"tool off n  ≤ {_angle(self.lower)[0]:.3g} rad"]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
@@ -112,7 +115,7 @@ class ToolAngle(Limit):
         return _angle(self.values(at)) / _angle(self.lower)
 
     def complaint(self, at: Points) -> str:
-        """Returns which angle would have to be within what."""
+        """Returns the angle and its bound."""
         return ("such that the tool's angle from the contact's direction, "
                 f"{_angle(self.values(at))[0]:.3g}, is within {_angle(self.lower)[0]:.3g}")
 

@@ -39,7 +39,7 @@ class VehicleAngle(AbsoluteLimit):
         return np.array([getattr(tube, self.name)])
 
     def plan_takes(self, tube: TubeRadii) -> float:
-        """Returns that of the vehicle's attitude."""
+        """Returns the vehicle's turn between knots [rad]."""
         return tube.attitude_between or 0.0
 
     def unit_of(self, signal: str) -> str:
@@ -48,11 +48,11 @@ class VehicleAngle(AbsoluteLimit):
 
     @property
     def bars(self) -> list[str]:
-        """The angle and its limit."""
+        """Angle and its limit."""
         return [f"vehicle {self.name}  ≤ {self.upper[0]:.3g} rad"]
 
     def complaint(self, at: Points) -> str:
-        """Returns which angle would have to be within what."""
+        """Returns the angle and its limit."""
         return (f"such that the vehicle's {self.name}, {self.values(at)[0]:.3g}, is within "
                 f"±{self.upper[0]:.3g}")
 
@@ -80,7 +80,7 @@ class TipPitch(AbsoluteLimit):
         return np.array([tube.orientation])
 
     def plan_takes(self, tube: TubeRadii) -> float:
-        """Returns that of the end-effector: 𝔬_θ changes no faster than that turns."""
+        """Returns the end-effector's turn between knots [rad], which bounds the change of 𝔬_θ."""
         return tube.tool_between or 0.0
 
     def closed_form(self, size: int) -> list[Slopes]:
@@ -93,10 +93,10 @@ class TipPitch(AbsoluteLimit):
 
     @property
     def bars(self) -> list[str]:
-        """The angle and its limit."""
+        """Angle and its limit."""
         return [f"tool pitch  ≤ {self.upper[0]:.3g} rad"]
 
     def complaint(self, at: Points) -> str:
-        """Returns which angle would have to be within what."""
+        """Returns the angle and its limit."""
         return (f"such that the tip's pitch, {self.values(at)[0]:.3g}, is within "
                 f"±{self.upper[0]:.3g}")

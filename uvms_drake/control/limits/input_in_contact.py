@@ -1,4 +1,4 @@
-"""Limits on the input that hold for every contact force of a class.
+"""Input limits that hold for every contact force of a class.
 
 A law that adds the measured force commands 𝔲 = ζ̇ − f₀(𝔮, ζ) + M⁻¹J_𝔭ᵀ𝔣, f₀ being the drift without
 contact and 𝔣 the force of the tip on the surface: τ = M𝔲 is affine in 𝔣, too. The forces are a cone
@@ -23,7 +23,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 @dataclass(frozen=True)
 class ForceCone:
-    """The contact forces 𝔣 = N n + 𝔱 that there may be."""
+    """Cone of the possible contact forces 𝔣 = N n + 𝔱."""
 
     direction: np.ndarray
     """Unit vector n (3,) in Σ_I, into the surface."""
@@ -56,19 +56,19 @@ class UnderContact(Limit):
     """A limit on the input that holds for every force of a `ForceCone`.
 
     Its values are those of the limit at N = 0, then the largest and the smallest ones at the other
-    end. How much the tube changes of G𝔣 is not known here, so it leaves no certificate.
+    end. The change of G𝔣 within the tube is not known, so it has no tightening and no certificate.
     """
 
     about: ClassVar[About] = "input"
 
     limit: InputLimit
-    """Limit that is kept."""
+    """Limit on the input."""
     forces: ForceCone
-    """Forces that there may be."""
+    """Possible contact forces."""
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """That of the limit."""
+        """Name of the limit."""
         return self.limit.name
 
     def values(self, at: Points) -> np.ndarray:
@@ -79,14 +79,15 @@ class UnderContact(Limit):
         return np.concatenate([free, free + along + size, free + along - size], axis=-1)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the limit's, thrice: what exceeds one of the bounds at the other end, does here.
+        """Returns the limit's bounds thrice.
 
-        The largest value is above the lower bound where the smallest one is, and vice versa.
+        Either bound may be applied to both extremes: the largest value is above the lower bound
+        where the smallest one is, and vice versa.
         """
         return np.tile(self.limit.lower, 3), np.tile(self.limit.upper, 3)
 
     def slopes(self, at: Points) -> Slopes:
-        """Returns the limit's slopes, and by y what the forces add, in closed form."""
+        """Returns the limit's slopes and, by y, those of the forces' part, in closed form."""
         _, across = self._parts(self.limit.by_force(at))
         size = np.sqrt(np.sum(across**2, axis=-1, keepdims=True))
         unit = across / np.maximum(size, np.finfo(float).tiny)
@@ -110,6 +111,6 @@ class UnderContact(Limit):
 
     @property
     def parts(self) -> list[str]:
-        """Those of the limit: free, then most and least when pressed."""
+        """Parts of the limit: free, then most and least when pressed."""
         return [f"{part}{end}" for end in ("", " pressed, most", " pressed, least")
                 for part in self.limit.parts]

@@ -24,7 +24,7 @@ class InputLimit(Limit):
 
     about: ClassVar[About] = "input"
     units: ClassVar[tuple[str, str]]
-    """Units of the channels of straight motion, and of turning."""
+    """Units of the channels of translation and of rotation."""
 
     bound: np.ndarray
     """Largest size of each entry (6+n,)."""
@@ -50,7 +50,7 @@ class InputLimit(Limit):
                 for i, channel in enumerate(input_names(len(upper) - 6))}
 
     def unit_of(self, signal: str) -> str:
-        """Returns the unit of straight motion or of turning."""
+        """Returns the unit of translation or of rotation."""
         channels = input_names(len(self.slides))
         straight = dict(zip(channels, [*[True] * 3, *[False] * 3, *self.slides], strict=True))
         return self.units[0 if straight.get(signal.rsplit("_", 1)[1]) else 1]
@@ -85,11 +85,11 @@ class Accelerations(InputLimit):
 
     @property
     def bars(self) -> list[str]:
-        """One for all channels."""
+        """Bar of all channels."""
         return [f"input u, worst of {len(self.bound)}"]
 
     def bar_lengths(self, at: Points) -> np.ndarray:
-        """Returns that of the channel of which most is used."""
+        """Returns the largest part of all channels."""
         return np.max(self.used(at), axis=-1, keepdims=True)
 
 
@@ -123,9 +123,9 @@ class Forces(InputLimit):
 
     @property
     def bars(self) -> list[str]:
-        """None: what is drawn does not have τ."""
+        """Returns no bars: τ is not drawn."""
         return []
 
     def bar_lengths(self, at: Points) -> np.ndarray:
-        """Returns nothing."""
+        """Returns an array without bars."""
         return np.empty((*at.config.shape[:-1], 0))

@@ -45,7 +45,7 @@ class Joints(Limit):
         return np.full(len(self.q_lower), tube.joints)
 
     def plan_takes(self, tube: TubeRadii) -> float:
-        """Returns that of joints."""
+        """Returns the joints' excess between knots [rad]."""
         return tube.joints_between or 0.0
 
     def closed_form(self, size: int) -> list[Slopes]:
@@ -54,12 +54,12 @@ class Joints(Limit):
 
     @property
     def parts(self) -> list[str]:
-        """q[0], q[1], ..."""
+        """Names q[0], q[1], ... of the joints."""
         return [f"q[{i}]" for i in range(len(self.q_lower))]
 
     @property
     def labels(self) -> list[str]:
-        """q1, q2, ..."""
+        """Labels q1, q2, ... of the joints."""
         return [f"q{i + 1}" for i in range(len(self.q_lower))]
 
     def unit_of(self, signal: str) -> str:
@@ -68,7 +68,7 @@ class Joints(Limit):
 
     @property
     def bars(self) -> list[str]:
-        """The joints and their limits."""
+        """Joints and their limits."""
         return [f"{label.translate(SUBSCRIPTS)}  {lower:.2g} … {upper:.2g} {self._unit(label)}"
                 for label, lower, upper in zip(self.labels, self.lower, self.upper, strict=True)]
 
@@ -76,5 +76,5 @@ class Joints(Limit):
         return "m" if dict(zip(self.labels, self.slides, strict=False)).get(label) else "rad"
 
     def complaint(self, at: Points) -> str:
-        """Returns the range that the joints would have to be in."""
+        """Returns the tightened range of the joints."""
         return f"within the joint limits less the tube, {self.lower} to {self.upper}"

@@ -1,9 +1,9 @@
-"""The interface of a limit: bounds on some values of a motion, and all questions about them.
+"""Interface of a limit: bounds on values of a motion, their tightening and their rows.
 
-A limit of one's own is a subclass with a `name`, `values` and `bounds`, and what the tube takes of
-it (`tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows, softened like
+A limit of one's own is a subclass with a `name`, `values` and `bounds`, and its tightening by the
+tube (`tube_takes`), in `Limits.more`: the nominal MPC keeps it by linearised rows, softened like
 those of roll and pitch, the terminal set is searched for a state that breaks it, and tables, bars
-and the certificate have it. What is linear in (y, ζ), or a norm of what is linear, says so by
+and the certificate have it. A limit that is linear in (y, ζ), or a norm of that, has a
 `closed_form`. To have it in YAML files, put it into `settings.AnyLimit`.
 """
 
@@ -19,7 +19,7 @@ from uvms_drake.control.plan.points import About, Points, Slopes, slopes
 
 
 class Rows(NamedTuple):
-    """lower ≤ value + slopes · change ≤ upper."""
+    """Linear rows lower ≤ value + slopes · change ≤ upper."""
 
     value: np.ndarray
     """Values at the points (..., m)."""
@@ -32,7 +32,7 @@ class Rows(NamedTuple):
 
 
 class Cone(NamedTuple):
-    """‖value + slopes · change‖₂ ≤ bound."""
+    """Second-order cone ‖value + slopes · change‖₂ ≤ bound."""
 
     value: np.ndarray
     """Vectors at the points (..., r)."""
@@ -48,7 +48,7 @@ class Limit(ABC):
     """
 
     name: str
-    """Key below `limits`, unlike every other limit's."""
+    """Key below `limits`; unique."""
     about: ClassVar[About] = "pose"
     """Arguments that `values` reads. A limit about pose or speed holds at the knots of a plan,
     one about the input at both ends of every interval."""
@@ -57,11 +57,11 @@ class Limit(ABC):
     overshoots: ClassVar[bool] = True
     """Whether the values may go beyond their bounds between two knots that keep them."""
     owner: ClassVar[str] = "pose"
-    """Part of a task or start that is to blame for breaking it: `pose`, `joints` or `force`."""
+    """Part of a task or start whose change would restore it: `pose`, `joints` or `force`."""
     margin: np.ndarray | float = 0.0
     """Margin that has been taken off both bounds (m,) or ()."""
     between_knots_margin: np.ndarray | float = 0.0
-    """Part of the margin that is for what a plan does between its knots (m,) or ()."""
+    """Part of the margin for the motion of a plan between its knots (m,) or ()."""
 
     @abstractmethod
     def values(self, at: Points) -> np.ndarray:
@@ -72,9 +72,9 @@ class Limit(ABC):
         """Returns the lower and the upper bounds (m,) of the real motion."""
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
-        """Returns by how much the values may differ (m,) inside the tube.
+        """Returns the tightening: the largest change (m,) of the values within the tube.
 
-        None, as by default: that is not known. Then there is no certificate, and a plan keeps the
+        None, as by default, if it is unknown. Then there is no certificate, and a plan keeps the
         whole limit, which the real motion may exceed.
 
         Args:
@@ -83,9 +83,9 @@ class Limit(ABC):
         return None
 
     def plan_takes(self, tube: TubeRadii) -> np.ndarray | float:
-        """Returns how far a plan may be beyond bounds between knots that keep them (m,) or ().
+        """Returns the largest excess (m,) or () of a plan between knots that keep the bounds.
 
-        Zero, as by default, if it is not beyond them, or if that is not known.
+        Zero, as by default, if there is none or it is unknown.
 
         Args:
             tube: With all blocks filled in.
@@ -93,9 +93,9 @@ class Limit(ABC):
         return 0.0
 
     def closed_form(self, size: int) -> list[Slopes] | None:
-        """Returns for each value G (r, 6+n): it changes by at most ‖G d(y, ζ)‖₂, the same anywhere.
+        """Returns G (r, 6+n) of each value, which changes by at most ‖G d(y, ζ)‖₂ anywhere.
 
-        None, as by default: there is no such thing, and the terminal set checks it at samples.
+        None, as by default, if there is none; the terminal set then checks it at samples.
 
         Args:
             size: 6 + n.
@@ -103,15 +103,15 @@ class Limit(ABC):
         return None
 
     def cone(self, at: Points) -> Cone | None:
-        """Returns the limit as a cone, if it is one for the convex program; then `rows` are not."""
+        """Returns the limit as a cone for the convex program, in place of `rows`, or None."""
         return None
 
     def slopes(self, at: Points) -> Slopes:
-        """Returns the derivatives of the values, by complex steps if nothing better is known."""
+        """Returns the derivatives of the values; by default by complex steps."""
         return slopes(self.values, at, self.about)
 
     def row_values(self, at: Points) -> np.ndarray:
-        """Returns the values that the limit has as rows of a convex program (..., m)."""
+        """Returns the values of the limit's rows in a convex program (..., m)."""
         return self.values(at)
 
     def rows(self, at: Points) -> Rows:
@@ -127,7 +127,7 @@ class Limit(ABC):
                 [lower, upper], "two arrays (m,) for m values")
         require(bool(np.all(lower < upper)), "bounds", [lower, upper], "in order")
 
-    # What follows from these ----------------------------------------------------------------------
+    # Consequences ---------------------------------------------------------------------------------
 
     @property
     def lower(self) -> np.ndarray:
@@ -141,23 +141,23 @@ class Limit(ABC):
 
     @property
     def half(self) -> np.ndarray:
-        """(m,) how far the bounds are from their middle."""
+        """Half of the distance between the bounds (m,)."""
         return 0.5 * (self.upper - self.lower)
 
     def excess(self, at: Points) -> np.ndarray:
-        """Returns by how much the values are beyond their bounds (..., m); negative within."""
+        """Returns the excess of the values over their bounds (..., m); negative within."""
         values = self.values(at)
         return np.maximum(values - self.upper, self.lower - values)
 
     def used(self, at: Points) -> np.ndarray:
-        """Returns the part of the way from the middle to a bound (..., m)."""
+        """Returns the distance from the middle over that of the nearer bound (..., m)."""
         off = self.values(at) - 0.5 * (self.lower + self.upper)
         return np.where(off.real < 0.0, -off, off) / self.half
 
     def margins(self, tube: TubeRadii) -> list[tuple[str, float, float]]:
-        """Returns of each value its label, what is taken of it (inf if unknown), and of how much.
+        """Returns (label, tightening, available margin) of each value; inf if unknown.
 
-        Nothing is left where the second is not below the third.
+        The tightened set is empty where the second is not below the third.
 
         Args:
             tube: With all blocks filled in.
@@ -167,7 +167,7 @@ class Limit(ABC):
         return list(zip(self.labels, map(float, radii), map(float, self.half), strict=True))
 
     def tightened(self, tube: TubeRadii) -> Self:
-        """Returns the limit tightened by the tube and for plans, if it says by how much."""
+        """Returns the limit tightened by the tube, if that is known, and for plans."""
         taken, between_knots_margin = self.tube_takes(tube), self.plan_takes(tube)
         out = copy(self)
         out.margin = self.margin + between_knots_margin if taken is None else self.margin + taken + between_knots_margin
@@ -188,10 +188,7 @@ class Limit(ABC):
         return self.parts
 
     def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
-        """Returns by name the signals (...) and the bounds that they have to stay below.
-
-        Those whose names end with _min have to stay above.
-        """
+        """Returns by name the signals (...) and their upper bounds; lower ones if it ends with _min."""
         out, values = {}, self.values(at)
         for i, label in enumerate(self.labels):
             out[f"{label}_min"] = (values[..., i], float(self.lower[i]))
@@ -204,20 +201,20 @@ class Limit(ABC):
 
     @property
     def bars(self) -> list[str]:
-        """Names of the bars that show it."""
+        """Names of the bars that display it."""
         return self.labels
 
     def bar_lengths(self, at: Points) -> np.ndarray:
-        """Returns the part of the limit that each of the bars shows (..., number of bars)."""
+        """Returns the used part of the limit (..., number of bars)."""
         return self.used(at)
 
     def complaint(self, at: Points) -> str:
-        """Returns what would have to be so at one pose that breaks it, for a message."""
+        """Returns the requirement that a pose breaks, for a message."""
         return f"such that {self.name}, {self.values(at)}, is within {self.lower} to {self.upper}"
 
 
 class AbsoluteLimit(Limit):
-    """A bound on the absolute value, or the norm, of one value: |value| ≤ bound."""
+    """Bound on the absolute value, or the norm, of one value: |value| ≤ bound."""
 
     bound: float
 

@@ -1,4 +1,4 @@
-"""The radii of a tube: how far the real motion may be from the nominal one."""
+"""Radii of a tube: bounds on the deviation of the real from the nominal motion."""
 
 from dataclasses import dataclass, field, replace
 
@@ -11,11 +11,11 @@ from uvms_drake.common.errors import require, vector, within
 class TubeRadii:
     """Bounds on the deviation of the real from the nominal motion.
 
-    Where a block's own radius is left out, the total `e` or `z`, which bounds it too, is taken.
+    A block's own radius that is left out is the total `e` or `z`, which bounds it too.
     """
 
     e: float = 0.0
-    """‖y − ȳ‖₂ of the extended task y = (χ, q) [m, rad]."""
+    """Total ‖y − ȳ‖₂ of the extended task y = (χ, q) [m, rad]."""
     position: float | None = None
     """‖𝔭 − 𝔭̄‖₂ of the end-effector [m]."""
     orientation: float | None = None
@@ -33,17 +33,17 @@ class TubeRadii:
     tip_speed: float | None = None
     """‖𝔭̇ − 𝔭̄̇‖₂ of the end-effector [m/s]; needed if its velocity is limited."""
     depth: float | None = None
-    """|n·(𝔭 − 𝔭̄)| of the end-effector along the direction of a felt contact [m]."""
+    """|n·(𝔭 − 𝔭̄)| of the end-effector along the direction n of a sensed contact [m]."""
     depth_speed: float | None = None
     """|n·(𝔭̇ − 𝔭̄̇)| likewise [m/s]."""
     between_knots: float | None = None
-    """How far n·𝔭̄ of a plan is off a parabola between two of its knots [m], likewise."""
+    """Largest distance of a plan's n·𝔭̄ from a parabola between two of its knots [m]."""
     joints_between: float | None = None
-    """How far a joint of a plan may be beyond its limits between two knots that keep them [rad]."""
+    """Largest excess of a plan's joint over its limits between two knots that keep them [rad]."""
     attitude_between: float | None = None
-    """How far roll or pitch of the vehicle may be likewise [rad]."""
+    """Largest excess of roll or pitch of the vehicle, likewise [rad]."""
     tool_between: float | None = None
-    """How far the end-effector may be turned likewise [rad]."""
+    """Largest turn of the end-effector, likewise [rad]."""
     roll: float = 0.0
     """|φ − φ̄| of the vehicle [rad]."""
     pitch: float = 0.0

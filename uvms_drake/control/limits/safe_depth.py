@@ -1,10 +1,9 @@
-"""Limits on how deep the end-effector goes, at the knots of a plan and between them.
+"""Limits on the depth of the end-effector in the safe region, at the knots of a plan and between.
 
-Between two knots of a plan n·𝔭 is, but for its third derivative, a parabola, and bounds at the
-knots on n·𝔭 and on n·𝔭 + ½h n·𝔭̇ hold in between (`contact.approach.between_knots`): nothing
-is lost where the motion just stops. What is left is at most (2/81) h³ sup|d³(n·𝔭)/dt³|, the largest
-|t²(t − h)|/6: with h = 0.2 s, 0.2 mm per m/s³. The depth has that taken off
-(`tube.contact.tip_jerk`).
+Between two knots n·𝔭 is a parabola but for its third derivative, and bounds at the knots on n·𝔭 and
+on n·𝔭 + ½h n·𝔭̇ hold in between, without loss where the motion just stops: see
+control/plan/theory.md#depth-between-two-knots. The remainder is at most (2/81) h³ sup|d³(n·𝔭)/dt³|;
+the depth is tightened by that (`tube.contact.tip_jerk`).
 """
 
 from dataclasses import dataclass
@@ -19,16 +18,16 @@ from uvms_drake.control.plan.points import About, Points, Slopes
 
 @dataclass
 class SafeDepth(Limit):
-    """N·𝔭 ≤ depth, for each of some facets N."""
+    """Depths N·𝔭 ≤ depth of the facets N."""
 
     name = "safe_depth"
     soft: ClassVar[bool] = False
     overshoots: ClassVar[bool] = False
 
     facets: np.ndarray
-    """N (m, 3) in Σ_I, all of them into the surface."""
+    """Facets N (m, 3) in Σ_I, all of them into the surface."""
     depth: np.ndarray
-    """Largest N·𝔭 (m,) [m]; less what the tube takes."""
+    """Largest N·𝔭 (m,) [m], tightened by the tube."""
 
     def values(self, at: Points) -> np.ndarray:
         """Returns the N·𝔭."""
@@ -50,16 +49,16 @@ class SafeDepth(Limit):
 
 @dataclass
 class SafeDepthBetweenKnots(Limit):
-    """N·𝔭 + ½h N·𝔭̇ ≤ depth for each facet."""
+    """Depths N·𝔭 + ½h N·𝔭̇ ≤ depth of the facets N."""
 
     name = "safe_depth_between_knots"
     overshoots: ClassVar[bool] = False
     about: ClassVar[About] = "speed"
 
     facets: np.ndarray
-    """As of the `SafeDepth` (m, 3)."""
+    """Facets N (m, 3), see `SafeDepth`."""
     depth: np.ndarray
-    """Likewise (m,) [m]."""
+    """Largest depths (m,) [m], see `SafeDepth`."""
     time_step: float
     """Length h of an interval of the plan [s]."""
 
@@ -73,7 +72,7 @@ class SafeDepthBetweenKnots(Limit):
         return np.full(len(self.facets), -np.inf), self.depth
 
     def slopes(self, at: Points) -> Slopes:
-        """Returns those of 𝔭 and of 𝔭̇ = J_𝔭(𝔮)ζ."""
+        """Returns the derivatives of 𝔭 and of 𝔭̇ = J_𝔭(𝔮)ζ."""
         rows = 0.5 * self.time_step * self.facets
         here = np.pad(self.facets, ((0, 0), (0, at.model.size - 3)))
         rates = np.einsum("...ijk,...j->...ik", at.tip_jacobian_rates, at.zeta)

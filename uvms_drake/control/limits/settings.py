@@ -1,4 +1,4 @@
-"""The settings of the limits, the limits made of them, and those tightened by a tube."""
+"""Settings of the limits, the limits made of them, and their tightening by a tube."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ from uvms_drake.model.robot_folder.thruster_file import ThrusterParameters
 from uvms_drake.model.surface.law import Surface
 
 AnyLimit = TipBox | TipVelocity
-"""Limits that a scenario may have besides those that every robot has, by their YAML tags."""
+"""Limits that a scenario may add to those of every robot, by their YAML tags."""
 
 
 @dataclass
@@ -39,23 +39,22 @@ class Limits:
     pitch: float = 0.3
     """Largest |θ| of the vehicle [rad]."""
     tip_pitch: float = 1.2
-    """|𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
+    """Largest |𝔬_θ| of the end-effector [rad]; the Euler angles are singular at π/2."""
     static_force: float | None = None
-    """‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N]: how far it may go into the
-    surface as the controller knows it. The force of the surface's damping is not limited. A
-    certificate needs it, unless the motion is kinematic."""
+    """Largest ‖force part of 𝔉‖₂ at the pose of the end-effector, at rest [N], of the surface in
+    the controller's model; the force of its damping is not limited. A certificate needs it, unless
+    the motion is kinematic."""
     q_lower: np.ndarray | None = None
     """Smallest joint angles (n,) [rad], if narrower limits than the model file's are wanted."""
     q_upper: np.ndarray | None = None
     """Largest joint angles (n,) [rad], likewise."""
     u: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """|𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
+    """Largest |𝔲ᵢ|, one for each of the 6 + n accelerations [m/s² (3), rad/s² (3 + n)]."""
     tau: np.ndarray | None = None
-    """|τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
+    """Largest |τᵢ| = |(M(𝔮)𝔲)ᵢ|, if that is limited too [N (3), N m (3 + n)]."""
     thrusters: np.ndarray | None = None
-    """If it is given, every thruster's force is within its limits, and what is asked for on the
-    axes that none drives within these (k,), in the order of the wrench [N (3), N m (3)]; [] where
-    they drive all."""
+    """Largest wrench on the axes that no thruster drives (k,), in the order of the wrench [N (3),
+    N m (3)], [] where all are driven. If it is given, every thruster's force is limited too."""
     more: list[AnyLimit] = field(default_factory=list)
     """Further limits; a script may put any `Limit` here."""
 
@@ -93,7 +92,7 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
         q_upper: Joint limits of the robot (n,) [rad].
         surface: Surface that is pressed.
         accelerations: Whether 𝔲 is limited; there is none if ζ is the input.
-        thrusters: The robot's, if they are known.
+        thrusters: Parameters of the robot's thrusters, if they are known.
         slides: Whether a joint is prismatic (n,), for the units; none is, if left out.
 
     Raises:
@@ -132,17 +131,18 @@ def make_limits(settings: Limits, q_lower: np.ndarray, q_upper: np.ndarray, surf
 def tighten(limits: dict[str, Limit], tube: TubeRadii) -> dict[str, Limit]:
     """Returns the Pontryagin difference of the limits and the tube (Section IV-C of the paper).
 
-    A ball of radius ρ takes ρ from ‖x‖ ≤ c, from |x| ≤ c and from either side of an interval, and
-    Lρ from a function that changes by at most L per unit, which the static force is.
+    A ball of radius ρ tightens ‖x‖ ≤ c, |x| ≤ c and either side of an interval by ρ, and a function
+    with the Lipschitz constant L, such as the static force, by Lρ. See
+    control/theory.md#constraint-tightening.
 
     Raises:
-        InvalidParameter: A radius has no meaning, or the tube leaves nothing of a limit.
+        InvalidParameter: A radius has no meaning, or a tightened limit is empty.
     """
     tube = resolved_radii(tube)
     by_force = [name for name in ("tau", "thrusters") if name in limits]
     for name in by_force:
         require(tube.tau is not None, f"limits.{name}", limits[name].upper,
-                "left out, unless tube.tau says what the tube takes of it (6 + n numbers)")
+                "left out, unless tube.tau has the radii of the forces (6 + n numbers)")
     check_tube(tube, len(limits["u"].upper) if "u" in limits else 0, tau=bool(by_force))
     for limit in limits.values():
         for label, radius, available in limit.margins(tube):

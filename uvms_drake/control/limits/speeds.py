@@ -13,7 +13,7 @@ from uvms_drake.control.plan.points import About, Points, Slopes
 BLOCKS = {"nu1": (slice(0, 3), "vehicle speed", "m/s"),
           "nu2": (slice(3, 6), "vehicle turn rate", "rad/s"),
           "qdot": (slice(6, None), "joint speed", "rad/s")}
-"""Block of ζ of each speed, what its bar is called, and its unit."""
+"""Block of ζ of each speed, the name of its bar, and its unit."""
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Speed(AbsoluteLimit):
     name: str
     """Name of the speed: `nu1`, `nu2` or `qdot`."""
     bound: float
-    """Largest norm; of ν₁ [m/s], of joints that slide [m/s], else [rad/s]."""
+    """Largest norm, of ν₁ or prismatic joints [m/s], else [rad/s]."""
     slides: Sequence[bool] | np.ndarray = ()
     """Whether a joint is prismatic (n,); none is, if left out."""
 
@@ -48,12 +48,12 @@ class Speed(AbsoluteLimit):
         return Cone(at.zeta[..., block], self.closed_form(at.model.size)[0], self.upper[0])
 
     def unit_of(self, signal: str) -> str:
-        """Returns that of the block."""
+        """Returns the unit of the block."""
         if self.name == "qdot" and any(self.slides):
             return "m/s" if all(self.slides) else "rad/s, m/s"
         return BLOCKS[self.name][2]
 
     @property
     def bars(self) -> list[str]:
-        """The speed and its limit."""
+        """Speed and its limit."""
         return [f"{BLOCKS[self.name][1]}  ≤ {self.upper[0]:.3g} {self.unit_of(self.name)}"]

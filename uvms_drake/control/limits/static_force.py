@@ -1,4 +1,4 @@
-"""The limit on the static force: how far the end-effector may go into the surface, at rest."""
+"""Limit on the static force of a known surface, at the pose of the end-effector."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -13,10 +13,10 @@ from uvms_drake.model.surface.law import StaticForceRows, Surface
 
 @dataclass
 class StaticForce(AbsoluteLimit):
-    """‖force part of 𝔉‖₂ at the pose, not moving, ≤ bound.
+    """Static force ‖force part of 𝔉‖₂ ≤ bound at the pose, not moving.
 
-    An excess is measured as a depth [m], over the stiffness of the surface. So is what the convex
-    program has: everything else there is of about that size.
+    An excess is a depth [m], over the stiffness of the surface, and so are the rows of the convex
+    program: all other rows there are of about that size.
     """
 
     name = "static_force"
@@ -37,16 +37,16 @@ class StaticForce(AbsoluteLimit):
         return self.surface.static_force(at.y[..., :6])[..., None]
 
     def excess(self, at: Points) -> np.ndarray:
-        """Returns how much too deep it is [m]."""
+        """Returns the excess as a depth [m]."""
         return super().excess(at) / self._stiffness
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
-        """Returns by how much the tube changes the force, at most."""
+        """Returns the largest change of the force within the tube [N]."""
         assert tube.position is not None and tube.orientation is not None  # They are filled in.
         return np.array([self.surface.force_radius(tube.position, tube.orientation)])
 
     def closed_form(self, size: int) -> list[Slopes]:
-        """Returns by how much the force changes at most; a spring's may rise by less."""
+        """Returns the Lipschitz matrix of the force; a spring's may rise by less."""
         G = self.surface.force_jacobian()
         return [Slopes(np.hstack([G, np.zeros((len(G), size - 6))]))]
 
@@ -72,13 +72,13 @@ class StaticForce(AbsoluteLimit):
 
     @property
     def bars(self) -> list[str]:
-        """One for the force."""
+        """Bar of the force."""
         return [f"force, at rest  ≤ {self.upper[0]:.3g} N"]
 
     def complaint(self, at: Points) -> str:
-        """Returns how hard it would have to press."""
+        """Returns the force and its tightened limit."""
         return (f"such that the static force, {self.values(at)[0]:.4g} N, is at most "
-                f"{self.upper[0]:.4g} N, what the tube leaves of limits.static_force")
+                f"{self.upper[0]:.4g} N, limits.static_force less the tube")
 
 
 def _by_y(limit: StaticForceRows, at: Points) -> np.ndarray:

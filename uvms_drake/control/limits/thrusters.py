@@ -1,8 +1,8 @@
-"""What a plan may ask of the thrusters: limits of their forces, which are linear in τ.
+"""Limits of the thrusters' forces in a plan, which are linear in τ.
 
-Where no limit of a thruster binds, the forces for a wrench are f = B_d⁺τ_d + b (see `Allocation`).
-So those of f are rows of τ = M(𝔮)𝔲. On axes that no thruster drives the part of τ that f does not
-give, (τ − B f) there, is kept within an allowance: the plan goes on as if it were given.
+Where no limit of a thruster is active, the forces for a wrench are f = B_d⁺τ_d + b (see
+`Allocation`), so the limits of f are rows of τ = M(𝔮)𝔲. On axes that no thruster drives the missing
+part τ − B f is limited by an allowance: the plan proceeds as if it were delivered.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from uvms_drake.model.robot_folder.thruster_file import AXES, ThrusterParameters
 
 @dataclass
 class ThrusterForces(Forces):
-    """lower ≤ f ≤ upper of each of m thrusters, |τ − B f| ≤ allowance on the k axes not driven.
+    """Limits lower ≤ f ≤ upper of m thrusters, |τ − B f| ≤ allowance on the k undriven axes.
 
     `bound` has their upper bounds (m + k,).
     """
@@ -36,15 +36,15 @@ class ThrusterForces(Forces):
     offset: np.ndarray
     """Values without τ (m + k,) [N, N m]."""
     names: tuple[str, ...]
-    """Of the thrusters, and of the axes that none drives."""
+    """Names of the thrusters, and of the axes that none drives."""
 
     @classmethod
     def of(cls, thrusters: ThrusterParameters | None, allowance: np.ndarray, size: int) -> Self:
         """Returns the limit of the thrusters of a robot.
 
         Args:
-            thrusters: From its file; None if it has none.
-            allowance: Of the wrench that is not given (k,) [N, N m].
+            thrusters: Parameters from the robot's file; None if it has none.
+            allowance: Largest undelivered wrench (k,) [N, N m].
             size: 6 + n.
 
         Raises:
@@ -66,40 +66,40 @@ class ThrusterForces(Forces):
             matrix, offset, (*known.names, *(AXES[axis] for axis in axes)))
 
     def values(self, at: Points) -> np.ndarray:
-        """Returns the forces, and the wrench that is not given."""
+        """Returns the forces, and the undelivered wrench."""
         return super().values(at) @ self.matrix.T + self.offset
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the bounds, which need not be alike."""
+        """Returns the bounds, which need not be symmetric."""
         return self.lowest, self.bound
 
     def slopes(self, at: Points) -> Slopes:
-        """Returns those of τ through the matrix."""
+        """Returns the derivatives of τ, through the matrix."""
         tau = super().slopes(at)
         return Slopes(y=self.matrix @ tau.y, u=self.matrix @ tau.u)
 
     def by_force(self, at: Points) -> np.ndarray:
-        """Returns that of τ through the matrix."""
+        """Returns the derivative of τ by the force, through the matrix."""
         return self.matrix @ super().by_force(at)
 
     def by_force_rates(self, at: Points) -> np.ndarray:
-        """Returns those of τ through the matrix."""
+        """Returns the rates of the derivative by the force, through the matrix."""
         return np.einsum("fr,...rcj->...fcj", self.matrix, super().by_force_rates(at))
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray | None:
-        """Returns what the radii of τ make at most, if there are any."""
+        """Returns the radii of τ through the matrix, if there are any."""
         taken = super().tube_takes(tube)
         return None if taken is None else np.abs(self.matrix) @ taken
 
     @property
     def parts(self) -> list[str]:
-        """By the names of the thrusters and axes."""
+        """Names of the thrusters and axes."""
         return [f"{self.name}.{name}" for name in self.names]
 
     def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
-        """Returns the values themselves, to stay above and below."""
+        """Returns the values with both of their bounds."""
         return Limit.signals(self, at)
 
     def unit_of(self, signal: str) -> str:
-        """Returns the unit of a force, or of what is not given about an axis."""
+        """Returns the unit of a force, or of the wrench about an undriven axis."""
         return "N m" if any(f".{axis}_" in signal for axis in AXES[3:]) else "N"

@@ -1,4 +1,4 @@
-"""A limit on where the end-effector may be: a box in Σ_I."""
+"""Limit on the position of the end-effector: a box in Σ_I."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -51,11 +51,11 @@ class TipBox(Limit):
 
     @property
     def labels(self) -> list[str]:
-        """tip_x, tip_y, tip_z."""
+        """Labels tip_x, tip_y, tip_z."""
         return [f"tip_{axis}" for axis in "xyz"]
 
     @property
     def bars(self) -> list[str]:
-        """The coordinates and their limits."""
+        """Coordinates and their limits."""
         return [f"tip {axis}  {lower:.2g} … {upper:.2g} m"
                 for axis, lower, upper in zip("xyz", self.lower, self.upper, strict=True)]

@@ -1,4 +1,4 @@
-"""A limit on the velocity of the end-effector along the axes of Σ_I."""
+"""Limit on the velocity of the end-effector along the axes of Σ_I."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -13,7 +13,7 @@ from uvms_drake.control.plan.points import About, Points
 
 @dataclass
 class TipVelocity(Limit):
-    """|𝔭̇ᵢ| ≤ bound. There is a certificate if the tube says how fast the tip leaves the plan."""
+    """Speeds |𝔭̇ᵢ| ≤ bound; a certificate needs the radius of 𝔭̇ in the tube."""
 
     name = "tip_velocity"
     about: ClassVar[About] = "speed"
@@ -41,7 +41,7 @@ class TipVelocity(Limit):
 
     @property
     def bars(self) -> list[str]:
-        """Names of the bars that show it."""
+        """Names of the bars that display it."""
         return [f"tip speed {axis}  ≤ {most:g} m/s"
                 for axis, most in zip("xyz", self.bound, strict=True)]
 

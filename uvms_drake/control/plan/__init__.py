@@ -1,1 +1,1 @@
-"""The nominal trajectory: plans, their points, terminal ingredients and committed horizon."""
+"""Nominal trajectories: plans, their points, terminal ingredients and committed horizon."""

@@ -1,4 +1,4 @@
-"""The nominal trajectory ξ̄(t): a piecewise constant decision and what follows from it.
+"""Nominal trajectory ξ̄(t): a piecewise constant decision and the motion that follows from it.
 
 `DynamicPlan` decides accelerations ζ̄̇, `KinematicPlan` velocities ζ̄. Between its knots a plan is
 evaluated, not held: 𝔮̄ is one step of a fourth-order Runge–Kutta method from the last knot, whose
@@ -121,14 +121,14 @@ def _turn(rpy: Numbers, turning: list[list[float]], h: float) -> tuple[Numbers, 
 
 @dataclass(frozen=True)
 class Plan(ABC):
-    """A nominal trajectory over N intervals of length h."""
+    """Nominal trajectory over N intervals of length h."""
 
     start_time: float
     """Instant t_k of the first knot [s]."""
     time_step: float
     """Length h of an interval [s]."""
     config: np.ndarray
-    """𝔮̄ at the knots (N+1, 6+n)."""
+    """Configurations 𝔮̄ at the knots (N+1, 6+n)."""
 
     @property
     @abstractmethod
@@ -138,7 +138,7 @@ class Plan(ABC):
     @property
     @abstractmethod
     def start(self) -> np.ndarray:
-        """The state at the first knot."""
+        """State at the first knot."""
 
     @abstractmethod
     def redone(self, start: np.ndarray, decision: np.ndarray) -> Self:
@@ -150,7 +150,7 @@ class Plan(ABC):
 
         Args:
             time: [s].
-            since: A knot [s] from which on the plan is followed now; its beginning, if left out.
+            since: Knot [s] from which on the plan is followed; by default its first.
         """
 
     @abstractmethod
@@ -166,7 +166,7 @@ class Plan(ABC):
         """Returns the plan with the first intervals of another one, which end where it begins."""
 
     def _interval(self, time: float, since: float | None) -> tuple[int, float]:
-        """Returns the interval that `time` falls into and how long after its beginning.
+        """Returns the interval that contains `time` and the time since its beginning [s].
 
         A knot belongs to the interval that ends there: an integrator's last stage falls on the
         knot, and sees the interval that it integrates over. Only `since` belongs to the one that
@@ -186,7 +186,7 @@ class Plan(ABC):
 
 
 P = TypeVar("P", bound=Plan)
-"""Kind of plan that a problem is about."""
+"""Kind of plan of a problem."""
 
 
 @dataclass(frozen=True)
@@ -208,12 +208,12 @@ class DynamicPlan(Plan):
 
     @property
     def decision(self) -> np.ndarray:
-        """ζ̄̇."""
+        """Accelerations ζ̄̇."""
         return self.zeta_dot
 
     @property
     def start(self) -> np.ndarray:
-        """(𝔮̄, ζ̄) (2(6+n),)."""
+        """First state (𝔮̄, ζ̄) (2(6+n),)."""
         return np.concatenate([self.config[0], self.zeta[0]])
 
     def redone(self, start: np.ndarray, decision: np.ndarray) -> "DynamicPlan":
@@ -271,12 +271,12 @@ class KinematicPlan(Plan):
 
     @property
     def decision(self) -> np.ndarray:
-        """ζ̄."""
+        """Velocities ζ̄."""
         return self.zeta
 
     @property
     def start(self) -> np.ndarray:
-        """𝔮̄ (6+n,)."""
+        """First configuration 𝔮̄ (6+n,)."""
         return self.config[0]
 
     def redone(self, start: np.ndarray, decision: np.ndarray) -> "KinematicPlan":

@@ -1,4 +1,4 @@
-"""Points of a motion: what limits and cost terms are functions of, and how those change with it."""
+"""Points of a motion, the arguments of limits and cost terms, and derivatives by them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ UNKNOWN = np.empty(0)
 
 @dataclass(frozen=True)
 class Points:
-    """A stack of points of a motion, of any leading shape; arrays may be complex."""
+    """Stack of points of a motion, of any leading shape; arrays may be complex."""
 
     model: UvmsModel
     config: np.ndarray
@@ -33,9 +33,9 @@ class Points:
     u: np.ndarray = field(default_factory=lambda: UNKNOWN)
     """Input (..., 6+n): 𝔲 of dynamic motion, ζ of kinematic motion."""
     forces: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """Generalised force τ (..., 6+n) [N, N m], if it is known otherwise than as M(𝔮)𝔲."""
+    """Generalised force τ (..., 6+n) [N, N m], if it is not M(𝔮)𝔲."""
     config_y: np.ndarray = field(default_factory=lambda: UNKNOWN)
-    """∂𝔮/∂y (..., 6+n, 6+n), where derivatives are asked for."""
+    """Derivative ∂𝔮/∂y (..., 6+n, 6+n), for derivatives."""
     whole: tuple["Points", slice] | None = None
     """Points that these were taken from, see `subset`."""
 
@@ -49,7 +49,7 @@ class Points:
 
     @cached_property
     def mass_matrix(self) -> np.ndarray:
-        """(..., 6+n, 6+n) M(𝔮)."""
+        """Mass matrix M(𝔮) (..., 6+n, 6+n)."""
         if self.whole is not None:
             points, index = self.whole
             return points.mass_matrix[index]
@@ -57,7 +57,7 @@ class Points:
 
     @cached_property
     def by_tip_force(self) -> np.ndarray:
-        """(..., 6+n, 3) M⁻¹J_𝔭ᵀ: ζ̇ by a force on the end-effector."""
+        """Derivative M⁻¹J_𝔭ᵀ (..., 6+n, 3) of ζ̇ by a force on the end-effector."""
         if self.whole is not None:
             points, index = self.whole
             return points.by_tip_force[index]
@@ -65,7 +65,7 @@ class Points:
 
     @cached_property
     def by_tip_force_rates(self) -> np.ndarray:
-        """(..., 6+n, 3, 6+n) ∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ), the last axis that of 𝔮."""
+        """∂(M⁻¹J_𝔭ᵀ) = M⁻¹(∂J_𝔭ᵀ − ∂M M⁻¹J_𝔭ᵀ) (..., 6+n, 3, 6+n), the last axis that of 𝔮."""
         if self.whole is not None:
             points, index = self.whole
             return points.by_tip_force_rates[index]
@@ -77,10 +77,9 @@ class Points:
 
     @cached_property
     def mass_matrix_rates(self) -> np.ndarray:
-        """(..., 6+n, 6+n, 6+n) ∂M/∂𝔮, the last axis that of 𝔮; by a complex step.
+        """∂M/∂𝔮 (..., 6+n, 6+n, 6+n), the last axis that of 𝔮; by a complex step.
 
-        In axes of the vehicle, what it weighs does not depend on where it is: only the joints' are
-        not zero.
+        In the vehicle's axes M does not depend on its pose: only the joints' part is not zero.
         """
         if self.whole is not None:
             points, index = self.whole
@@ -92,7 +91,7 @@ class Points:
 
     @cached_property
     def tip_jacobian(self) -> np.ndarray:
-        """(..., 3, 6+n) the rows of J(𝔮) for the velocity of the end-effector, 𝔭̇ = J_𝔭 ζ."""
+        """Rows J_𝔭 of J(𝔮) (..., 3, 6+n) for the velocity of the end-effector, 𝔭̇ = J_𝔭 ζ."""
         if self.whole is not None:
             points, index = self.whole
             return points.tip_jacobian[index]
@@ -100,7 +99,7 @@ class Points:
 
     @cached_property
     def tip_jacobian_rates(self) -> np.ndarray:
-        """(..., 3, 6+n, 6+n) ∂J_𝔭/∂𝔮, the last axis that of 𝔮; by the joints, by a complex step.
+        """∂J_𝔭/∂𝔮 (..., 3, 6+n, 6+n), the last axis that of 𝔮; by a complex step in the joints.
 
         As the vehicle turns by ω, J_𝔭 turns with it: ω × its columns.
         """
@@ -123,13 +122,13 @@ class Points:
 
     @cached_property
     def moved_kinematics(self) -> Kinematics:
-        """(..., n) geometry after a complex step of each joint."""
+        """Geometry after a complex step of each joint (..., n)."""
         return self.model.kinematics(
             self.config[..., None, :] + 1j * COMPLEX_STEP * np.eye(self.model.size)[6:])
 
     @cached_property
     def tau(self) -> np.ndarray:
-        """(..., 6+n) τ = M(𝔮)𝔲 [N, N m]."""
+        """Generalised force τ = M(𝔮)𝔲 (..., 6+n) [N, N m]."""
         if self.forces is not UNKNOWN:
             return self.forces
         return (self.mass_matrix @ self.u[..., None])[..., 0]
@@ -143,19 +142,19 @@ class Slopes(NamedTuple):
     u: np.ndarray | None = None
 
     def through(self, chain: "Slopes") -> np.ndarray:
-        """Returns the derivatives (..., m, w) by what y, ζ and u change with as `chain` says."""
+        """Returns the derivatives (..., m, w) by w variables, those of y, ζ and u in `chain`."""
         first, *others = (slope @ by for slope, by in zip(self, chain, strict=True)
                           if slope is not None and by is not None)
         return sum(others, first)
 
 
 def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> Slopes:
-    """Returns the derivatives of `values` (..., m) by complex steps; it has to allow for them.
+    """Returns the derivatives of `values` (..., m), a function of complex points, by complex steps.
 
     Args:
         values: A function of points.
-        at: Where; with `config_y`.
-        about: What `values` reads.
+        at: The points, with `config_y`.
+        about: Arguments that `values` reads.
     """
     step = 1j * COMPLEX_STEP * np.eye(at.model.size)
     turned = 1j * COMPLEX_STEP * np.swapaxes(at.config_y, -1, -2)
@@ -173,15 +172,15 @@ def slopes(values: Callable[[Points], np.ndarray], at: Points, about: About) -> 
 
 def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, about: About
                  ) -> None:
-    """Raises unless complex steps give the derivative of `values` that a difference gives.
+    """Raises unless the derivatives of `values` by complex steps and by differences agree.
 
     They do not where it takes an absolute value, a norm or a real part, or has a kink.
 
     Args:
-        name: What is to blame.
+        name: Name of the function, for the message.
         values: A function of points.
         at: One point, with `config_y`.
-        about: What `values` reads.
+        about: Arguments that `values` reads.
     """
     dy, dzeta, du = 1e-6 * np.cos(np.arange(3 * at.model.size)).reshape(3, -1)
     forward, backward = (values(Points(

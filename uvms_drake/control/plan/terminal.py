@@ -1,21 +1,14 @@
-"""The terminal ingredients of the nominal MPC: penalty P, controller 𝔎, set ‖ξ‖_P ≤ ε.
+"""Terminal ingredients of the nominal MPC: penalty P, controller 𝔎, set ‖ξ‖_P ≤ ε.
 
 The plan's acceleration is constant over an interval of length h, so the terminal controller is
 designed for exactly that: ξ = (y − y_des, ζ) about the equilibrium obeys
 
     ξ⁺ = A ξ + B ζ̇,   A = [I  hJ_x; 0  I],   B = [½h²J_x; hI],   ū − ū_eq = ζ̇ − F ξ,
 
-with F = [∂f/∂y  ∂f/∂ζ]. In the input w = ζ̇ − Fξ it is a standard discrete-time regulator for
-h(‖ξ‖²_Q + ‖w‖²_R), whose Riccati solution P₀ is the cost to go of the linearised loop,
-
-    ‖ξ⁺‖²_P₀ − ‖ξ‖²_P₀ = −ℓ(ξ),   ℓ = h(‖ξ‖²_Q + ‖w‖²_R).
-
-Stability needs ≤ −ℓ on the *nonlinear* loop. With P₀ that is an equality to second order, so the
-sign of the third-order terms decides, and they break it in half of all directions however small the
-set is. The penalty is therefore inflated, P = (1 + μ)P₀ (Chen and Allgöwer 1998): the left side
-becomes −(1 + μ)ℓ + O(‖ξ‖³), which is below −ℓ in a neighbourhood of the equilibrium, the larger
-the larger μ. The controller stays that of P₀. The price is a terminal cost of 1 + μ times what the
-terminal controller will spend, so plans hurry somewhat to the end of their horizon.
+with F = [∂f/∂y  ∂f/∂ζ]: in the input w = ζ̇ − Fξ a discrete-time regulator for h(‖ξ‖²_Q + ‖w‖²_R). Its
+Riccati solution P₀ is inflated, P = (1 + μ)P₀ (Chen and Allgöwer 1998), so that the decrease
+‖ξ⁺‖²_P − ‖ξ‖²_P ≤ −ℓ holds near the equilibrium of the nonlinear loop, too; the controller stays
+that of P₀. Proof: control/plan/theory.md#terminal-penalty-and-controller.
 """
 
 from dataclasses import dataclass
@@ -30,8 +23,8 @@ INFLATION = 1.0
 """Inflation μ of the penalty P = (1 + μ)P₀."""
 LARGEST_GROWTH = 100.0
 """Spectral radius of A + BF up to which the Riccati equation is solved, its residual then being
-below 1e-8 of P. With F the loop can be stabilised in theory whatever F is, but from about 500 on
-rounding alone decides what comes out."""
+below 1e-8 of P. The loop can be stabilised whatever F is, but from about 500 on the result is
+dominated by rounding."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class Terminal:
 
     @cached_property
     def root(self) -> np.ndarray:
-        """(rank of P, size of ξ) a matrix T with ‖Tξ‖₂ = ‖ξ‖_P."""
+        """Matrix T (rank of P, size of ξ) with ‖Tξ‖₂ = ‖ξ‖_P."""
         values, vectors = np.linalg.eigh(self.P)
         kept = values > 1e-12 * values[-1]
         return np.sqrt(values[kept])[:, None] * vectors[:, kept].T
@@ -114,5 +107,5 @@ def kinematic_terminal_ingredients(
 
 
 def declared_terminal(weight: np.ndarray, num_inputs: int, radius: float) -> Terminal:
-    """Returns a penalty that somebody chose, P = diag `weight`, with no controller behind it."""
+    """Returns a declared penalty P = diag `weight`, without a controller."""
     return Terminal(P=np.diag(weight), gain=np.zeros((num_inputs, len(weight))), radius=radius)

@@ -1,4 +1,4 @@
-"""A plan of accelerations about a reference that is part of the plan."""
+"""Plan of accelerations about an artificial reference that is decided with it."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from uvms_drake.control.plan.plan import DynamicPlan
 
 @dataclass(frozen=True)
 class TrackingPlan(DynamicPlan):
-    """A `DynamicPlan` about the task y_des + E a, moved by a."""
+    """Plan about the artificial reference y_des + E a."""
 
     a: np.ndarray
-    """a: a translation in Σ_I [m], and if there may be one a turn about the vertical [rad]."""
+    """Translation of the reference in Σ_I [m] and, if it may turn, its yaw [rad] (3,) or (4,)."""
 
     @property
     def decision(self) -> np.ndarray:
-        """(N+1, 6+n): first (a, 0), then ζ̄̇."""
+        """Decisions (N+1, 6+n): first (a, 0), then ζ̄̇."""
         return np.concatenate([np.zeros_like(self.zeta[:1]), self.zeta_dot]) + np.pad(
             self.a[None], ((0, len(self.zeta_dot)), (0, self.zeta.shape[1] - len(self.a))))
 
