@@ -26,7 +26,7 @@ def test_a_campaign_goes_on_and_can_be_made_longer(reference, tmp_path, capsys):
     assert RUNS_FILE in files
     never = json.loads(result_bytes(tmp_path))["counts"]["never_settled"]
     assert never > 0
-    assert verdict == f"all promises kept; the force never settled in {never} of {RUNS} runs"
+    assert verdict == f"all guarantees kept; the force never settled in {never} of {RUNS} runs"
     assert result_bytes(tmp_path) == result_bytes(reference)
     assert len(file.read_bytes().splitlines()) == RUNS + 1  # no run is there twice
 

@@ -93,7 +93,8 @@ def test_a_horizon_and_a_safety_factor_are_given_as_numbers():
 
 
 def test_a_value_stands_before_the_advice_in_words():
-    failed = Condition("first plan, distance to the terminal set", 0.2, "<=", 0.0, longer(8), theorem="t")
+    failed = Condition(
+        "first plan, distance to the terminal set", 0.2, "<=", 0.0, longer(8), theorem="t")
     certificate = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1, files={},
                               inputs="", versions={}, conditions=(failed,))
     assert verdict(certificate).endswith(
@@ -101,7 +102,8 @@ def test_a_value_stands_before_the_advice_in_words():
 
 
 def test_what_the_vehicle_would_need_is_no_help_but_why():
-    failed = Condition("late actuators, part of errors", 4.5, "<", 1.0, f"{BEYOND}it is late", theorem="t")
+    failed = Condition("delayed actuators, spectral radius", 4.5, "<", 1.0,
+                       f"{BEYOND}it is late", theorem="t")
     certificate = Certificate(scenario="s", law="tip-first", k=1.0, sigma=1.0, d_bound=0.1,
                               files={}, inputs="", versions={}, conditions=(failed,))
     assert verdict(certificate).endswith(

@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from support import dh
 
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.robot_folder.hydrodynamics_file import added_mass_about_origin
+from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.uvms import Uvms, add_uvms, model_dir
 from uvms_drake.plant.surface import pose_and_jacobian
 

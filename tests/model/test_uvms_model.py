@@ -16,7 +16,7 @@ from support.tiny_robots import drill, oblique, telescope, turret
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
 )

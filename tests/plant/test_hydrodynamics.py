@@ -13,7 +13,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     BodyHydrodynamics,
     Drag,

@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from uvms_drake.model.coordinates import Coordinates
-from uvms_drake.model.robot_folder.hydrodynamics_file import HydrodynamicParameters
+from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
 

@@ -35,8 +35,8 @@ def test_no_angle_of_a_plan_goes_further_between_its_knots_and_some_as_far():
     before[0], after[0] = planned.qdot, -planned.qdot
     t = np.linspace(0.0, step, 201)[:, None]
     way = before * t + 0.5 * (after - before) / step * t**2
-    beyond = np.max(way - np.maximum(way[0], way[-1]), axis=0)
-    assert np.max(beyond) == pytest.approx(most["joints_between"])
+    between_knots_margin = np.max(way - np.maximum(way[0], way[-1]), axis=0)
+    assert np.max(between_knots_margin) == pytest.approx(most["joints_between"])
     attitude = rng.uniform(-1.0, 1.0, (20_000, 3)) * [3.0, planned.pitch, 3.0]
     omega = rng.normal(size=(20_000, 3))
     omega *= planned.nu2 / np.linalg.norm(omega, axis=1, keepdims=True)
@@ -55,5 +55,5 @@ def test_limits_of_angles_leave_room_for_plans_between_their_knots():
     tool = 0.03 * np.sin(base.contact.tool_angle)
     for name, taken in zip(left, (0.01, 0.02, 0.02, 0.03, tool, 0.0), strict=True):
         np.testing.assert_allclose(left[name], taken, atol=1e-12)
-        assert limits[name].tightened(tube).beyond == pytest.approx(taken)
+        assert limits[name].tightened(tube).between_knots_margin == pytest.approx(taken)
         assert all(radius == pytest.approx(taken) for _, radius, _ in limits[name].margins(tube))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uvms_drake.model.robot_folder.thruster_file import (
+from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
     ThrusterKind,

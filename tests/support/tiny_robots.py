@@ -12,7 +12,7 @@ from pydrake.multibody.tree import (
 )
 
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.robot_folder.hydrodynamics_file import HydrodynamicParameters
+from uvms_drake.model.description.hydrodynamics_file import HydrodynamicParameters
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms

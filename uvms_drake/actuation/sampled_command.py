@@ -36,7 +36,7 @@ class SampledCommand(Part):
                 f"from 0 to 100 periods, {100.0 * self.period:g} s")
 
     def assumption(self) -> str:
-        """Returns the assumption that it breaks, except in `tube.actuation.held_command`."""
+        """Returns the assumption that it breaks, except in `tube.actuation.zoh_command`."""
         return "the proofs take the feedback for continuous"
 
     def command_path(self, model: UvmsModel) -> CommandPath:

@@ -168,7 +168,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     bound, weights = scenario.disturbance.bound, scenario.disturbance.weights
     relevant["disturbance"] = bound if np.size(weights) == 0 else [bound, *weights]
     relevant["faults"] = uncovered(scenario.faults)
-    if scenario.contact.felt:  # A sensor drifts until the end.
+    if scenario.contact.is_sensed:  # A sensor drifts until the end.
         relevant["duration"] = scenario.duration
     relevant["mpc"].pop("terminal_radius")
     relevant["mpc"].pop("deadline", None)

@@ -44,7 +44,7 @@ from uvms_drake.tube.laws.tip_first import lag_is_proven
 from uvms_drake.tube.loops.actuator_path import actuators_of
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import unrefuted
-from uvms_drake.tube.search.search_memo import held
+from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.settings import check_settings
 from uvms_drake.tube.terminal_set import largest_radius
 from uvms_drake.tube.ultimate_bounds import ultimate_bounds
@@ -68,7 +68,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
     """
-    assert held() is None, "a certificate searches for itself"
+    assert active_memo() is None, "a certificate searches for itself"
     model = check_inputs(scenario)
     law, weights = scenario.ancillary, weights_of(scenario, model)
     draft = Certificate(
@@ -146,7 +146,7 @@ def assumptions(scenario: Scenario) -> list[Condition]:
 def is_counted(scenario: Scenario, part: Component) -> bool:
     """Returns whether the tube counts with what a part does to the command: one part alone.
 
-    A clock, see `tube.actuation.held_command`, where a condition of the tube says what has no
+    A clock, see `tube.actuation.zoh_command`, where a condition of the tube says what has no
     bound; or a lag of the vehicle's wrench of which `tube.actuation.lagged_wrench` has a proof.
     """
     law = scenario.ancillary

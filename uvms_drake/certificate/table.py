@@ -47,7 +47,7 @@ HELP = {
     "sensing[": "leaving it out",
     "actuation[": "leaving it out",
     "actuation, ": "a clock and then thrusters, or leaving it out",
-    "late actuators": "faster clocks, a shorter lag or dead time, or slower limits",
+    "delayed actuators": "faster clocks, a shorter lag or dead time, or slower limits",
     "vehicle, loop": "smaller ancillary.vehicle gains or less lag",
     "tip, loop": "smaller ancillary.tip gains or a faster clock",
     "terminal set": "wider limits, a task further inside them or other mpc weights",

@@ -1,4 +1,4 @@
-"""The sub-command `bench`: measures how long the parts of a scenario take."""
+"""The sub-command `bench`: measures computation times of a scenario."""
 
 import argparse
 import sys
@@ -14,16 +14,16 @@ from uvms_drake.station.scenario.scenario_file import reported_in, scenario_sour
 
 def add_bench(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
-    bench = commands.add_parser("bench", help="measure how long the parts of a scenario take",
+    bench = commands.add_parser("bench", help="measure computation times of a scenario",
                                 allow_abbrev=False)
     bench.set_defaults(command=bench_scenario)
     take_scenario(bench)
     bench.add_argument("--output", type=folder, metavar="DIR",
-                       help="where to write bench.json (default: out/<scenario>)")
+                       help="folder of bench.json (default: out/<scenario>)")
 
 
 def bench_scenario(args: argparse.Namespace) -> int:
-    """Prints how long the parts of a scenario take, and writes it."""
+    """Prints and writes the computation times of a scenario."""
     from uvms_drake.studies.bench.bench import BENCH_FILE, measure, write_bench
     from uvms_drake.studies.bench.bench_table import format_bench
 

@@ -47,9 +47,9 @@ OWN_FILES = (CAMPAIGN_FILE, TIMES_FILE, CERTIFICATE_FILE, *CAMPAIGN_FIGURES, WAL
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    """Does the missing runs and writes the summary; returns 1 if a promise was not kept.
+    """Computes the missing runs and writes the summary; returns 1 if a guarantee was broken.
 
-    Every run that is done is kept, whatever happens to the others.
+    Every completed run is kept, even if others fail.
     """
     require(args.runs >= 1, "--runs", args.runs, "at least 1")
     require(args.seed >= 0, "--seed", args.seed, "zero or positive")
@@ -98,7 +98,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     print(format_campaign(summary, times, str(output)))
     print(f"\nwritten to {output}: {', '.join(sorted((SETUP_FILE, RUNS_FILE, *written)))}")
     well, never = all_well(summary), summary["counts"]["never_settled"]
-    print(("all promises kept" if well else "PROMISES BROKEN, or too many runs do not count")
+    print(("all guarantees kept" if well else "GUARANTEES BROKEN, or too many runs do not count")
           + (f"; the force never settled in {never} of {args.runs} runs" if never else ""))
     return 0 if well else 1
 
@@ -121,7 +121,7 @@ def _run(campaign: Campaign, runs: int, log: RunLog, pool: Pool, stream: TextIO)
 
 def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
            certificate: Certificate | None) -> list[str]:
-    """Writes the files of a campaign that is done, all together, and returns their names."""
+    """Writes the files of a completed campaign, all together, and returns their names."""
     with output_folder(output, OWN_FILES, replaces=True) as own:
         folder = own.folder
         for name, data in ((CAMPAIGN_FILE, summary), (TIMES_FILE, times)):
@@ -134,17 +134,17 @@ def _write(output: Path, summary: dict[str, Any], times: dict[str, Any],
 
 
 def _cores() -> int:
-    """Returns how many cores this process may use; macOS tells only how many there are."""
+    """Returns the number of cores available to this process; on macOS that of the machine."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def replay_run(args: argparse.Namespace) -> int:
-    """Runs one run of a campaign once more, alone, and writes its data and figures."""
+    """Repeats a single run of a campaign, and writes its data and figures."""
     for name in set(vars(args)) - {"command", "parser", "scenario", "output", "outside", "replay",
                                   "quiet"}:
         option = "--set" if name == "overrides" else f"--{name.replace('_', '-')}"
         require(getattr(args, name) == args.parser.get_default(name), option, getattr(args, name),
-                "left out with --replay: the campaign in the folder decides it")
+                "left out with --replay: the campaign in the folder determines it")
     campaign = folder_of(args, load_scenario(args.scenario))
     record = replayed(campaign, args.replay)
     path = campaign / f"run-{args.replay}"
@@ -158,7 +158,7 @@ def replay_run(args: argparse.Namespace) -> int:
 
 
 def replayed(folder: Path, index: int) -> Record:
-    """Returns the record of a run of the campaign in a folder, simulated once more.
+    """Returns the record of a repeated run of the campaign in a folder.
 
     It has no certificate: that of the campaign is of another start, force and disturbance.
     """

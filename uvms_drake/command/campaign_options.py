@@ -1,4 +1,4 @@
-"""The options of the sub-command `campaign`, whose own file takes long to import."""
+"""Options of the sub-command `campaign`, whose own module is slow to import."""
 
 import argparse
 
@@ -11,9 +11,10 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
         "campaign", allow_abbrev=False,
         help="many runs with random starts, desired forces and disturbances within the bounds")
     campaign.set_defaults(command=run_campaign, parser=campaign)
+    # The scenario, the draws, and the workers.
     take_scenario(campaign)
     campaign.add_argument("--runs", type=int, default=100, metavar="N",
-                          help="how many (default: %(default)s)")
+                          help="number of runs (default: %(default)s)")
     campaign.add_argument("--seed", type=int, default=0, metavar="S",
                           help="run i is drawn from this and from i (default: %(default)s)")
     where = campaign.add_mutually_exclusive_group()
@@ -22,29 +23,29 @@ def add_campaign(commands: argparse._SubParsersAction) -> None:
     where.add_argument("--scheduler", metavar="ADDRESS",
                        help="of a running Dask cluster, whose workers have this package installed")
     campaign.add_argument("--output", type=folder, metavar="DIR",
-                          help="where to write (default: out/<scenario>-campaign); if runs of this "
-                               "campaign are there, it goes on with the others")
+                          help="folder to write to (default: out/<scenario>-campaign); a campaign "
+                               "in it is continued")
     campaign.add_argument("--uncertified", action="store_true",
                           help="run without a certificate, with the tube that the scenario "
                                "declares")
     campaign.add_argument("--model-error", type=float, default=0.2, metavar="E",
-                          help="largest relative error of the model that is drawn, as far as the "
-                               "disturbance's bound covers it (where that is 0, the scenario's "
-                               "own errors are drawn); 0 for a controller that knows "
-                               "robot, surface and water exactly, and nothing is drawn where it "
-                               "feels the surface (default: %(default)s)")
+                          help="largest relative model error to draw, as far as the disturbance's "
+                               "bound covers it (for a bound of 0 the scenario's own errors are "
+                               "drawn; with a sensed contact none is); 0 for an exact model of "
+                               "robot, surface and water (default: %(default)s)")
+    # Events outside of the assumptions, and the repetition of a single run.
     campaign.add_argument("--outside", action="store_true",
-                          help="in every run one thing happens that the theory does not cover: "
-                               "sensor faults, a stuck joint, a disturbance, current or error of "
-                               "the model or of the surface that is too large")
+                          help="in every run one event outside of the assumptions: sensor faults, "
+                               "a stuck joint, a too large disturbance, current or error of the "
+                               "model or of the surface")
     campaign.add_argument("--replay", type=int, metavar="INDEX",
-                          help="run one of the campaign in --output once more, alone, and write "
-                               "data and figures to its folder run-<INDEX>; the campaign decides "
-                               "all other options")
+                          help="repeat a single run of the campaign in --output, and write data "
+                               "and figures to its folder run-<INDEX>; the campaign determines all "
+                               "other options")
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    """Runs a campaign, or one of its runs once more."""
+    """Runs a campaign, or repeats one of its runs."""
     from uvms_drake.command.campaign import replay_run, run_campaign
 
     return run_campaign(args) if args.replay is None else replay_run(args)

@@ -35,23 +35,23 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.set_defaults(command=certify_scenario)
     take_scenario(certify)
     certify.add_argument("--output", type=folder, metavar="DIR",
-                         help="where to write certificate.json and, with a budget, budget.png "
+                         help="folder of certificate.json and, with a budget, budget.png "
                               "(default: out/<scenario>)")
     certify.add_argument("--margins", action="store_true",
-                         help="also print, and write to margins.json, how large each source of "
-                              "error could be by itself: noise, lag, stiffness, mass, current, ...")
+                         help="also print, and write to margins.json, the largest value of each "
+                              "source of error alone: noise, lag, stiffness, mass, current, ...")
     certify.add_argument("--front", action="store_true",
-                         help="also print what other gains and disturbance bounds would give")
+                         help="also print the Pareto front over gains and disturbance bounds")
     certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
                               "force error")
     certify.add_argument("--laws", action="store_true",
-                         help="also print both laws with several gains: certified radius, what an "
-                              "adversary reaches, what the paper's form gives")
+                         help="also print both laws with several gains: certified radius, radius "
+                              "reached by an adversary, radius of the paper")
 
 
 def certify_scenario(args: argparse.Namespace) -> int:
-    """Prints the certificate, writes it, and returns 0 if it holds and 1 if it is void."""
+    """Prints and writes the certificate; returns 0 if it holds, else 1."""
     from uvms_drake.certificate.certify import certified_once, check_inputs
     from uvms_drake.certificate.table import format_certificate
     from uvms_drake.station.step_size import floored, largest_step
@@ -60,6 +60,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
     from uvms_drake.studies.pareto_front import format_pareto_front, pareto_front
     from uvms_drake.studies.propose_gains import propose_gains
 
+    # Bad input of any kind is refused before anything is computed.
     scenario = load_scenario(args.scenario, args.overrides)
     source = scenario_source(args.scenario, set_options(args.overrides))
     require(args.propose is None or 0.0 < args.propose < np.inf, "--propose", args.propose,
@@ -79,11 +80,11 @@ def certify_scenario(args: argparse.Namespace) -> int:
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
     print(format_certificate(certificate))
     print(f"written to {path}: {', '.join(files)}", file=sys.stderr)
-    # Studies that were asked for.
+    # Requested studies.
     if args.margins and not certificate.certified:
-        print("\nno margins: the certificate is void")
+        print("\nno margins: the scenario is not certified")
     elif args.margins:
-        with closing(Bar("computing how large each source could be", stream_of(args))) as progress:
+        with closing(Bar("computing the margins", stream_of(args))) as progress:
             found = margins(scenario, model, progress=progress)
         print(f"\n{format_margins(found)}")
         with output_folder(path, [MARGINS_FILE]) as output:
@@ -91,7 +92,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
                 [asdict(each) for each in found]), indent=2) + "\n", encoding="utf-8")
         print(f"written to {path}: {MARGINS_FILE}", file=sys.stderr)
     if args.front:
-        with closing(Bar("computing what other gains give", stream_of(args))) as progress:
+        with closing(Bar("computing the Pareto front", stream_of(args))) as progress:
             points = pareto_front(scenario, model, progress=progress)
         print(f"\n{format_pareto_front(points)}")
     if args.propose is not None:
@@ -104,14 +105,14 @@ def certify_scenario(args: argparse.Namespace) -> int:
         if step < scenario.simulator.max_step_size:
             print(f"they need simulator.max_step_size = {floored(step):g} s or less with {scheme}")
     if args.laws:
-        with closing(Bar("computing what both laws give", stream_of(args))) as progress:
+        with closing(Bar("comparing both laws", stream_of(args))) as progress:
             rows = compare_laws(scenario, model, progress=progress)
         print(f"\n{format_laws(rows)}")
     return 0 if certificate.certified else 1
 
 
 def _draw_budget(certificate: Certificate, folder: Path) -> None:
-    """Draws the budget into a folder, if there is one and it is finite."""
+    """Draws the error budget into a folder, if it exists and is finite."""
     parts = [part for parts in certificate.budget.values() for part in parts.values()]
     if parts and np.isfinite(parts).all():
         import matplotlib
@@ -124,7 +125,7 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
 
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
-    """Raises `InvalidParameter` for the first study that is asked for and has no meaning."""
+    """Raises `InvalidParameter` for the first requested study that does not apply."""
     from uvms_drake.studies.pareto_front import check_pareto_front
 
     if args.front:

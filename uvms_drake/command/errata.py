@@ -1,4 +1,4 @@
-"""The sub-command `errata`: computes what is wrong in the paper."""
+"""The sub-command `errata`: computes the errata of the paper."""
 
 import argparse
 import logging
@@ -16,24 +16,24 @@ ERRATA_FILE = "errata.md"
 
 def add_errata(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
-    errata = commands.add_parser("errata", help="compute what is wrong in the paper",
+    errata = commands.add_parser("errata", help="compute the errata of the paper",
                                  allow_abbrev=False)
     errata.set_defaults(command=list_errata)
     take_quiet(errata)
     errata.add_argument("--output", type=folder, metavar="DIR",
-                        help="also write errata.md, and a figure for each of three choices that "
-                             "the paper's text leaves, simulated both ways")
+                        help="also write errata.md, and a figure for each of three "
+                             "ambiguous choices of the paper, simulated both ways")
 
 
 def list_errata(args: argparse.Namespace) -> int:
-    """Prints the errata of the paper, as they are computed, and returns 1 if one is not confirmed.
+    """Prints the computed errata of the paper, and returns 1 if one is not confirmed.
 
     With an output folder, writes them as Markdown, and the figures of `choices`.
     """
     from uvms_drake.errata import all_errata, errata_markdown, errata_table
     from uvms_drake.errata.choices import CHOICES, draw_choices
 
-    LOGGER.setLevel(logging.ERROR)  # What is drawn goes wrong on purpose.
+    LOGGER.setLevel(logging.ERROR)  # The drawn runs fail on purpose.
     with closing(Bar("computing the errata", stream_of(args))) as progress:
         if args.output is None:
             errata = all_errata(progress)

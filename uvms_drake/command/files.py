@@ -19,13 +19,13 @@ REPORT_FILE = "report.html"
 INSPECTION_FILE = "inspection.csv"
 TABLE_FILE = "log.csv"
 LONGEST_NAME = 255
-"""Length of a folder's name that file systems allow [bytes]."""
+"""Largest length of a folder's name in file systems [bytes]."""
 DATA_FILES = (SCENARIO_FILE, LOG_FILE, TIMING_FILE, SUMMARY_FILE, TABLE_FILE,
               INSPECTION_FILE)
 
 
 def folder(text: str) -> Path:
-    """Returns the folder that an option names; an empty text is a variable that is not set."""
+    """Returns the folder of an option; an empty text, of an unset variable, is refused."""
     fits = all(len(os.fsencode(part)) <= LONGEST_NAME for part in Path(text).parts)
     if not text or "\0" in text or not fits:
         raise argparse.ArgumentTypeError(f"{shortened(text)!r}: must be the name of a folder")
@@ -34,7 +34,7 @@ def folder(text: str) -> Path:
 
 @contextlib.contextmanager
 def new_at(path: Path) -> Iterator[None]:
-    """Raises `InvalidParameter` if what --new names cannot be written."""
+    """Raises `InvalidParameter` if the path of --new cannot be written."""
     try:
         yield
     except OSError as error:
@@ -54,7 +54,7 @@ def take_scenario(command: argparse.ArgumentParser) -> None:
 
 
 def take_quiet(command: argparse.ArgumentParser) -> None:
-    """Adds what keeps the progress off stderr."""
+    """Adds the option that keeps the progress off stderr."""
     command.add_argument("--quiet", action="store_true", help="do not report progress")
 
 

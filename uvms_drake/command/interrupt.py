@@ -1,8 +1,8 @@
-"""Ctrl-C, SIGTERM and closed pipes end a command in one line, at whatever second they come.
+"""Ctrl-C, SIGTERM and closed pipes end a command with one line, at any time.
 
-An interrupt is a `KeyboardInterrupt` where Python runs. Where C++ has called Python, as SNOPT does,
-it comes back as another error, so that the signal itself is what counts. What should rather come
-to an end that can be kept holds it back: `postponed`.
+An interrupt is a `KeyboardInterrupt` in Python. From Python that C++ has called, as SNOPT does, it
+returns as another error, so the signal itself is decisive. A block that should reach an orderly end
+postpones it: `postponed`.
 """
 
 import contextlib
@@ -17,17 +17,17 @@ INTERRUPTED = f"{PROGRAM}: error: interrupted"
 CLOSED_PIPE = 128 + signal.SIGPIPE
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE = 3
-"""Number of signals after which the program ends without tidying up."""
+"""Number of signals after which the program ends without cleaning up."""
 
 
 def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
     """Runs a command and returns its exit status, or 128 + the signal that has ended it.
 
-    The standard streams write what their encoding does not have as an escape.
+    The standard streams escape characters outside of their encoding.
 
     Args:
-        load: Imports what takes long and returns the command. It is not interrupted but ended:
-            Drake could not be loaded by halves, and there is nothing to tidy up yet.
+        load: Function that does the slow imports and returns the command. A signal ends it at
+            once: Drake cannot be loaded in part, and there is nothing to clean up yet.
     """
     received: list[int] = []
     loaded = False
@@ -42,7 +42,7 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
         if len(received) == 1:
             raise KeyboardInterrupt
 
-    # From here on a signal interrupts; the handlers before are put back at the end.
+    # From here on a signal interrupts; the former handlers are restored at the end.
     old = [signal.signal(number, interrupt) for number in SIGNALS]
     try:
         for stream in (sys.stdout, sys.stderr):
@@ -54,7 +54,7 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
         sys.stdout.flush()
         return 128 + received[0] if received and status else status
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # What is still in the buffer goes there.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # The buffered output goes there.
         return CLOSED_PIPE
     except BaseException as error:
         if not received:
@@ -72,7 +72,7 @@ def run_interruptible(load: Callable[[], Callable[[], int]]) -> int:
 
 @contextlib.contextmanager
 def postponed() -> Iterator[Callable[[], bool]]:
-    """Holds a signal back to the end of a block, and gives a function that tells of it inside.
+    """Postpones a signal to the end of a block, with a function that reads whether it has come.
 
     A second one interrupts at once.
     """

@@ -1,4 +1,4 @@
-"""The sub-command `keys`: lists the keys of a scenario with type, default and meaning."""
+"""The sub-command `keys`: lists the keys of a scenario with type, default and description."""
 
 import argparse
 import dataclasses
@@ -33,11 +33,11 @@ def list_keys(args: argparse.Namespace) -> int:
 
 
 def keys_of(defaults: typing.Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yields every key of a struct and of those inside of it, and the line that explains it.
+    """Yields every key of a struct and of those inside of it, with its line of description.
 
     Args:
         defaults: The struct, with its defaults.
-        prefix: Stands in front of its keys.
+        prefix: Prefix of its keys.
     """
     types = field_types(type(defaults))
     for name, doc in field_docs(type(defaults)).items():
@@ -60,7 +60,7 @@ def _structs(field: typing.Any) -> list[type]:
 
 
 def _shown(value: object) -> str:
-    """Returns a default as a scenario has it."""
+    """Returns a default in the form of a scenario."""
     if isinstance(value, np.ndarray):
         return str(value.tolist())
     words = {None: "null", True: "true", False: "false"}

@@ -1,8 +1,8 @@
 """The command line: `uvms-drake run`, `certify`, `bench`, `campaign`, ...
 
-The exit status is 0 if all went well, 1 if the run could not be carried through or the certificate
-is void, 2 for bad input, 3 if a run broke a promise or violated a limit, and 128 + the signal for
-what was interrupted: 130 after Ctrl-C, 143 after SIGTERM. An error is one line on stderr.
+The exit status is 0 for success, 1 if a run failed or a scenario is not certified, 2 for bad input,
+3 if a run broke a guarantee or violated a limit, and 128 + the signal for an interrupted command:
+130 after Ctrl-C, 143 after SIGTERM. An error is one line on stderr.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-# The matrices are small: threads cost more than they give, and very much on a busy machine.
+# The matrices are small: threads cost more than they gain, most of all on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from uvms_drake.command.bench import add_bench
@@ -29,25 +29,25 @@ from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.common.program import VERSION
 
-# What takes long to import (simulation, summary, figures, replay) is imported where it is used.
+# Slow imports (simulation, summary, figures, replay) are local to their functions.
 
 
 class _UsageError(Exception):
-    """The arguments do not make sense."""
+    """The arguments are not valid."""
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises instead of printing its usage in front of the error."""
+    """Parser that raises instead of printing its usage before the error."""
 
     def error(self, message: str) -> NoReturn:
         raise _UsageError(f"{message} (see {self.prog} --help)")
 
 
 class _Command(_Parser):
-    """A sub-command, which is to blame itself for what it does not know."""
+    """Sub-command that reports its unknown arguments under its own name."""
 
     def parse_known_args(self, args=None, namespace=None):  # type: ignore[override]
-        """Returns the arguments; raises for those that are not known."""
+        """Returns the arguments; raises for unknown ones."""
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
@@ -69,10 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (_UsageError, ScenarioError, InvalidParameter) as error:
         return _report(error, 2)
     except RunFailed as error:
-        if "KeyboardInterrupt" in str(error):  # So Drake passes on what it caught in a callback.
+        if "KeyboardInterrupt" in str(error):  # Drake passes it on from a callback in this form.
             raise
         return _report("; ".join([str(error), *getattr(error, "__notes__", ())]), 1)
-    except SystemExit as error:  # So Drake's own assertions end a program.
+    except SystemExit as error:  # The form in which Drake's own assertions end a program.
         if isinstance(error.code, str):
             return _report(error.code, 1)
         raise

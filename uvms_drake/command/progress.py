@@ -19,7 +19,7 @@ CERTIFYING = "certifying (a minute or two)"
 
 
 def stream_of(args: argparse.Namespace) -> TextIO:
-    """Returns where the progress of a command goes: stderr, or nowhere with --quiet."""
+    """Returns the stream for the progress of a command: stderr, or none with --quiet."""
     return io.StringIO() if args.quiet else sys.stderr
 
 
@@ -27,8 +27,8 @@ class Bar:
     """The `Progress` of a command: a bar on a terminal, else a few lines; with the time left.
 
     Args:
-        title: What is going on, such as "certifying".
-        stream: Where to write.
+        title: Name of the activity, such as "certifying".
+        stream: Stream to write to.
     """
 
     def __init__(self, title: str, stream: TextIO):
@@ -38,7 +38,7 @@ class Bar:
         self._is_open = False
 
     def __call__(self, what: str, done: float) -> None:
-        """Reports that `what` comes next, after a part `done` of all the time."""
+        """Reports the next stage `what`, after a fraction `done` of all the time."""
         elapsed = time.perf_counter() - self._started
         left = f", about {elapsed * (1.0 - done) / done:.0f} s left" if done > 0.0 else ""
         text = f"{self._title}: {what}{left}"
@@ -52,7 +52,7 @@ class Bar:
         self._stream.flush()
 
     def say(self, text: str) -> None:
-        """Writes a line that stays; the next report goes below it."""
+        """Writes a permanent line; the next report goes below it."""
         self.close()
         self._stream.write(f"{text}\n")
         self._stream.flush()
@@ -73,7 +73,7 @@ class _Above(logging.Handler):
         self._bar = bar
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Says the message."""
+        """Writes the message above the bar."""
         self._bar.say(self.format(record))
 
 

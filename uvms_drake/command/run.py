@@ -45,10 +45,10 @@ from uvms_drake.station.scenario.scenario_file import (
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-# What takes long to import (simulation, summary, figures, replay) is imported where it is used.
+# Slow imports (simulation, summary, figures, replay) are local to their functions.
 
 BROKEN = 3
-"""Exit status of a run that was carried through and has broken a promise or a limit."""
+"""Exit status of a completed run that has broken a guarantee or violated a limit."""
 
 EPILOG = f"""\
 scenarios that are shipped (see 'uvms-drake scenarios'):
@@ -59,7 +59,7 @@ keys that are changed most ('uvms-drake keys' lists all, with units and defaults
   disturbance.bound, current, ancillary.k, ancillary.sigma, mpc.horizon, mpc.time_step,
   limits.u, limits.static_force, simulator.max_step_size, log_period
 
-A file of one's own that begins with 'base: girona500_ideal' says only what differs.
+A file of your own that begins with 'base: girona500_ideal' has only the differences.
 
 Exit status {BROKEN}: a certified run has left its tube, or pressed a wall that is not of its class;
 or a run has violated a limit.
@@ -75,15 +75,15 @@ def add_run(commands: argparse._SubParsersAction) -> None:
     run.set_defaults(command=run_scenario)
     take_scenario(run)
     run.add_argument("--output", type=folder, metavar="DIR",
-                     help="where to write (default: out/<scenario>); files of a former run in it "
-                          "are replaced or deleted, and nobody else's")
+                     help="folder to write to (default: out/<scenario>); files of a former run in "
+                          "it are replaced or deleted, and no others")
     run.add_argument("--seed", metavar="N", help="short for --set seed=N")
     run.add_argument("--duration", metavar="S", help="short for --set duration=S [s]")
     run.add_argument("--meshcat", action="store_true",
                      help="show the run in a browser, in real time: it begins when a browser has "
                           "opened the page, which stays until the button on it or Ctrl-C")
     run.add_argument("--no-wait", action="store_true",
-                     help="with --meshcat: wait for nobody, neither before nor after the run")
+                     help="with --meshcat: do not wait, neither before nor after the run")
     run.add_argument("--uncertified", action="store_true",
                      help="run without a certificate, with the tube that the scenario declares")
     run.add_argument("--no-figures", action="store_true",
@@ -96,7 +96,7 @@ def add_plot(commands: argparse._SubParsersAction) -> None:
     plot = commands.add_parser("plot", help=f"draw figures and {REPORT_FILE} of a run again",
                                allow_abbrev=False)
     plot.set_defaults(command=plot_run)
-    plot.add_argument("folder", type=folder, metavar="DIR", help="where 'run' has written")
+    plot.add_argument("folder", type=folder, metavar="DIR", help="folder that 'run' has written")
     plot.add_argument("--replay", action="store_true", help=f"also write {REPLAY_FILE}")
 
 
@@ -125,16 +125,16 @@ def run_scenario(args: argparse.Namespace) -> int:
             print("certified: the force is off by less than "
                   f"{certificate.bounds['force']:.3g} N once the plan is at the task",
                   file=sys.stderr)
-        # The run itself, and its files.
+        # The run itself, and its files; an interrupted run is kept, too.
         with reported_in(source):
             model = load_model(scenario)
             check_step(scenario, model)
             note(scenario)
         show = _open_meshcat(args.no_wait) if args.meshcat else None
-        with postponed() as interrupted:  # A run that is broken off is kept, too.
+        with postponed() as interrupted:
             record = _simulate(args, scenario, model, source, show, interrupted)
             summary = write_data(record, output.folder)
-            output.keep(replaces=True)  # Whatever becomes of the pictures.
+            output.keep(replaces=True)  # Even if the pictures fail.
         write_pictures(record, certificate, output.folder, figures=not args.no_figures,
                        replay=not args.no_replay)
     status = _report(summary, path, output.kept)
@@ -153,13 +153,13 @@ def _report(summary: dict[str, Any], path: Path, names: list[str]) -> int:
     certified = summary["tube"]["certified"]
     print(f"{format_summary(summary)}\n\nwritten to {path}: {', '.join(sorted(names))}")
     if failed := broken(summary):
-        print(f"{'PROMISES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
+        print(f"{'GUARANTEES BROKEN' if certified else 'LIMITS VIOLATED'}: {', '.join(failed)}")
         return BROKEN
     if certified and (out := summary["contact"].get("out_of_class")):
-        print("NOTHING WAS PROMISED of this wall: the certificate is for walls of the class that "
-              f"`contact` tells, and it was not of it ({', '.join(out)})")
+        print("NO GUARANTEE for this wall: the certificate is for walls of the class that "
+              f"`contact` declares, and it was not of it ({', '.join(out)})")
         return BROKEN
-    print("all promises kept" if certified else "all limits kept, without a certificate")
+    print("all guarantees kept" if certified else "all limits kept, without a certificate")
     return 0
 
 
@@ -180,17 +180,16 @@ def scenario_overrides(args: argparse.Namespace) -> list[str]:
 
 
 def _named(args: argparse.Namespace) -> list[tuple[str, str]]:
-    """Returns the keys that have an option of their own and are given, with their values."""
+    """Returns the given keys with an option of their own, with their values."""
     named = (("seed", args.seed), ("duration", args.duration))
     return [(key, value) for key, value in named if value is not None]
 
 
 def _committed(scenario: Scenario, source: str, path: Path, again: str) -> Certificate | None:
-    """Returns the certificate in a run's folder if it is fit, or None if a new one is to be made.
+    """Returns the certificate in a run's folder if it fits, or None if a new one is needed.
 
-    One that `certify` has written is a commitment: if it no longer fits, the run is refused, and
-    the command `again` named, which makes it for this scenario. One that a former run has written
-    is that run's, and makes room for a new one.
+    One that `certify` has written is a commitment: if it no longer fits, the run is refused, with
+    the command `again` that computes it for this scenario. One of a former run is replaced.
     """
     from uvms_drake.certificate.certify import check_inputs
 
@@ -216,7 +215,7 @@ def _new_certificate(scenario: Scenario, source: str, stream: TextIO) -> Certifi
 
 
 def note(scenario: Scenario) -> None:
-    """Says on stderr what the scenario says in vain."""
+    """Notes on stderr the values of a scenario without effect."""
     for line in remarks(scenario):
         print(f"note: {line}", file=sys.stderr)
 
@@ -232,7 +231,7 @@ def sound(certificate: Certificate, source: str) -> Certificate:
 
 
 def _open_meshcat(no_wait: bool) -> "Meshcat":
-    """Returns a Meshcat with a browser on it, unless nobody is to be waited for."""
+    """Returns a Meshcat with a browser on it, or at once with `no_wait`."""
     from pydrake.geometry import Meshcat
 
     from uvms_drake.visual.controls import wait_for_browser
@@ -249,7 +248,7 @@ def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel,
               meshcat: "Meshcat | None", interrupted: Callable[[], bool]) -> Record:
     """Returns the record of a run, with progress and alarms on stderr.
 
-    Somebody at the button, or an interrupt, ends it before its duration.
+    The button in Meshcat, or an interrupt, ends it before its duration.
     """
     from uvms_drake.station.simulation import simulate
     from uvms_drake.visual.controls import stop_button
@@ -258,7 +257,7 @@ def _simulate(args: argparse.Namespace, scenario: Scenario, model: ContactModel,
     with ExitStack() as stack:
         stack.enter_context(reported_in(source))
         progress = stack.enter_context(closing(Bar("simulating", stream_of(args))))
-        if not args.quiet:  # Else alarms go where Python's logging takes them.
+        if not args.quiet:  # Else alarms go to Python's logging.
             stack.enter_context(alarms_above(progress))
         return simulate(scenario, model=model, certified=not args.uncertified, meshcat=meshcat,
                         progress=progress, stop=lambda: interrupted() or pressed(),

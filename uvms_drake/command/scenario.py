@@ -1,4 +1,4 @@
-"""The sub-command `scenario`: writes a new one, made for a robot."""
+"""The sub-command `scenario`: writes a new scenario for a robot."""
 
 import argparse
 import os
@@ -14,19 +14,19 @@ from uvms_drake.model.uvms import model_dir, shipped_robots
 
 def add_scenario(commands: argparse._SubParsersAction) -> None:
     """Adds the sub-command to the parser."""
-    scenario = commands.add_parser("scenario", help="begin a new scenario, made for a robot",
+    scenario = commands.add_parser("scenario", help="begin a new scenario for a robot",
                                    allow_abbrev=False)
     scenario.set_defaults(command=new_scenario)
     scenario.add_argument("--new", type=folder, metavar="FILE", required=True,
-                          help="the YAML file to write, which must not be there yet")
+                          help="new YAML file to write")
     scenario.add_argument("--robot", metavar="ROBOT", required=True,
                           help="name of a shipped robot, or a robot's folder")
     scenario.add_argument("--force", type=float, default=5.0, metavar="N",
-                          help="what it is to press with (default: %(default)s)")
+                          help="desired force (default: %(default)s)")
 
 
 def new_scenario(args: argparse.Namespace) -> int:
-    """Writes a scenario in which a robot presses on a wall."""
+    """Writes a scenario of a robot that presses on a wall."""
     from uvms_drake.station.robot_loading import sound_robot
     from uvms_drake.studies.first_scenario import first_scenario
     from uvms_drake.studies.first_scenario_text import format_first_scenario
@@ -38,7 +38,7 @@ def new_scenario(args: argparse.Namespace) -> int:
     found = first_scenario(sound_robot(args.robot), args.force)
     robot = model_dir(args.robot)
     shipped = args.robot in shipped_robots()
-    # A path, though it may be that of a folder with the name of a shipped robot.
+    # A path, even of a folder with the name of a shipped robot.
     model = args.robot if shipped else os.path.join(".", os.path.relpath(robot, file.parent))
     text = format_first_scenario(found, model, robot.name)
     with new_at(file):

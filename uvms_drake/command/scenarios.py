@@ -1,4 +1,4 @@
-"""The sub-command `scenarios`: lists the shipped ones."""
+"""The sub-command `scenarios`: lists the shipped scenarios."""
 
 import argparse
 

@@ -9,5 +9,5 @@ LOGGER = logging.getLogger("uvms_drake")
 
 
 def warn(time: float, text: str) -> None:
-    """Warns of something that begins at a simulated time [s]; for events that change a state."""
+    """Warns of an event at a simulated time [s], for events that change a state."""
     LOGGER.warning("t = %g s: %s", time, text)

@@ -8,10 +8,10 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 
 def differentiable(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
                    ) -> Callable[[np.ndarray], np.ndarray]:
-    """Returns a function as `AddConstraint` and, by its one component, `AddCost` call it.
+    """Returns a function for `AddConstraint` and, with a single component, `AddCost`.
 
     Args:
-        function: Returns values (m,) and their Jacobian (m, d) at a point (d,).
+        function: Function from a point (d,) to values (m,) and their Jacobian (m, d).
     """
     def evaluate(x: np.ndarray) -> np.ndarray:
         """Returns the values, with their gradient if `x` has one."""

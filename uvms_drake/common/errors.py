@@ -1,4 +1,4 @@
-"""How a bad value is reported: which key, which value, what is allowed."""
+"""Errors of bad values: key, value, and allowed values."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ class InvalidParameter(ValueError):
     Attributes:
         key: Dotted path of the parameter, e.g. `surface.stiffness`.
         value: The offending value.
-        allowed: What would have been accepted, as the end of "must be ...".
+        allowed: Allowed values, as the end of "must be ...".
     """
 
     def __init__(self, key: str, value: object, allowed: str):
@@ -45,7 +45,7 @@ def require_rate(key: str, rate: float) -> None:
 
 
 def shortened(text: str, most: int = 60) -> str:
-    """Returns a text of at most `most` characters, the middle left out of a longer one."""
+    """Returns a text of at most `most` characters, a longer one without its middle."""
     half = (most - 5) // 2
     return text if len(text) <= most else f"{text[:half]} ... {text[-half:]}"
 
@@ -76,7 +76,7 @@ def _array(key: str, value: object, shape: tuple[int, ...], allowed: str) -> np.
 def symmetric_matrix(key: str, value: object, size: int, *, definite: bool) -> np.ndarray:
     """Returns a symmetric positive definite (or semidefinite) matrix, or raises.
 
-    Symmetry is asked for to 1e-9 of the largest entry, semidefiniteness likewise.
+    Symmetry and semidefiniteness are checked to 1e-9 of the largest entry.
     """
     kind = "definite" if definite else "semidefinite"
     allowed = f"a symmetric positive {kind} {size}×{size} matrix"
@@ -91,7 +91,7 @@ def symmetric_matrix(key: str, value: object, size: int, *, definite: bool) -> n
 
 
 class ScenarioError(Exception):
-    """A scenario cannot be used. The text is one line: file, key, value and what is allowed."""
+    """A scenario cannot be used. The text is one line: file, key, value and allowed values."""
 
 
 class RunFailed(RuntimeError):

@@ -1,7 +1,7 @@
-"""The folder of a command's files: they appear together, and replace only what is the program's.
+"""Output folder of a command: its files appear together, and replace only the program's own.
 
 A folder has a manifest of the files that this program has written into it, with their SHA-256. A
-file that is not in it, or has changed since, is somebody else's and is never replaced or deleted.
+file that is not in it, or has changed since, is foreign and is never replaced or deleted.
 """
 
 import contextlib
@@ -22,16 +22,16 @@ STAGING = ".run-"
 
 
 class Output:
-    """Where a command writes its files.
+    """Output of a command, staged until it is complete.
 
     Args:
-        path: The folder in which they shall be.
+        path: Final folder of the files.
         names: Names of all files that the command may write.
         staging: A folder inside of it, on the same disk.
 
     Attributes:
-        folder: Where to write them: `staging`.
-        kept: Names of the files that are in `path` for good.
+        folder: Folder to write to: `staging`.
+        kept: Names of the files already moved to `path`.
     """
 
     def __init__(self, path: Path, names: Sequence[str], staging: Path):
@@ -40,18 +40,18 @@ class Output:
         self.kept: list[str] = []
 
     def keep(self, *, replaces: bool = False) -> None:
-        """Moves the files written so far to their place, whatever becomes of the rest.
+        """Moves the files written so far to their final place.
 
         Args:
-            replaces: Whether files of these names go that a former command has left and this one
-                has not written, so that no two runs are mixed.
+            replaces: Whether to delete files of these names that a former command has left and
+                this one has not written, so that no two runs are mixed.
         """
         written = sorted(item.name for item in self.folder.iterdir())
         require_own(self._path, written)
         manifest = read_manifest(self._path)
         stale = set(self._names) & set(manifest) - {*written, *self.kept} if replaces else set()
         manifest |= {name: _digest(self.folder / name) for name in written}
-        # The manifest goes first: a file that it names too early is still known by its digest.
+        # The manifest goes first: a file that it names too early is still identified by digest.
         (self.folder / MANIFEST_FILE).write_text(json.dumps(manifest, indent=1), encoding="utf-8")
         for name in (MANIFEST_FILE, *written):
             os.replace(self.folder / name, self._path / name)
@@ -62,18 +62,18 @@ class Output:
 
 @contextlib.contextmanager
 def output_folder(path: Path, names: Sequence[str], *, replaces: bool = False) -> Iterator[Output]:
-    """Gives a place to write files to that appear in `path` at the end, or when they are kept.
+    """Context manager of files that appear in `path` at the end, or when they are kept.
 
-    If the block raises, `path` stays as it was, but for the files that are kept.
+    If the block raises, `path` stays unchanged, apart from kept files.
 
     Args:
-        path: The folder; it is made if it does not exist.
+        path: The folder; it is created if missing.
         names: Names of all files that the block may write.
         replaces: As in `Output.keep`.
 
     Raises:
-        InvalidParameter: The folder cannot be written to, or a file of one of these names is in it
-            that is not this program's; before the block is entered.
+        InvalidParameter: The folder cannot be written to, or has a foreign file of one of these
+            names; before the block is entered.
         RunFailed: The files could not be written. A note of every error names the saved ones.
     """
     made: list[Path] = []
@@ -105,13 +105,13 @@ def output_folder(path: Path, names: Sequence[str], *, replaces: bool = False) -
 
 
 def require_own(path: Path, names: Sequence[str]) -> None:
-    """Raises `InvalidParameter` if a file of one of these names in `path` is somebody else's."""
+    """Raises `InvalidParameter` if `path` has a foreign file of one of these names."""
     manifest = read_manifest(path)
     foreign = [name for name in names if os.path.lexists(path / name)
                and manifest.get(name) != _digest(path / name)]
     require(not foreign, "--output", shortened(str(path), 100),
             f"a folder without files of others: {', '.join(foreign)} in it would be replaced, and "
-            f"{'is' if len(foreign) == 1 else 'are'} not what this program has written there")
+            f"{'is' if len(foreign) == 1 else 'are'} not as this program has written there")
 
 
 def read_manifest(path: Path) -> dict[str, str]:

@@ -1,15 +1,15 @@
-"""How what takes long says how far it is."""
+"""Progress of long computations."""
 
 from collections.abc import Callable
 
 Progress = Callable[[str, float], None]
-"""Called with what comes next and the part, from 0 to 1, of all the time that is over, about."""
+"""Callback with the next stage and the elapsed fraction of all time, from 0 to 1."""
 
 
 def silent(what: str, done: float) -> None:
-    """Says nothing."""
+    """Discards progress."""
 
 
 def part_of(progress: Progress, first: float, last: float) -> Progress:
-    """Returns the progress of what is done between the parts `first` and `last` of the whole."""
+    """Returns the progress of a part from the fraction `first` to `last` of the whole."""
     return lambda what, done: progress(what, first + (last - first) * done)

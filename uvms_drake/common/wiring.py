@@ -1,4 +1,4 @@
-"""Adds a system to a Diagram, for every system's `AddToBuilder`."""
+"""Wiring of a system in a Diagram, for every system's `AddToBuilder`."""
 
 from typing import TypeVar
 
@@ -8,13 +8,13 @@ S = TypeVar("S", bound=System)
 
 
 def added(builder: DiagramBuilder, name: str, system: S, **sources: OutputPort | None) -> S:
-    """Returns a system after it was added by its name and its inputs were connected.
+    """Adds a system to a builder, connects its inputs, and returns it.
 
     Args:
-        builder: Where to add it.
-        name: Its name there.
+        builder: Builder to add to.
+        name: Name of the system in it.
         system: The system.
-        **sources: Output ports by the names of its inputs; what is None is left to the caller.
+        **sources: Output ports by the names of its inputs; None leaves one unconnected.
     """
     builder.AddNamedSystem(name, system)
     for port, source in sources.items():

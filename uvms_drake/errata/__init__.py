@@ -1,9 +1,9 @@
-"""The errors of the paper, as data that is computed; no other room knows of them.
+"""Errata of the paper, as computed data; no other room depends on them.
 
-Nikou, Verginis and Dimarogonas (2018); equations go by their LaTeX labels, symbols are the paper's.
-Every check takes the printed values as defaults, and its verdict follows from its numbers: of
-values that are right, it says so. Random numbers have fixed seeds. A result of sampling, or of a
-local search, is an estimate and says so.
+Nikou, Verginis and Dimarogonas (2018); equations are named by their LaTeX labels, symbols are the
+paper's. Every check has the printed values as defaults, and its verdict follows from its numbers:
+correct values are not confirmed as an erratum. Random numbers have fixed seeds. Results of sampling
+or of a local search are marked as estimates.
 """
 
 from uvms_drake.errata.erratum import Erratum, errata_markdown, errata_table

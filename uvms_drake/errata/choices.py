@@ -1,4 +1,4 @@
-"""Three choices that the paper's text leaves or gets wrong, each simulated both ways, in a figure.
+"""Three ambiguous or wrong choices of the paper, each simulated both ways, in a figure.
 
 * `initial_state.png` (E9): plans from the nominal or from the measured state;
 * `input_reference.png` (E6): the stage cost is about u_eq or about zero;
@@ -22,22 +22,22 @@ from uvms_drake.station.simulation import simulate
 
 
 class Signal(NamedTuple):
-    """A quantity that a panel shows."""
+    """Quantity of a panel."""
 
     label: str
     of: Callable[[Record], np.ndarray]
-    """Function of a record that gives the plotted values (T,)."""
+    """Function from a record to the plotted values (T,)."""
     logarithmic: bool = True
 
 
 class Choice(NamedTuple):
-    """Two runs that differ in one thing, and the signals that show it."""
+    """Two runs that differ in one key, and the signals that show it."""
 
     scenario: str
     key: str
-    """The part of the scenario that differs."""
+    """Key of the scenario that differs."""
     options: tuple[str, str]
-    """Values of the part, the project's own first."""
+    """Values of the key, the project's own first."""
     signals: tuple[Signal, ...]
 
 
@@ -78,7 +78,7 @@ def draw_choices(folder: Path, progress: Progress = silent,
     """Simulates all choices, writes their figures into a folder and returns the paths.
 
     Args:
-        folder: Where to write.
+        folder: Folder of the files.
         progress: Called before every figure.
         overrides: Overrides of all scenarios.
     """
@@ -111,5 +111,5 @@ def draw_choice(choice: Choice, records: list[Record]) -> Figure:
 
 
 def option_name(option: str) -> str:
-    """Returns how a legend calls a value: a tag without its mapping, else the value."""
+    """Returns the name of a value in a legend: a tag without its mapping, else the value."""
     return option.removeprefix("!").split()[0].lower()

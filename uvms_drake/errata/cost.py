@@ -25,18 +25,18 @@ from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 
 SETTLING = 100
-"""Samples for the MPC to come to rest."""
+"""Number of samples until the MPC settles."""
 
 
 class RestPoint(NamedTuple):
-    """Where the nominal MPC comes to rest."""
+    """Equilibrium of the loop with the nominal MPC."""
 
     tip: float
     """Distance ‖𝔭 − 𝔭_des‖ [m]."""
     force: float
     """Norm of the force part of 𝔉 − 𝔉_des [N]."""
     speed: float
-    """Norm ‖ζ̄‖ that is left [m/s, rad/s]."""
+    """Remaining norm ‖ζ̄‖ [m/s, rad/s]."""
 
 
 def spring_ocp() -> tuple[DynamicOcp, Surface]:
@@ -47,7 +47,7 @@ def spring_ocp() -> tuple[DynamicOcp, Surface]:
 
 
 def rest_point(ocp: DynamicOcp, surface: Surface, u_ref: np.ndarray) -> RestPoint:
-    """Returns where the nominal MPC comes to rest that starts at the task and weighs ū − u_ref."""
+    """Returns the equilibrium of the nominal MPC that starts at the task and weighs ū − u_ref."""
     ocp = copy(ocp)
     ocp.task_cost = replace(ocp.task_cost, u_ref=u_ref)
     model, solver = ocp.model, SequentialConvexSolver(ocp)
@@ -65,7 +65,7 @@ def rest_point(ocp: DynamicOcp, surface: Surface, u_ref: np.ndarray) -> RestPoin
 
 
 def hold_input(fraction: float = 0.0) -> Erratum:
-    """E6: where a stage cost with ‖ū − u_ref‖²_R brings the loop to rest.
+    """E6: the equilibrium of the loop with a stage cost ‖ū − u_ref‖²_R.
 
     Args:
         fraction: u_ref as a fraction of ū_eq; the printed one is zero.
@@ -105,7 +105,7 @@ def least_increase(J: np.ndarray) -> float:
 
 
 def terminal_penalty(J_min: float = J_MIN) -> Erratum:
-    """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and what there is at χ_des."""
+    """E7: the smallest J̲ for which P = ½I₆ is a terminal penalty, and λ_min(J Jᵀ) at χ_des."""
     low, high = 1e-6, 2.0
     while high - low > 1e-12:
         middle = 0.5 * (low + high)

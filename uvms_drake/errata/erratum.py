@@ -19,7 +19,7 @@ class Erratum:
     """Result of the computation, made of computed numbers."""
     consequence: str
     wrong: bool
-    """The verdict of the computation: the paper's statement does not hold."""
+    """Verdict of the computation: whether the paper's statement fails."""
 
     @property
     def verdict(self) -> str:

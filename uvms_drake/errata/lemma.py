@@ -22,7 +22,7 @@ from uvms_drake.model.frames.euler import pose_difference
 from uvms_drake.tube.conditions import LemmaConstants, paper_conditions
 
 DIRECTIONS = 4000
-"""Number of random (𝔢, 𝔯) in which V̇ is looked at."""
+"""Number of random (𝔢, 𝔯) at which V̇ is evaluated."""
 D_BOUND = 0.1
 """d̃ of the tube in `invariant_sets`; it only scales the tube."""
 
@@ -51,13 +51,13 @@ def acceleration_input(model: ContactModel | None = None, tolerance: float = 1e-
         f"ζ̇ = f + u {takes} τ = M u (M with added mass, diagonal from {np.min(diagonal):.2g} to "
         f"{np.max(diagonal):.3g} kg, kg m²); τ = u gives an acceleration that is {as_force:.0%} of "
         "‖u‖ off",
-        "What goes to thrusters and joints is τ = M(𝔮)𝔲, and limits of τ are limits of "
+        "The command of thrusters and joints is τ = M(𝔮)𝔲, and limits of τ are limits of "
         "M(𝔮̄)ū.",
         wrong=as_acceleration < tolerance < as_force)
 
 
 def product_error(rows: int, columns: int, factor: int) -> str:
-    """Returns why a matrix and a vector cannot be multiplied; nothing if they can."""
+    """Returns the mismatch of shapes in a matrix-vector product; empty if there is none."""
     return "" if columns == factor else f"{rows}×{columns} times {factor}"
 
 
@@ -87,8 +87,8 @@ def needed_lambda(constants: LemmaConstants, J: np.ndarray, sigma: float, seed: 
     """Returns the largest Λ₁ that some admissible state needs in (eq:lyap3).
 
     V̇ comes from the error dynamics themselves, 𝔢̇ = 𝔟 + J𝔷 and 𝔷̇ = 𝔩; both sides have the same
-    terms in k and d, which are left out. 𝔟, 𝔩 and J̇ are those that make V̇ largest among what the
-    constants allow. Random are 𝔢 and 𝔯, about the leading singular directions of J, and ‖𝔯‖/‖𝔢‖.
+    terms in k and d, which are left out. 𝔟, 𝔩 and J̇ maximise V̇ within the constants; 𝔢 and 𝔯,
+    about the leading singular directions of J, and ‖𝔯‖/‖𝔢‖ are random.
     """
     c, L = constants, max(constants.L_1, constants.L_2)
     rng = np.random.default_rng(seed)
@@ -110,7 +110,7 @@ def needed_lambda(constants: LemmaConstants, J: np.ndarray, sigma: float, seed: 
 
 def lost_terms(constants: LemmaConstants, J: np.ndarray, sigma: float,
                claimed: float | None = None) -> Erratum:
-    """E3: Λ₁ as printed, and with the terms that the proof loses, against what states need.
+    """E3: Λ₁ as printed, and with the terms that the proof loses, against the Λ₁ of states.
 
     Args:
         constants: Constants of the robot.
@@ -159,7 +159,7 @@ def velocity_tube(J: np.ndarray, sigma: float) -> Erratum:
 
 
 def self_motion(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) -> Erratum:
-    """E5: two configurations with the same χ; what J and f differ by between them."""
+    """E5: two configurations with the same χ, and the differences of J and f between them."""
     model, config = robot(), configuration(CHI_START, np.array([q_a, q_b]))
     geometry = model.kinematics(config)
     apart = float(np.linalg.norm(pose_difference(*geometry.chi)))
@@ -205,8 +205,8 @@ def ball_rate(J: np.ndarray, k: float, sigma: float) -> float:
 def invariant_sets(J: np.ndarray, sigma: float = 1.0, z_radius: float | None = None) -> Erratum:
     """E12: a corner of Ω₁ × Ω₂ is left even with the corrected terms; the ball of (𝔢, 𝔯) is not.
 
-    The loop is the mildest there is, J(𝔮) constant and f = 0, so L = L_𝔠 = J̃ = 0, and k is twice
-    what the corrected conditions ask for.
+    The loop is the simplest, J(𝔮) constant and f = 0, so L = L_𝔠 = J̃ = 0, and k is twice the
+    value of the corrected conditions.
 
     Args:
         J: A Jacobian (6, 6+n).
@@ -230,7 +230,7 @@ def invariant_sets(J: np.ndarray, sigma: float = 1.0, z_radius: float | None = N
         f"corner by {rate:.2g} of its radius per second, whatever the input, to {peak:.3f} of it; "
         f"the ball of (𝔢, 𝔯) is kept: V̇ ≤ −{decay:.3g}‖(𝔢, 𝔯)‖² + d̃‖(𝔢, 𝔯)‖, radius "
         f"{tube.e / D_BOUND:.3g} d̃",
-        "𝔢̇ has no input in it. Both radii hold for what starts in the ball, as from 𝔢 = 𝔷 = 0; a "
+        "𝔢̇ has no input in it. Both radii hold for a start in the ball, as from 𝔢 = 𝔷 = 0; a "
         "state is not safe because 𝔢 and 𝔷 are within them.",
         wrong=peak > 1.0 + 1e-9 and ball_is_kept)
 

@@ -1,4 +1,4 @@
-"""The paper's numbers and its robot."""
+"""Numbers and robot of the paper."""
 
 import math
 from collections.abc import Callable

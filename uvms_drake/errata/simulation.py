@@ -54,7 +54,7 @@ TINY = 1e-4
 
 
 class TubeNumbers(NamedTuple):
-    """What (sec:simulation_results) says about its tube."""
+    """Numbers of the tube in (sec:simulation_results)."""
 
     amplitude: float = AMPLITUDE
     """Amplitude of each component of w."""
@@ -85,7 +85,7 @@ def simulation_numbers(p: TubeNumbers | None = None) -> Erratum:
     found = estimated_J_min()
     pitches = (-1.4, -1.56)
     steep = [norm_at_tip_pitch(pitch) for pitch in pitches]
-    corrected = f"{tubes.corrected:.3g}" if tubes.condition.holds else "void"
+    corrected = f"{tubes.corrected:.3g}" if tubes.condition.holds else "infinite"
     return Erratum(
         "E8", "The numbers of the simulation do not fit its conditions", "sec:simulation_results",
         f"‖w‖ ≤ {p.w_bound:g}, σ = {p.sigma:g}, J̲ = {p.J_min:g}, L_𝔠 = {p.L_c:.3f}, and a tube "
@@ -120,7 +120,7 @@ def initial_configuration(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_O
         f"{'both' if allowed else 'not both'} within the printed limits; χ_des from "
         f"η = {numbers(end[:6])}, q = {numbers(Q_DES)}; at 𝔮 = 0 the end-effector's pitch is "
         f"{number(pitch / np.pi)}π, singular",
-        "The simulation cannot be repeated from what is printed; here 𝔮(0) is part of a scenario.",
+        "The printed data do not determine the simulation; here 𝔮(0) is part of a scenario.",
         wrong=off < SAME and apart > 0.1 and allowed)
 
 
@@ -152,7 +152,7 @@ class Holding(NamedTuple):
 
 
 def hold(measured: bool, sigma: float = SIGMA, w_bound: float = W_BOUND) -> Holding:
-    """Returns how the paper's MPC holds χ_des if it starts at the measured, or the nominal, state.
+    """Returns the paper's MPC at χ_des, with solves from the measured or the nominal state.
 
     Weights, limits, T and h are the printed ones. The feedback is `resolved`, for which
     𝔢̇_y = −σ𝔢_y + (w, 0) exactly; w̃ acts along the first axis.
@@ -179,7 +179,7 @@ def initial_state(measured: bool = True) -> Erratum:
     """E9: the nominal trajectory jumps, and the tube is left, if a solve starts at the real state.
 
     Args:
-        measured: Whether it does, as printed.
+        measured: Whether a solve starts at the measured state, as printed.
     """
     printed, nominal, radius = hold(measured), hold(False), W_BOUND / SIGMA
     smallest = math.sqrt(WEIGHT) * (printed.deviation - radius)
@@ -229,7 +229,7 @@ def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) ->
     distance = float(np.linalg.norm(CHI_START[:3] - CHI_DES[:3]))
     small = [item.radius < SMALL and item.violation < 1e-6 for item in (a, b)]
     return Erratum(
-        "E11", "What decides feasibility at t = 0 is not printed",
+        "E11", "The data of feasibility at t = 0 are not printed",
         "theorem_main, sec:simulation_results",
         "the FHOCP is supposed to be feasible at t = 0; T = 0.7 s, and neither ε nor 𝔮(0) is given",
         f"the smallest ‖ē(T)‖_P found (P = ½I₆, local optima) is {a.radius:.2g} from "
@@ -237,6 +237,6 @@ def first_horizon(q_a: np.ndarray = Q_START, q_b: np.ndarray = Q_START_OTHER) ->
         f"end at {printed.radius:.2g}. At 2 m/s the {distance:.2f} m to go take "
         f"{distance / SPEED:.2f} s, but vehicle and arm together move the tip at up to "
         f"{b.tip_speed:.1f} m/s",
-        "Theorem 1 supposes what cannot be checked. Here the terminal set is softened by an exact "
-        "penalty whose slack is reported.",
+        "Theorem 1 has an assumption that cannot be checked. Here the terminal set is softened "
+        "by an exact penalty whose slack is reported.",
         wrong=small[0] != small[1])

@@ -16,11 +16,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, PrismaticJoint, RevoluteJoint, RigidBody
 
-from uvms_drake.model.frames.spatial import cross_force, force_matrix, motion_matrix, skew, times
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     added_mass_about_origin,
 )
+from uvms_drake.model.frames.spatial import cross_force, force_matrix, motion_matrix, skew, times
 from uvms_drake.model.uvms import Uvms, slides
 
 

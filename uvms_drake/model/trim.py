@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import Context
 
-from uvms_drake.model.robot_folder.hydrodynamics_file import BodyHydrodynamics
+from uvms_drake.model.description.hydrodynamics_file import BodyHydrodynamics
 from uvms_drake.model.uvms import Uvms
 
 

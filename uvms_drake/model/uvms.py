@@ -24,12 +24,12 @@ from pydrake.multibody.tree import (
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.common.program import FOLDER
-from uvms_drake.model.robot_folder import thruster_file
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description import thruster_file
+from uvms_drake.model.description.hydrodynamics_file import (
     HydrodynamicParameters,
     load_hydrodynamics,
 )
-from uvms_drake.model.robot_folder.thruster_file import ThrusterParameters, load_thrusters
+from uvms_drake.model.description.thruster_file import ThrusterParameters, load_thrusters
 
 STANDARD_GRAVITY = 9.81  # m/s², along +z of Σ_I, which is NED
 

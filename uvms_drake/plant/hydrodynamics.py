@@ -32,13 +32,13 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import ConstantVectorSource
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.frames.spatial import cross, cross_force, skew, times
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
     added_mass_about_origin,
     check_hydrodynamics,
 )
+from uvms_drake.model.frames.spatial import cross, cross_force, skew, times
 from uvms_drake.plant.workspace import declare_workspace
 
 _FROM_DRAKE = np.array([3, 4, 5, 0, 1, 2])  # Drake's spatial vectors have the angular part first.

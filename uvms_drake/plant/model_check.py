@@ -13,8 +13,8 @@ from pydrake.systems.framework import Context
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.coordinates import Coordinates
+from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.frames.spatial import cross
-from uvms_drake.model.robot_folder.hydrodynamics_file import added_mass_about_origin
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate
 from uvms_drake.plant.hydrodynamics import Hydrodynamics, drag_force

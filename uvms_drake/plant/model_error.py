@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
 )

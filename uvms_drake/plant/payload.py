@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.model.robot_folder.hydrodynamics_file import AddedMass, BodyHydrodynamics
+from uvms_drake.model.description.hydrodynamics_file import AddedMass, BodyHydrodynamics
 from uvms_drake.model.uvms import Uvms
 
 NAME = "unknown_payload"

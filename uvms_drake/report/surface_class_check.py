@@ -29,7 +29,8 @@ class Departure(NamedTuple):
 
 
 def departures(specified: SensedContact, time: np.ndarray, tip: np.ndarray, velocity: np.ndarray,
-               force: np.ndarray, static: Callable[[np.ndarray], np.ndarray]) -> dict[str, Departure]:
+               force: np.ndarray, static: Callable[[np.ndarray], np.ndarray]
+               ) -> dict[str, Departure]:
     """Returns the bounds of a class, by their keys, that a wall has exceeded.
 
     Between any two places φ(𝔭') ≤ φ(𝔭) + κ₊⟨𝔭' − 𝔭⟩₊ (`SurfaceClass`), checked for successive

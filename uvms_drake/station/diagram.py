@@ -35,7 +35,7 @@ SAMPLED = ("report", "solve_seconds")
 ILLUSTRATED = {"state": "state", "nominal_state": "nominal_state", "u": "u",
                "nominal_input": "nominal_input", "force": "force",
                "desired_force": "accepted_force", **{name: name for name in KNOWN}}
-"""Signal for each port of an `Illustration`; those that a motion has not are left out."""
+"""Signal for each port of an `Illustration`; a motion may lack some."""
 
 MONITOR_SLACK = 0.01
 """Relative excess that is not an exit: a constant d takes the deviation to its bound exactly, and
@@ -58,23 +58,20 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
                    └───────────────────│ actuation │◀────────┼───┘
                                        └───────────┘─────────┘ (vehicle_wrench)
 
-    Sensing and actuation are chains of parts, none by default: the scenario's, and its faults of
-    the sensors, which are nearest to the robot, and of the actuators, likewise. All else sees the
-    true state and the commanded τ: the logs, and a `TubeMonitor`. If a part of sensing gives the
-    signal `force_measured`, the law takes it, its last finite value in a gap; that is `force_last_valid`.
-    Where the contact has an `tangential_lag`, a `TangentialFilter` stands between.
-    If a part of actuation gives the signal `vehicle_wrench`, a law that `takes_wrench` takes it.
-    An observer knows the parts of actuation, and takes what comes out of them for applied, with
-    this wrench; it does not know of faults.
-    Where the contact is felt, a `ForceFaultDetector` looks at it first, and while it is lost it is zero.
+    Sensing and actuation are series of parts, none by default: the scenario's, and its faults of
+    sensors and of actuators, next to the robot. The logs and a `TubeMonitor` read the true state
+    and the commanded τ. The signal `force_measured` of a part of sensing goes to the law, see
+    `add_force_measurement`, the signal `vehicle_wrench` of a part of actuation to a law that
+    `takes_wrench`. An observer reads the output of the parts of actuation, with this wrench, as the
+    applied input; it does not know of faults.
 
     .. pydrake_system::
 
         name: station
         input_ports:
         - desired_force (optional, with dynamic motion)
-        - place (optional, with a felt contact)
-        - deepest (optional, with a felt contact)
+        - place (optional, with a sensed contact)
+        - deepest (optional, with a sensed contact)
         - stop (optional, with a mission and without meshcat)
         output_ports:
         - state, force, u, tau, ... (each signal)
@@ -86,24 +83,18 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         - tube_report
         - tube_alarm
 
-    `desired_force` (6) [N, N m] changes the task while it runs, see `NominalMpc`, and `place` (3)
-    [m] where it presses, see `make_sensed_tube_mpc`; unconnected, they stay the scenario's. If
-    this has a mission, a `MissionControl` says both, and `deepest`, and may be stopped: by `stop`
-    (1) above zero, or by a button, with `meshcat`. With kinematic motion the controller reads
-    `configuration`, and its velocity ζ = u goes to the plant.
-
-    Every signal of plant and controller that is a vector, of the parts, and `tube_deviation` and
-    `tube_bound`, is an output port and has a VectorLogSink named `log.<name>` of the `log_period`;
-    `report` and `solve_seconds` have one of the sampling period. The ports `plan`, `tube_report`
-    and `tube_alarm` are not logged. See `make_uvms_plant`, `make_tube_mpc` and `TubeMonitor`, and
-    their kinematic counterparts.
+    `desired_force` (6) [N, N m] and `place` (3) [m] change the task during a run, see `NominalMpc`
+    and `make_sensed_tube_mpc`; unconnected, they stay the scenario's. With a mission, a
+    `MissionControl` sets both, and `deepest`; `stop` (1) above zero, or a button in Meshcat, stops
+    it. With kinematic motion the controller reads `configuration`, and its velocity ζ = u goes to
+    the plant. The other ports are in `station/README.md`.
 
     Args:
         scenario: Everything the run depends on.
-        meshcat: Where an `Illustration` draws, if at all.
-        certified: Whether the tube is that of a certificate that holds: then it is watched from the
-            start, not only when a robot has hovered. Else it is only shown.
-        model: The controller's model; loaded if it is left out.
+        meshcat: Meshcat of an `Illustration`; None: no picture.
+        certified: Whether the tube is certified: then it is monitored from the start, else only
+            after the robot has hovered.
+        model: The controller's model; loaded if left out.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
@@ -125,14 +116,14 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         for name in names:
             signals[name] = system.GetOutputPort(name)
 
-    # The parts between them.
+    # The parts between them, in the order of the signals.
     true = uvms.GetOutputPort(motion.measured)
     measured = add_chain(
         builder, model, true, signals,
         faults_at("sensing", scenario.faults) | keyed("sensing", scenario.sensing), scenario.seed)
     builder.Connect(measured, controller.GetInputPort(motion.measured))
     add_force_measurement(builder, scenario, model, controller, measured, signals)
-    if scenario.contact.felt:
+    if scenario.contact.is_sensed:
         add_mission(builder, scenario, model, controller, measured, signals, meshcat)
     command = controller.GetOutputPort(motion.command)
     applied = add_chain(builder, model, command, signals,
@@ -195,27 +186,27 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
 
 
 def applied_disturbance(scenario: Scenario) -> Disturbance:
-    """Returns the disturbance with what `model_error.share` leaves of its bound, or in excess."""
+    """Returns the disturbance, reduced by `model_error.share` or in excess of its bound."""
     disturbance, left = scenario.disturbance, 1.0 - scenario.model_error.share
     excess = math.prod(fault.factor for fault in faults_at("disturbance", scenario.faults).values())
     return replace(disturbance, bound=excess * left * disturbance.bound)
 
 
 def monitor_begin(scenario: Scenario, certified: bool) -> float:
-    """Returns from when on a `TubeMonitor` looks [s]: what is certified holds from the start."""
+    """Returns the start of a `TubeMonitor` [s]: zero for a certified tube."""
     return 0.0 if certified else scenario.mpc.hover
 
 
 def bounds_disturbance(scenario: Scenario, certified: bool) -> bool:
-    """Returns whether the scenario bounds all that disturbs.
+    """Returns whether the scenario bounds the whole disturbance.
 
-    A d̃ of zero that is not certified bounds nothing: the plant is wrong by other means.
+    An uncertified d̃ of zero bounds nothing: the model errors are not part of it.
     """
     return certified or scenario.disturbance.d_bound > 0.0
 
 
 def monitor_floor(scenario: Scenario) -> float:
-    """Returns the deviation below which a `TubeMonitor` looks at nothing."""
+    """Returns the deviation below which a `TubeMonitor` counts no exit."""
     radii = [radius for radius in set_wise_radii(scenario).values() if 0.0 < radius < np.inf]
     return min([MONITOR_FLOOR, *(0.1 * radius for radius in radii)])
 
@@ -243,7 +234,7 @@ def read_logs(station: Diagram, context: Context) -> dict[str, np.ndarray]:
     logged = [name.removeprefix("log.") for name in sinks if name.startswith("log.")]
     logs = {name: log(name).data().T.copy() for name in logged if name not in SAMPLED}
     logs["time"] = log("state").sample_times().copy()
-    # A root Context that is asked for as somebody's own would hold itself for ever.
+    # A root Context from GetMyContextFromRoot would keep itself alive for ever.
     alone = station.GetSystemPathname() == f"::{station.get_name()}"
     own = context if alone else station.GetMyContextFromRoot(context)
     logs["tube_report"] = station.GetOutputPort("tube_report").Eval(own).copy()

@@ -1,4 +1,4 @@
-"""From what a part of sensing measures of the force to what the law takes of it."""
+"""Force measurement pipeline: from the sensor's signal to the input of the law."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
@@ -15,45 +15,49 @@ from uvms_drake.station.series_connection import add_chain
 
 
 def add_force_measurement(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
-                   controller: Diagram, state: OutputPort, signals: Signals) -> None:
-    """Connects the controller with the measured force, if a part of sensing gives it.
+                          controller: Diagram, state: OutputPort, signals: Signals) -> None:
+    """Connects the controller with the measured force, if a part of sensing provides it.
 
     ::
 
-        force_measured ──▶ faults ──▶ ForceFaultDetector ──▶ HoldLastValue ──▶ TangentialFilter ──▶ controller
-                                          └── force_valid ──────────────────────▶
+        force_measured ─▶ faults ─▶ ForceFaultDetector ─▶ HoldLastValue ─▶ TangentialFilter ─▶ law
+                                            └─ force_valid ─▶ contact estimator
 
-    A `ForceFaultDetector` looks at it where the contact is felt, and a `TangentialFilter` is there where it has an
-    `tangential_lag`. `force_last_valid` and `force_filtered` are what comes out of the last two.
+    `force_last_valid` and `force_filtered` are the outputs of the last two. The detector is only
+    there for a sensed contact, the filter for one with a `tangential_lag`.
 
     Args:
-        builder: Where to add it.
-        scenario: With its contact, the faults of the force, and the law.
-        model: The controller's.
-        controller: Who takes it.
-        state: (𝔮, ζ) as it is measured.
-        signals: With `force_measured`, or without; what is to be logged is added.
+        builder: Builder to add to.
+        scenario: Scenario with its contact, the faults of the force, and the law.
+        model: The controller's model.
+        controller: Controller that takes the force.
+        state: Output port of the measured (𝔮, ζ).
+        signals: Signals, maybe with `force_measured`; the pipeline's are added.
 
     Raises:
-        InvalidParameter: Nothing measures a force that a fault or the contact needs, or the law
+        InvalidParameter: No part measures a force that a fault or the contact needs, or the law
             takes none.
     """
+    # Refuse a missing sensor, and a law without a port for the force.
     faults = faults_at("force", scenario.faults)
     for key, fault in faults.items():
         require(MEASURED_FORCE in signals, key, type(fault).__name__,
-                "left out: nothing measures the force")
-    require(not scenario.contact.felt or MEASURED_FORCE in signals, "sensing", scenario.sensing,
-            "with a part that measures the force, such as !ForceSensor, for a contact that is felt")
+                "left out: no part measures the force")
+    require(not scenario.contact.is_sensed or MEASURED_FORCE in signals, "sensing",
+            scenario.sensing,
+            "with a part that measures the force, such as !ForceSensor, for a sensed contact")
     if MEASURED_FORCE not in signals:
         return
     require(scenario.ancillary.takes_force, "ancillary", scenario.law,
             "a law that takes the measured force, such as resolved")
+    # A known surface takes the last valid force.
     fresh = add_chain(builder, model, signals[MEASURED_FORCE], signals, faults, scenario.seed)
-    if not scenario.contact.felt:
+    if not scenario.contact.is_sensed:
         felt = HoldLastValue.AddToBuilder(builder, measured=fresh).get_output_port()
         signals["force_last_valid"] = felt
         builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
         return
+    # A sensed contact: fault detection, hold and release, filter normal to n.
     contact, sensing = sensed_contact(scenario), sensing_of(scenario)
     fresh = ForceFaultDetector.AddToBuilder(
         builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
@@ -64,7 +68,8 @@ def add_force_measurement(builder: DiagramBuilder, scenario: Scenario, model: Co
         builder, measured=fresh, release=signals["force_lost"]).get_output_port()
     signals["force_last_valid"] = felt
     if contact.tangential_lag > 0.0:
-        felt = TangentialFilter.AddToBuilder(builder, contact.direction, contact.tangential_lag,
-                                      contact.period, measured=felt).get_output_port()
+        felt = TangentialFilter.AddToBuilder(
+            builder, contact.direction, contact.tangential_lag, contact.period,
+            measured=felt).get_output_port()
         signals["force_filtered"] = felt
     builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))

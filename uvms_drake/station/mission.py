@@ -1,4 +1,4 @@
-"""The mission of a scenario, between what is felt and what the controller is asked for."""
+"""The mission of a scenario, between the contact estimate and the controller's targets."""
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
@@ -13,22 +13,22 @@ from uvms_drake.visual.controls import HomeButton
 
 LOGGED = {"mission_place": "due_place", "mission_force": "due_force",
           "mission_progress": "progress"}
-"""Signals, by the outputs of the mission that they are."""
+"""Output of the mission for each signal."""
 
 
 def add_mission(builder: DiagramBuilder, scenario: Scenario, model: ContactModel,
                 controller: Diagram, state: OutputPort, signals: Signals,
                 meshcat: Meshcat | None) -> None:
-    """Adds the mission, or lets the targets come from outside if there is none.
+    """Adds the mission, or exports the ports of its targets if there is none.
 
     Args:
-        builder: Where to add it.
-        scenario: The scenario, with a contact that is felt.
-        model: The controller's.
-        controller: That of `make_sensed_tube_mpc`.
-        state: Gives the measured (𝔮, ζ).
-        signals: Those of the loop so far, to which the mission's are added.
-        meshcat: Where a button says stop; None: the port `stop` does.
+        builder: Builder to add to.
+        scenario: The scenario, with a sensed contact.
+        model: The controller's model.
+        controller: Controller of `make_sensed_tube_mpc`.
+        state: Output port of the measured (𝔮, ζ).
+        signals: Signals of the loop, to which the mission's are added.
+        meshcat: Meshcat of a stop button; None: an input port `stop`.
     """
     asked = ("place", "deepest")
     if not scenario.mission.steps:

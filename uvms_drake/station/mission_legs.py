@@ -1,10 +1,8 @@
-"""What is certified of each step of a mission before it begins: force, time, and what voids it.
+"""Certified bounds of each step of a mission: force, time, and the condition that fails.
 
-*The force.* In a hold `SensedContact.band`, with the plan at its target. In a slide it follows the
-target, and how far behind is known then and not before: no number here, see
-`report.mission.mission`.
-
-*At all times* the static force is at most `contact.force`, whatever the plan is short of.
+In a hold the force error is bounded by `SensedContact.band`, with the plan at its target. In a
+slide the bound depends on the lag behind the target, which is known only in the run, see
+`report.mission.mission`. The static force is at most `contact.force` at all times.
 """
 
 from collections.abc import Sequence
@@ -19,25 +17,25 @@ from uvms_drake.tube.ultimate_bounds import tip_errors
 
 @dataclass(frozen=True)
 class Leg:
-    """A step of a mission."""
+    """Bounds of a step of a mission."""
 
     kind: str
     force: float
-    """Largest force that it asks for [N]."""
+    """Largest desired force [N]."""
     band: float | None
-    """b(0) of a hold [N]."""
+    """Bound b(0) of the force error of a hold [N]."""
     least: float
-    """Time that it takes at least, if nothing fails [s]."""
+    """Shortest duration without a failure [s]."""
     most: float
     """Time-out [s]."""
     void: str
-    """The condition that fails, or nothing."""
+    """Condition that fails; empty if none."""
 
 
 def least_time(step: AnyStep) -> float:
-    """Returns the time that a step takes at least if nothing fails [s]; zero where none is known.
+    """Returns the shortest duration of a step without a failure [s]; zero if unknown.
 
-    How long it is on its way to a place off the wall and to a wall is known to nobody.
+    The duration of an approach, of a wall or of a place off it, is unknown.
     """
     if isinstance(step, Slide):
         return step.time
@@ -50,10 +48,10 @@ def legs_of(mission: Mission, contact: SensedContact, tube: TubeRadii,
     """Returns the legs of a mission.
 
     Args:
-        mission: Checked.
-        contact: What is known of the wall.
-        tube: The radii.
-        conditions: Those of the certificate, of which some have a step's name.
+        mission: Checked mission.
+        contact: Specification of the contact.
+        tube: Radii of the tube.
+        conditions: Conditions of the certificate, some with the name of a step.
     """
     legs = []
     for i, step in enumerate(mission.steps):

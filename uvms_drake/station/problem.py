@@ -43,7 +43,7 @@ def true_surface(scenario: Scenario) -> Surface:
 
 
 def shown_surface(scenario: Scenario, model: ContactModel) -> Surface:
-    """Returns the surface to draw and to measure a task by: that of the model, if it has one."""
+    """Returns the surface for drawing and for task errors: the model's, if it has one."""
     return check_surface(true_surface(scenario)) if scenario.contact.is_sensed else model.surface
 
 
@@ -85,7 +85,7 @@ def retargeted_ocp(scenario: Scenario, model: ContactModel, force: np.ndarray) -
 
 def posed_task(scenario: Scenario, model: ContactModel, *, accelerations: bool
                ) -> tuple[np.ndarray, dict[str, Limit]]:
-    """Returns y_des (6+n,) and the limits that the tube leaves."""
+    """Returns y_des (6+n,) and the tightened limits."""
     surface = model.surface
     limits = tighten(make_limits(scenario.limits, model.q_lower, model.q_upper, surface,
                                  accelerations=accelerations, thrusters=model.thrusters,
@@ -97,7 +97,7 @@ def posed_task(scenario: Scenario, model: ContactModel, *, accelerations: bool
         pose = None if task.pose is None else vector("pose", task.pose, 6)
         posture = vector("posture", task.posture, model.num_joints)
         y_des = np.concatenate([surface.pose_for(force, pose), posture])
-        # If a level tip would not help, it is the posture that turns the vehicle too far.
+        # If a level tip does not help, the posture turns the vehicle too far.
         level = np.concatenate([y_des[:3], np.zeros(2), y_des[5:]])
         posture_alone = any(np.any(limit.excess(_at(model, level)) > 0.0)
                             for limit in limits.values() if limit.owner == "pose"
@@ -114,7 +114,7 @@ def _at(model: ContactModel, y: np.ndarray) -> Points:
 
 
 def task_place(scenario: Scenario) -> np.ndarray:
-    """Returns where the task's pose is, in Σ_I (3,) [m]."""
+    """Returns the position of the task's pose in Σ_I (3,) [m]."""
     with within("task"):
         return vector("pose", scenario.task.pose, 6)[:3]
 
@@ -139,9 +139,9 @@ def _check_pose(limits: dict[str, Limit], at: Points,
     """Raises unless a pose is within the nominal limits.
 
     Args:
-        limits: Those that the tube leaves.
+        limits: The tightened limits.
         at: The pose.
-        owners: Key and value that are to blame, by the `owner` of a limit; the first one first.
+        owners: Key and value for a message, by the `owner` of a limit; the first one first.
     """
     of_pose = [limit for limit in limits.values() if limit.about == "pose"]
     for limit in sorted(of_pose, key=lambda limit: list(owners).index(limit.owner)):

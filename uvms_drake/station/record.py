@@ -15,7 +15,7 @@ SCENARIO_FILE = "scenario.yaml"
 LOG_FILE = "log.npz"
 TIMING_FILE = "timing.npz"
 RENAMED = ("lost", "limited", "accepted_force")
-"""Signals of a station that have another name in a `Record`."""
+"""Signals of a station with another name in a `Record`."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class Record:
     acceleration: np.ndarray
     """Acceleration ζ̇ (T, 6+n) [m/s², rad/s²]; (T, 0) if the motion is kinematic."""
     effective_disturbance: np.ndarray
-    """Residual ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f and the 𝔲 that is
-    sent: d and all that the controller does not know about, but for what a clock holds; w (T, 6)
-    [m/s, rad/s] if the motion is kinematic."""
+    """Residual ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²] with the controller's f and the sent 𝔲: d
+    and all model errors, without the effect of sample and hold; w (T, 6) [m/s, rad/s] if the motion
+    is kinematic."""
     joint_lower: np.ndarray
     """Smallest joint angles allowed (n,) [rad]: the robot's, or the scenario's if narrower."""
     joint_upper: np.ndarray
@@ -71,9 +71,9 @@ class Record:
     mpc_time: np.ndarray
     """Instants at which the MPC planned (K,) [s]."""
     mpc_status: np.ndarray
-    """Outcomes of the samples (K,): 0 solved; 1 the solver failed, or 2 was too late, and the last
-    plan was continued; 3 the sample was dropped and the last plan went on; 4 the last plan was
-    better than the new one and was kept."""
+    """Outcomes of the samples (K,): 0 solved; 1 the solver failed, or 2 missed the deadline, and
+    the last plan was continued; 3 the sample was dropped and the last plan was continued; 4 the
+    last plan was better than the new one and was kept."""
     mpc_cost: np.ndarray
     """Objectives of the plans (K,)."""
     mpc_terminal_slack: np.ndarray
@@ -83,9 +83,9 @@ class Record:
     mpc_iterations: np.ndarray
     """Number of convex programs solved (K,)."""
     mpc_refused: np.ndarray
-    """1 where another desired force was asked for and is refused (K,)."""
+    """1 while a new desired force is refused (K,)."""
     mpc_rows: np.ndarray
-    """Number of rows of limits that the last convex program held (K,); 0 where none mattered."""
+    """Number of active rows of limits in the last convex program (K,)."""
     step_seconds: np.ndarray
     """Wall time of each MPC step (K,) [s]."""
     wall_time_s: float
@@ -103,7 +103,7 @@ class Record:
 
     @cached_property
     def model(self) -> ContactModel:
-        """Model of robot and surface that the controller had; loaded once, when it is asked for."""
+        """The controller's model of robot and surface; loaded once, on first use."""
         return load_model(self.scenario)
 
     @property
@@ -136,7 +136,7 @@ class Record:
         return self.tube_deviation[:, FIELDS.index(part)]
 
     def bound_of(self, part: str) -> np.ndarray:
-        """Returns its trajectory-wise bound (T,), inf where there is none."""
+        """Returns the trajectory-wise bound (T,) of one of `tube_monitor.FIELDS`; inf if there is none."""
         return self.tube_bound[:, FIELDS.index(part)]
 
 

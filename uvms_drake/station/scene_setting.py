@@ -1,4 +1,4 @@
-"""The setting of a scenario's picture: everything in it that stays the same."""
+"""The setting of a scenario's picture: its constants."""
 
 import numpy as np
 
@@ -13,15 +13,15 @@ from uvms_drake.visual.objects.contact_knowledge import ContactSpecification
 from uvms_drake.visual.scene import Setting
 
 PAINTED = 1.5
-"""End of the scale of colours of a mission, over the largest force that it asks for."""
+"""End of the colour scale of a mission over its largest desired force."""
 
 
 def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = False) -> Setting:
     """Returns the setting of a `Scene` of a run.
 
     Args:
-        scenario: Scenario of the run; its `visual` says how to draw.
-        model: The controller's.
+        scenario: Scenario of the run, with the settings of the picture in `visual`.
+        model: The controller's model.
         certified: Whether its tube is that of a certificate that holds.
     """
     force, limits = np.asarray(scenario.task.force, dtype=float), limits_of(scenario, model)
@@ -35,6 +35,6 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
         has_forces=motion_of(scenario).has_forces,
         specification=ContactSpecification(sensed_contact(scenario).direction, safe_depth_margin(scenario))
-        if scenario.contact.felt else None,
+        if scenario.contact.is_sensed else None,
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
         if scenario.mission.steps else None)

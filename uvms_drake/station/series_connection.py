@@ -1,4 +1,4 @@
-"""Parts one behind the other, between plant and controller."""
+"""Series connection of parts between plant and controller."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -12,7 +12,7 @@ from uvms_drake.station.record import RENAMED, Record
 
 RESERVED = {"plan", "report", "solve_seconds", "tube_alarm", *RENAMED,
             *(field.name for field in fields(Record))}
-"""Names that a part's signal cannot have: those of a record's own fields and of other outputs."""
+"""Reserved names of signals: a record's own fields and other outputs."""
 
 
 def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
@@ -23,15 +23,15 @@ def keyed(key: str, parts: Sequence[Part]) -> dict[str, Part]:
 
 def add_chain(builder: DiagramBuilder, model: UvmsModel, port: OutputPort, signals: Signals,
               parts: dict[str, Part], seed: int) -> OutputPort:
-    """Adds parts one behind the other and returns the port at their end.
+    """Adds parts in series and returns the output port of the last one.
 
     The names of their systems begin with their keys.
 
     Args:
-        builder: Where to add them.
+        builder: Builder to add to.
         model: The controller's model.
-        port: Output port in front of the first part.
-        signals: Signals that the parts may read, and to which they add theirs.
+        port: Output port that feeds the first part.
+        signals: Signals that the parts may read and extend.
         parts: The parts by their keys in the scenario.
         seed: Seed of their random numbers.
     """

@@ -37,17 +37,16 @@ def simulate(
 
     Args:
         scenario: Everything the run depends on.
-        model: The controller's; loaded if it is left out.
-        certified: Whether tube and terminal set of the scenario are those of a certificate that
-            holds; it is only passed on.
-        meshcat: Where an `Illustration` draws the run, if at all; it does not change the result.
-        realtime_rate: Takes the place of the scenario's `simulator.target_realtime_rate`.
-        progress: Called now and then; it does not change the result.
-        stop: Asked now and then whether the run is to end, as one of a shorter duration.
+        model: The controller's model; loaded if left out.
+        certified: Whether tube and terminal set of the scenario are certified; it is passed on.
+        meshcat: Meshcat of an `Illustration`, if any; it does not change the result.
+        realtime_rate: Replacement of the scenario's `simulator.target_realtime_rate`.
+        progress: Progress callback; it does not change the result.
+        stop: Function polled for an early end of the run, as with a shorter duration.
 
     Raises:
         InvalidParameter: A value of the scenario cannot be used.
-        RunFailed: The run started, but could not be carried through.
+        RunFailed: The run started, but failed.
     """
     model = model or load_model(scenario)
     station = make_station(scenario, meshcat, certified=certified, model=model)
@@ -73,11 +72,11 @@ def simulate(
 
 
 def release(system: System) -> None:
-    """Empties a system that nobody is going to use any more, with all that is in it.
+    """Clears the attributes of a system that is no longer used, and of its subsystems.
 
     Drake's Python bindings never free a LeafSystem that is written in Python, because its callbacks
-    hold it; so at least its attributes go: models, workspaces and solvers, and what the bindings
-    keep there, the systems and the Simulator about it.
+    refer to it; so at least its attributes are freed: models, workspaces and solvers, and references
+    of the bindings to other systems and to the Simulator.
     """
     if isinstance(system, Diagram):
         for part in system.GetSystems():
@@ -102,7 +101,7 @@ def _run(simulator: Simulator, duration: float) -> float:
         simulator.AdvanceTo(duration)
     except RunFailed:
         raise
-    except (RuntimeError, np.linalg.LinAlgError) as error:  # So Drake and NumPy cannot go on.
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # The errors with which Drake and NumPy stop.
         reason = " ".join(str(error).split())
         now = simulator.get_context().get_time()
         raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error
@@ -111,14 +110,14 @@ def _run(simulator: Simulator, duration: float) -> float:
 
 def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | None,
              scenario: Scenario) -> Callable[[Context], EventStatus]:
-    """Returns a monitor of a Simulator that calls `progress`, and `stop` from the first log on.
+    """Returns a monitor of a Simulator that calls `progress`, and `stop` after the first log.
 
-    A monitor watches, while AdvanceTo in slices would end an integration step at each of them.
+    A monitor is passive, while AdvanceTo in slices would end an integration step at each of them.
     """
     due = 0.0
 
     def watch(context: Context) -> EventStatus:
-        """Reports and asks every `PROGRESS_PERIOD`."""
+        """Reports progress and polls `stop` every `PROGRESS_PERIOD`."""
         nonlocal due
         now = context.get_time()
         if now >= due:
@@ -133,7 +132,7 @@ def _monitor(station: Diagram, progress: Progress, stop: Callable[[], bool] | No
 
 def make_record(scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray],
                 wall_time: float, certified: bool) -> Record:
-    """Returns the record of a station's logs, with what follows from them added.
+    """Returns the record of a station's logs, with derived signals.
 
     Args:
         scenario: The scenario of the run.

@@ -1,10 +1,10 @@
 """Checks the integrator's step against the rates of the closed loop, before a run.
 
-A fixed step h multiplies what decays like exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's
-stability function. A gain k for which kh is too large is then no property of the law, but of h.
-The rates λ are the eigenvalues of the loop itself, with plant, law and surface, linearised at
-the task, in contact, where nothing deviates, and that of friction on the tip and in the joints. A
-command that is sampled is held meanwhile: the law does not cancel the surface then.
+A fixed step h multiplies a mode exp(λt) by R(hλ) instead of exp(hλ), with R the scheme's stability
+function. A too large kh then changes the effect of the gain k. The rates λ are the eigenvalues of
+the loop with plant, law and surface, linearised at the task, in contact, without a deviation, and
+the rate of friction on the tip and in the joints. A sampled command is constant between samples:
+the law does not cancel the surface then.
 """
 
 import math
@@ -28,7 +28,7 @@ ORDERS = {"explicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3, "bogacki_sh
 """Orders of the explicit schemes: R is the Taylor polynomial of exp of this degree; Drake's fifth
 order adds a term of no weight where R is accurate. An implicit scheme is always stable."""
 ACCURACY = 0.05
-"""Largest |R(hλ) − exp(hλ)|: the part of a deviation that a step may add to it."""
+"""Largest |R(hλ) − exp(hλ)|: the relative error of a deviation in a step."""
 DIFFERENCE = 1e-6
 """Difference of a state, to differentiate the loop [m, rad, m/s, rad/s]."""
 
@@ -58,7 +58,7 @@ def largest_step(scheme: str, rates: np.ndarray) -> float:
 def largest_rate(scenario: Scenario) -> float:
     """Returns the largest real rate for which the step of a scenario is accurate [1/s].
 
-    It is infinite where nothing is checked.
+    It is infinite if no step is checked.
     """
     settings = scenario.simulator
     if settings.use_error_control:
@@ -67,7 +67,7 @@ def largest_rate(scenario: Scenario) -> float:
 
 
 def step_of(scenario: Scenario) -> float:
-    """Returns the step that the integrator takes at most, between events too [s]."""
+    """Returns the largest step of the integrator [s], given the periods of events."""
     return min(scenario.simulator.max_step_size, scenario.log_period, scenario.mpc.time_step)
 
 
@@ -92,8 +92,7 @@ def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> f
 
     It is the largest eigenvalue of M⁻¹(J_pᵀ c J_p + C_q), with c and C_q the largest slopes by
     speed of the friction on the tip and in the joints. At rest those slopes are zero, so the loop's
-    eigenvalues there do not show it. A law that is told of the friction cancels it; it is counted
-    all the same.
+    eigenvalues there do not show it. It counts even if the law cancels the friction.
     """
     if not motion_of(scenario).has_forces:
         return 0.0
@@ -108,14 +107,13 @@ def friction_rate(scenario: Scenario, model: UvmsModel, config: np.ndarray) -> f
 def check_step(scenario: Scenario, model: ContactModel) -> None:
     """Raises `InvalidParameter` if a fixed step is too long for the loop of a scenario.
 
-    Nothing is checked where there is no plan at the task; then the run itself fails, or not. The
-    model is the controller's.
+    Without a plan at the task nothing is checked. The model is the controller's.
     """
     settings = scenario.simulator
     if settings.use_error_control or settings.integration_scheme not in ORDERS:
         return
-    # At rest at the task, and without a disturbance: that of an adversary jumps with the state.
-    # There a plan stays where it is, however short it is.
+    # At rest at the task, without a disturbance: an adversary's jumps with the state. A plan of any
+    # length is constant there.
     quiet = replace(scenario, disturbance=ConstantDisturbance(bound=0.0), faults=[],
                     mpc=replace(scenario.mpc, horizon=1))
     ocp = make_ocp(quiet, model)
@@ -125,7 +123,7 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
     simulator = Simulator(station)
     try:
         simulator.Initialize()
-        simulator.AdvancePendingEvents()  # From now on, what is sampled is held.
+        simulator.AdvancePendingEvents()  # Sampled signals are constant from here on.
     except RunFailed:
         return
     rates = np.append(loop_rates(station, simulator.get_mutable_context()),
@@ -135,10 +133,10 @@ def check_step(scenario: Scenario, model: ContactModel) -> None:
     fastest = float(np.max(np.abs(rates)))
     require(step <= largest, "simulator.max_step_size", settings.max_step_size,
             f"at most {floored(largest):g} s with {settings.integration_scheme}: the loop has a "
-            f"rate of {fastest:.3g} 1/s, and longer steps make errors of their own")
+            f"rate of {fastest:.3g} 1/s, and longer steps are inaccurate")
 
 
 def floored(step: float) -> float:
-    """Returns a step with two digits that is not longer."""
+    """Returns a step rounded down to two digits."""
     unit = 10.0 ** (math.floor(math.log10(step)) - 1)
     return math.floor(step / unit) * unit

@@ -1,9 +1,9 @@
-"""The two laws side by side: certified, reached by an adversary, and given by the paper's form.
+"""Comparison of two laws: certified radius, radius reached by an adversary, radius of the paper.
 
-The loop starts at the task, in contact, and an adversary pushes with ‖Ŵ⁻¹d‖ = d̃ all the time: along
-the leading direction of J_x, along J_xᵀ𝔢_y, and constantly. Certified is ‖y − ȳ‖ for `resolved`
-and ‖χ − χ̄‖ for `transpose`. The radius of the paper's Lemma, d̃/min(α₁, α₂), is never below d̃/σ̲
-with σ̲ = σJ̲ − L_𝔠, whatever k is.
+The loop starts at the task, in contact, under an adversarial disturbance with ‖Ŵ⁻¹d‖ = d̃: along
+the leading direction of J_x, along J_xᵀ𝔢_y, or constant. Certified is ‖y − ȳ‖ for `resolved` and
+‖χ − χ̄‖ for `transpose`. The radius of the paper's Lemma, d̃/min(α₁, α₂), is at least d̃/σ̲ with
+σ̲ = σJ̲ − L_𝔠 for any k.
 """
 
 import math
@@ -36,14 +36,14 @@ ATTACKS: tuple[Kind, ...] = ("leading", "along_task_error", "constant")
 DURATION = 3.0
 """Duration of each attack [s]: six time constants of the slowest tube."""
 HORIZON = 5
-"""Horizon of the MPC, short to save time: its plan is to stay."""
+"""Horizon of the MPC, short to save time: the plan is constant."""
 STEPS_PER_TIME_CONSTANT = 2.0
 """Smallest number of integration steps in 1/k."""
 
 
 @dataclass(frozen=True)
 class LawRow:
-    """One law with its gains."""
+    """Radii of a law with its gains."""
 
     law: AncillaryLaw
     """The law and its gains."""

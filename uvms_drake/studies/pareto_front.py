@@ -1,8 +1,8 @@
-"""The front of certified force error against remaining input, over gains and d̃.
+"""Pareto front of certified force error and remaining input, over gains and d̃.
 
-The tube shrinks like d̃/(kσ), and with it the input that a stiff surface and a turning task take.
-So the largest gains that the bandwidth of the actuators allows are the best, and the front shows
-what a smaller d̃ or bandwidth would give.
+The tube shrinks like d̃/(kσ), and with it the input for a stiff surface and a turning task. So the
+largest gains within the bandwidth of the actuators are the best, and the front shows the effect of
+a smaller d̃ or bandwidth.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ GAINS = (0.5, 1.0, 2.0)
 
 @dataclass(frozen=True)
 class ParetoPoint:
-    """One choice of d̃ and gains, and what is certified with it."""
+    """Certified bounds for a choice of d̃ and gains."""
 
     d_bound: float
     """Bound d̃ of the disturbance [m/s², rad/s²]."""
@@ -44,7 +44,7 @@ class ParetoPoint:
 
 
 def check_pareto_front(scenario: Scenario) -> None:
-    """Raises `InvalidParameter` if a scenario has no front."""
+    """Raises `InvalidParameter` if a scenario has no Pareto front."""
     motion, law = motion_of(scenario), type(scenario.ancillary)
     require(motion.has_forces, "motion", scenario.motion, "dynamic, for a front")
     require(law in motion.tubes, "ancillary", law.__name__, "a law with a certificate, for a front")
@@ -52,8 +52,9 @@ def check_pareto_front(scenario: Scenario) -> None:
             "a law with one k and one σ, for a front")
 
 
-def pareto_front(scenario: Scenario, model: ContactModel, disturbances: Iterable[float] = DISTURBANCES,
-          gains: Iterable[float] = GAINS, progress: Progress = silent) -> list[ParetoPoint]:
+def pareto_front(scenario: Scenario, model: ContactModel,
+                 disturbances: Iterable[float] = DISTURBANCES, gains: Iterable[float] = GAINS,
+                 progress: Progress = silent) -> list[ParetoPoint]:
     """Returns the points for all combinations of factors on d̃ and on (k, σ).
 
     The model is the controller's.
@@ -96,4 +97,4 @@ def format_pareto_front(points: list[ParetoPoint]) -> str:
     head = f"{'d̃':>8}{'k [1/s]':>10}{'σ [1/s]':>10}{'force [N]':>12}{'input left':>12}"
     return "\n".join([head, *(
         f"{p.d_bound:>8.3g}{p.k:>10.3g}{p.sigma:>10.3g}{p.force:>12.3g}{p.input_left:>12.1%}"
-        + (f"  void: {p.emptied}" if p.emptied else "") for p in points)])
+        + (f"  not certified: {p.emptied}" if p.emptied else "") for p in points)])

@@ -28,12 +28,12 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
                   ) -> tuple[Resolved, float]:
     """Returns gains k, σ ≤ `bandwidth` [1/s], and the bound of the force error [N] they certify.
 
-    They leave something of every limit; whether terminal set and first plan follow is for `certify`
-    to say. The model is the controller's.
+    They leave a margin of every limit; `certify` checks terminal set and first plan. The model is
+    the controller's.
 
     Raises:
         InvalidParameter: The bandwidth is not positive, or the motion kinematic.
-        RunFailed: No candidate leaves something of every limit.
+        RunFailed: No candidate leaves a margin of every limit.
     """
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to propose gains")
     require(0.0 < bandwidth < float("inf"), "bandwidth", bandwidth, "positive")
@@ -56,10 +56,11 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     pushed = basis.d_bound * basis.weights
     for law in sorted(candidates, key=force_error):
         if np.any(input_gain(law.k, law.sigma) * pushed >= basis.u_limit):
-            continue  # The linear part alone takes all of an input.
+            continue  # The linear part alone uses up an input.
         at = replace(scenario, ancillary=law)
         tube = resolved_law_tube(law, basis)
-        if all(item.holds for item in (*tube.conditions, *tightening_margins(at, tube.radii, model))):
+        margins = tightening_margins(at, tube.radii, model)
+        if all(item.holds for item in (*tube.conditions, *margins)):
             return law, force_error(law)
-    raise RunFailed(f"no gains up to {bandwidth:g} 1/s leave something of every limit; what would "
-                    "help: a smaller disturbance.bound or wider limits")
+    raise RunFailed(f"no gains up to {bandwidth:g} 1/s leave a margin of every limit; "
+                    "what would help: a smaller disturbance.bound or wider limits")

@@ -1,8 +1,8 @@
-"""Conditions as rows of a table, and those of the paper: as printed, and as its proof needs them.
+"""Conditions of a certificate, and those of the paper: as printed, and as its proof needs them.
 
 Symbols are those of (lemma:tube): 𝔢 = e − ē, 𝔷 = ζ − ζ̄, 𝔯 = 𝔷 + σJ(𝔮̄)ᵀ𝔢, and the law is
-u = ū − k𝔯. What the Lemma bounds is one quadratic, V = ½‖𝔢‖² + ½‖𝔯‖². `tubes.transpose_tube` gets
-much smaller tubes out of the same constants.
+u = ū − k𝔯. The Lemma bounds one quadratic, V = ½‖𝔢‖² + ½‖𝔯‖²; `resolved.bounds.transpose_tube`
+gets much smaller tubes out of the same constants. Proofs: tube/theory.md#lemma-of-the-paper.
 """
 
 import math
@@ -15,7 +15,7 @@ Relation = Literal["<", "<=", ">", ">="]
 LEMMA = "tube/theory.md#lemma-of-the-paper"
 """Theorem of the conditions of `paper_conditions`."""
 BEYOND = "not with this vehicle, because "
-"""How an advice begins where no key helps: why, and what the vehicle would need."""
+"""Beginning of an advice where no key helps: the reason, and the needs of the vehicle."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Condition:
     relation: Relation
     right: float
     advice: str = ""
-    """What to add to the command line, `--set key=value`, if it is not met and a value is known; or
-    what begins with `BEYOND`."""
+    """Addition to the command line, `--set key=value`, if it is not met and a value is known; or a
+    sentence that begins with `BEYOND`."""
     theorem: str = field(kw_only=True)
     """Link, below `uvms_drake/`, to the theorem that needs it: `path/theory.md#heading`."""
 
@@ -39,12 +39,12 @@ class Condition:
 
     @property
     def margin(self) -> float:
-        """How far the sides are apart, negative if it is not met; in the unit of the sides."""
+        """Distance of the sides, negative if it is not met; in the unit of the sides."""
         return self.left - self.right if self.relation.startswith(">") else self.right - self.left
 
     @property
     def is_count(self) -> bool:
-        """Whether the number is a yes or no, or a count of what should not be: the name says it."""
+        """True if the number is a yes or no, or counts violations: the name says it."""
         return self.relation == "<=" and self.right == 0.0 and float(self.left).is_integer()
 
     def __str__(self) -> str:
@@ -56,12 +56,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class LemmaConstants:
-    """What (lemma:tube) assumes about the robot, over its constraint sets.
-
-    The paper takes 𝔮 for a function of χ. For an arm with self-motion it is none: then 𝔢 = 0 does
-    not make J(𝔮) = J(𝔮̄), no L_c and L_1 as defined here exist, and a tube from them certifies
-    nothing, unless something else keeps ‖𝔮 − 𝔮̄‖ below a multiple of ‖𝔢‖.
-    """
+    """Constants of (lemma:tube) over the constraint sets; 𝔮 is taken for a function of χ."""
 
     J_min: float
     """J̲, smallest eigenvalue of J Jᵀ: of order ‖J‖², in spite of its name."""
@@ -85,9 +80,9 @@ class QuadraticTube(NamedTuple):
     """A tube that one quadratic V gives."""
 
     e: float
-    """Radius of Ω₁, bounds ‖𝔢‖; inf if a condition fails."""
+    """Radius of Ω₁, bound of ‖𝔢‖; inf if a condition fails."""
     z: float
-    """Radius of Ω₂, bounds ‖𝔷‖; inf if a condition fails."""
+    """Radius of Ω₂, bound of ‖𝔷‖; inf if a condition fails."""
     Lambda_1: float
     """Λ₁, the factor of ‖𝔢‖‖𝔯‖ in the bound of V̇."""
     Lambda_2: float
@@ -97,15 +92,15 @@ class QuadraticTube(NamedTuple):
     rho: float
     """ρ, the weight in ‖𝔢‖‖𝔯‖ ≤ ‖𝔢‖²/(4ρ) + ρ‖𝔯‖²."""
     alpha_1: float
-    """α₁ = σ̲ − Λ₁/(4ρ), the part of σ̲ that is left for −‖𝔢‖² [1/s]."""
+    """α₁ = σ̲ − Λ₁/(4ρ), the part of σ̲ available for −‖𝔢‖² [1/s]."""
     alpha_2: float
-    """α₂ = k − ρΛ₁ − Λ₂, the part of k that is left for −‖𝔯‖² [1/s]."""
+    """α₂ = k − ρΛ₁ − Λ₂, the part of k available for −‖𝔯‖² [1/s]."""
     conditions: tuple[Condition, ...]
     """Conditions of (eq:sigma_under_sigma)."""
 
 
 class PaperTubes(NamedTuple):
-    """The Lemma as it is printed, and with the terms that its proof loses."""
+    """The Lemma as printed, and with the terms that its proof loses."""
 
     printed: QuadraticTube
     corrected: QuadraticTube
@@ -115,21 +110,13 @@ def paper_conditions(constants: LemmaConstants, k: float, sigma: float, d_bound:
                      rho: float | None = None) -> PaperTubes:
     """Returns the tubes of (lemma:tube) for the law `transpose`.
 
-    With 𝔢̇ = 𝔟 + J𝔷 and 𝔷 = 𝔯 − σJᵀ𝔢, J = J(𝔮̄), 𝔟 = (J(𝔮) − J)ζ, 𝔩 = f − f̄, exactly
+    α₁ = σ̲ − Λ₁/(4ρ) and α₂ = k − ρΛ₁ − Λ₂ with σ̲ = σJ̲ − L_𝔠, Λ₂ = L + σJ̄², L = max(L₁, L₂), and
 
-        V̇ = 𝔢ᵀ𝔟 − σ𝔢ᵀJJᵀ𝔢 + 𝔢ᵀJ𝔯 + 𝔯ᵀ𝔩 + σ𝔯ᵀJ̇ᵀ𝔢 + σ𝔯ᵀJᵀ𝔟 + σ𝔯ᵀJᵀJ𝔯 − σ²𝔯ᵀJᵀJJᵀ𝔢 − k𝔯ᵀ𝔯 + 𝔯ᵀd,
-
-    hence, with L = max(L₁, L₂), ‖𝔟‖ ≤ L_𝔠‖𝔢‖ and ‖𝔩‖ ≤ L‖𝔢‖ + L(‖𝔯‖ + σJ̄‖𝔢‖),
-
-        V̇ ≤ −σ̲‖𝔢‖² + Λ₁‖𝔢‖‖𝔯‖ − (k − Λ₂)‖𝔯‖² + d̃‖𝔯‖,    Λ₂ = L + σJ̄²,
         Λ₁ = L(1 + σJ̄) + J̄ + σ(L_𝔠J̄ + J̃) + σ²J̄³                              (corrected)
-        Λ₁ = L + J̄ + σ(L_𝔠 + J̃)                                                (printed).
+        Λ₁ = L + J̄ + σ(L_𝔠 + J̃)                                                (printed):
 
-    By ‖𝔢‖‖𝔯‖ ≤ ‖𝔢‖²/(4ρ) + ρ‖𝔯‖² it is at most −min(α₁, α₂)‖(𝔢, 𝔯)‖² + d̃‖(𝔢, 𝔯)‖, so the ball
-    ‖(𝔢, 𝔯)‖ ≤ d̃/min(α₁, α₂) is invariant, and ‖𝔢‖ is below its radius. It is that ball which is
-    invariant: Ω₁ × Ω₂ is not. Since ‖𝔷‖ ≤ ‖𝔯‖ + σJ̄‖𝔢‖, inside of it ‖𝔷‖ ≤ √(1 + σ²J̄²) times the
-    radius (Cauchy–Schwarz; corrected). Printed is 2/J̄ times the radius, without σ: a lower bound
-    taken for an upper one.
+    the ball ‖(𝔢, 𝔯)‖ ≤ d̃/min(α₁, α₂) is invariant, and in it ‖𝔷‖ ≤ √(1 + σ²J̄²) times the radius;
+    printed is 2/J̄ times. Proof: tube/theory.md#lemma-of-the-paper.
 
     Args:
         constants: Constants of the robot over its constraint sets.
@@ -178,7 +165,7 @@ def _best_rho(Lambda_1: float, Lambda_2: float, sigma_lower: float, k: float) ->
     half = k - Lambda_2 - sigma_lower
     root = math.hypot(half, Lambda_1)
     if Lambda_1 == 0.0:
-        return 1.0  # There is nothing to split; any ρ will do.
+        return 1.0  # Without a mixed term any ρ serves.
     if half >= 0.0:
         return (half + root) / (2.0 * Lambda_1)
     return 0.5 * Lambda_1 / (root - half)
@@ -200,11 +187,8 @@ class KinematicTubes(NamedTuple):
 def kinematic_tubes(J_min: float, L_c: float, sigma: float, w_bound: float) -> KinematicTubes:
     """Returns the tubes of the kinematic model χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, with the input ζ.
 
-    `transpose`: ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢 gives 𝔢̇ = 𝔟 − σJJᵀ𝔢 + w, so D⁺‖𝔢‖ ≤ −(σJ̲ − L_𝔠)‖𝔢‖ + w̃: 𝔟 works
-    against the gain, the printed sign is wrong. From 0, ‖𝔢(t)‖ ≤ w̃(1 − e^{−at})/a, a = σJ̲ − L_𝔠.
-
-    `resolved`: ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y] gives exactly 𝔢̇_y = −σ𝔢_y + (w, 0), so
-    ‖𝔢_y‖ ≤ w̃(1 − e^{−σt})/σ, which a constant w attains.
+    From 0, `transpose` has ‖𝔢(t)‖ ≤ w̃(1 − e^{−at})/a with a = σJ̲ − L_𝔠, and `resolved` has
+    ‖𝔢_y‖ ≤ w̃(1 − e^{−σt})/σ, which a constant w attains. Proof: tube/theory.md#kinematic-tubes.
 
     Args:
         J_min: J̲, smallest eigenvalue of J Jᵀ.

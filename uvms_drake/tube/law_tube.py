@@ -1,4 +1,4 @@
-"""The tube of an ancillary law, and the data that it is computed from."""
+"""Tube of an ancillary law, and the data that it is computed from."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,12 +20,12 @@ from uvms_drake.tube.settings import CertificateSettings
 PROVEN = {"task": "Jx_max", "position": "J_position_max", "orientation": "J_attitude_max"}
 """Constants that decide the tube of `resolved` in a ball of disturbances, by block of rows."""
 WEIGHTED = {name: name.replace("_max", "_W_max") for name in PROVEN.values()}
-"""Those of J_xŴ by those of J_x: they decide where Ŵ is not I."""
+"""Constants of J_xŴ by those of J_x: they decide where Ŵ is not I."""
 
 
 @dataclass(frozen=True)
 class Basis:
-    """The data that the tube of a law is computed from, besides the law."""
+    """Data that the tube of a law is computed from, besides the law."""
 
     model: ContactModel
     """The prediction model."""
@@ -42,16 +42,15 @@ class Basis:
     settings: CertificateSettings
     """Numbers of samples, safety factor and seed."""
     contact: MeasuredForceBounds | None = None
-    """The forces of a contact that is felt, which are not in the model."""
+    """Forces of a sensed contact, which are not in the model."""
     largest_rate: np.ndarray | float = np.inf
-    """Bounds of |ζ̄̇ᵢ| of a plan (6+n,), of which |ūᵢ| leaves too much: a contact pushes light joints
-    far harder than their speeds from knot to knot allow."""
+    """Bounds of |ζ̄̇ᵢ| of a plan (6+n,): those by |ūᵢ| alone are far too large for light joints."""
     actuators: Actuators = field(default_factory=Actuators)
-    """Clocks, dead times and lags between the law and what acts."""
+    """Clocks, dead times and lags between the law and the robot."""
     time_step: float = np.inf
-    """Of a plan, over which ζ̄̇ stands still [s]."""
+    """Time step of a plan, over which ζ̄̇ is constant [s]."""
     forces: bool = False
-    """Whether forces are limited, so that the tube in τ is needed."""
+    """True if forces are limited, so that the tube in τ is needed."""
 
     def value(self, name: str) -> float:
         """Returns a constant."""
@@ -64,13 +63,13 @@ class Basis:
 
 
 class LawTube(NamedTuple):
-    """The tube of a law, with the conditions on which it rests."""
+    """Tube of a law, with its conditions."""
 
     radii: TubeRadii
     conditions: tuple[Condition, ...]
     budget: Mapping[str, Mapping[str, float]] = MappingProxyType({})
-    """Parts of radii by their source: who takes how much."""
+    """Error budget: parts of radii by their source."""
     estimated: tuple[str, ...] = ()
-    """The radii that rest on estimates, by their names; the others are proven."""
+    """Names of the radii that depend on estimates; the others are proven."""
     check: Check = no_estimates
-    """Returns what is estimated, with what a second search finds."""
+    """Function that returns the estimates, each with the result of a second search."""

@@ -1,16 +1,16 @@
-"""How hard the certificate looks; part of a scenario."""
+"""Search effort and safety factor of the certificate; part of a scenario."""
 
 from dataclasses import dataclass
 
 from uvms_drake.common.errors import require
 
 MOST_SAMPLES = 1_000_000
-"""Largest number of samples of anything; a supremum that so many miss, more will miss too."""
+"""Largest number of samples; a supremum that so many miss, more will miss too."""
 
 
 @dataclass
 class CertificateSettings:
-    """Samples, seed and safety factor of what is estimated."""
+    """Samples, seed and safety factor of the estimates."""
 
     constant_samples: int = 2000
     """States at which each constant is evaluated before the local searches."""

@@ -1,20 +1,11 @@
-"""The terminal set F = {‖ξ‖_P ≤ ε}: the largest ε that the stability proof allows.
+"""Largest terminal set F = {‖ξ‖_P ≤ ε} that the stability proof allows.
 
-The nominal state at the knots obeys the nonlinear map of `ocp`, exactly. Under the terminal
-controller, ζ̄̇ = gain · ξ of a dynamic and ζ̄ = gain · ξ of a kinematic problem, and with V = ‖ξ‖²_P,
-ℓ = h(‖ξ‖²_Q + ‖ū − ū_eq‖²_R), or h(‖ξ‖²_Q + ‖ζ̄‖²_R), needed for ξ in F are
-
-    V(ξ⁺) − V(ξ) ≤ −ℓ(ξ)        so that the optimal cost falls from sample to sample, and
-    all nominal limits          so that a plan that ends in F can be continued in F.
-
-The first makes F invariant, and all smaller sets ‖ξ‖_P ≤ ρ; a problem that ends in one of those
-asks of some values that they be at most a multiple of ‖ξ‖_P, too (`Ocp.reached`). So limits on the
-state are asked for in F, those on the input for the whole interval that starts at ξ. Conditions
-that are linear or conic in ξ have a closed form (`linear_radius`). The others are checked on the
-nonlinear map: at samples on the boundary and inside, among them the support points of every limit,
-and at local minima of the margins that a nonlinear program finds from the worst samples; as ξ → 0,
-by an eigenvalue of the linearisation. It is a search for a counterexample that finds none, not a
-proof. Where a problem has one set for several references (`Ocp.turned`), all are looked at.
+Under the terminal controller, with V = ‖ξ‖²_P, F needs V(ξ⁺) − V(ξ) ≤ −ℓ(ξ) and all nominal limits:
+see control/theory.md#terminal-set. Conditions that are linear or conic in ξ have a closed form
+(`linear_radius`). The others are checked on the nonlinear map: at samples on the boundary and inside,
+among them the support points of every limit, and at local minima of the margins that a nonlinear
+program finds from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It is a search
+for a counterexample that finds none, not a proof.
 """
 
 from dataclasses import dataclass
@@ -34,7 +25,7 @@ INNERMOST = 0.05
 STARTS = 3
 """Samples from which the decrease is refined; each limit is refined from one."""
 NEAR = 0.3
-"""Fraction of a limit below which the worst sample's margin is refined."""
+"""Fraction of a limit below which the margin of the worst sample is refined."""
 SMALLEST = 1e-3
 """Smallest radius over the linear bound; a smaller terminal set is none."""
 
@@ -47,7 +38,7 @@ class TerminalCheck:
     """Radius ε of the set."""
     margins: dict[str, float]
     """Worst margin of each condition, negative where it is broken: (V − V⁺)/ℓ − 1 of the decrease,
-    in F and at rest, as ξ → 0; the fraction that is left of a limit."""
+    in F and at rest, as ξ → 0; the available fraction of a limit."""
     worst: dict[str, np.ndarray]
     """States ξ (2(6+n),) at which the margins were found; conditions in closed form have none."""
     samples: int
@@ -63,7 +54,7 @@ class TerminalCheck:
 
     @property
     def holds(self) -> bool:
-        """True if every condition is met wherever it was looked at."""
+        """True if every condition is met wherever it was evaluated."""
         return not self.failures
 
     @property
@@ -76,8 +67,8 @@ class TerminalLoop:
     """The nominal system about its equilibrium, under a terminal controller, valued by a P.
 
     Args:
-        ocp: The problem; those that it is `turned` to are looked at, too.
-        axes: T, if the problem is such a one: states are T ξ of it.
+        ocp: The problem; those that it is `turned` to are checked, too.
+        axes: T, if the problem is one of these: states are T ξ of it.
     """
 
     closed: np.ndarray
@@ -115,15 +106,15 @@ class TerminalLoop:
             by_xi + by_decision @ self.gain for by_xi, by_decision in ((A, B), (C, D), (E, F)))
         self.rows = np.concatenate([self.rows, *(other.rows for other in self._others)])
 
-    def _limited(self, what: str, begin: Points, end: Points) -> np.ndarray:
+    def _limited(self, method: str, begin: Points, end: Points) -> np.ndarray:
         """Returns `values` or `used` of the limits that have no closed form (..., their number)."""
         return np.concatenate([
             np.empty((*begin.config.shape[:-1], 0)),
-            *(getattr(limit, what)(at) for limit in self.inputs for at in (begin, end)),
-            *(getattr(limit, what)(begin) for limit in self.sampled)], axis=-1)
+            *(getattr(limit, method)(at) for limit in self.inputs for at in (begin, end)),
+            *(getattr(limit, method)(begin) for limit in self.sampled)], axis=-1)
 
     def margins(self, xi: np.ndarray) -> np.ndarray:
-        """Returns the margins (..., number of names) of the conditions at ξ (..., its size) ≠ 0.
+        """Returns the margins (..., number of names) of the conditions at ξ (..., size) ≠ 0.
 
         Of all references that the problem is `turned` to it is the worst.
         """
@@ -148,7 +139,7 @@ class TerminalLoop:
         return float(np.linalg.eigvalsh(root @ fall @ root.T)[0]) - 1.0
 
     def closed_form_limits(self) -> dict[str, tuple[float, float, float]]:
-        """Returns, for each limit, the room at the equilibrium, the part for ε = 1, and its size.
+        """Returns, by limit, its distance at the equilibrium, its change for ε = 1, and its size.
 
         The largest aᵀξ in F is ε‖a‖_{P⁻¹}, the largest ‖Aξ‖ is ε √λ_max(A P⁻¹ Aᵀ). Of
         the static force it takes the largest change; a spring's force may rise by less.
@@ -159,9 +150,9 @@ class TerminalLoop:
         for name, forms in self.closed_forms.items():
             limit = self.ocp.limits[name]
             values = limit.values(rest)
-            rooms = np.minimum(limit.upper - values, values - limit.lower)
-            for part, form, room, half in zip(limit.parts, forms, rooms, limit.half, strict=True):
-                out[part] = (room, self._reach(
+            distances = np.minimum(limit.upper - values, values - limit.lower)
+            for part, form, free, half in zip(limit.parts, forms, distances, limit.half, strict=True):
+                out[part] = (free, self._reach(
                     form.through(self.ocp.state_rows()) @ self._axes.T), half)
         for other in self._others:
             for part, less in other.closed_form_limits().items():
@@ -192,7 +183,7 @@ def boundary_samples(P: np.ndarray, count: int, rng: np.random.Generator,
 
 def linear_radius(loop: TerminalLoop) -> float:
     """Returns the largest ε within the limits that have a closed form; negative for none."""
-    return min(room / reach for room, reach, _ in loop.closed_form_limits().values()
+    return min(free / reach for free, reach, _ in loop.closed_form_limits().values()
                if reach > 0.0)
 
 
@@ -245,10 +236,10 @@ def check_radius(loop: TerminalLoop, radius: float, states: np.ndarray) -> Termi
     worst = {name: xi[rank[0, j]] for j, name in enumerate(loop.names)}
     margins = {name: float(found[rank[0, j], j]) for j, name in enumerate(loop.names)}
     margins[AT_REST] = loop.margin_at_rest()
-    for name, (room, reach, size) in loop.closed_form_limits().items():
-        margins[name] = float((room - radius * reach) / size)
+    for name, (free, reach, size) in loop.closed_form_limits().items():
+        margins[name] = float((free - radius * reach) / size)
     refinements = 0
-    if all(margin >= 0.0 for margin in margins.values()):  # else it is decided already
+    if all(margin >= 0.0 for margin in margins.values()):  # Else it is decided already.
         for j, name in enumerate(loop.names):
             starts = STARTS if name == DECREASE else int(margins[name] <= NEAR)
             for start in xi[rank[:starts, j]]:

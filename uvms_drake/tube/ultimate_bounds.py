@@ -1,4 +1,4 @@
-"""How far pose and force can be off the task, once the nominal state has come to it."""
+"""Ultimate bounds of pose and force errors, once the nominal state has come to the task."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from uvms_drake.model.surface.law import Surface, TipErrors
 
 
 def tip_errors(tube: TubeRadii) -> TipErrors:
-    """Returns what a tube says of the tip."""
+    """Returns the radii of the tip."""
     tube = resolved_radii(tube)
     assert tube.position is not None and tube.orientation is not None  # now they are filled in
     assert tube.depth is not None  # likewise; a law's tube has a tip_speed
@@ -21,7 +21,7 @@ def ultimate_bounds(tube: TubeRadii, surface: Surface, chi_des: np.ndarray, wren
     """Returns the largest errors once the nominal state has come to the task.
 
     `position` [m] and `orientation` [rad] of the end-effector, and `force` [N], the largest
-    ‖force part of 𝔉 − 𝔉_des‖, of a wall that is felt its component along the direction, see
+    ‖force part of 𝔉 − 𝔉_des‖, of a sensed contact its component along the direction, see
     `Surface.force_error`.
 
     Args:

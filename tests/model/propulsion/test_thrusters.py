@@ -7,8 +7,8 @@ import pytest
 from support.thrusters import T200, eight_thrusters, t200
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.description.thruster_file import CurveData, ThrusterKind
 from uvms_drake.model.propulsion.thrusters import ThrusterModel, curve_at
-from uvms_drake.model.robot_folder.thruster_file import CurveData, ThrusterKind
 
 ONE_WAY = ThrusterKind(lag=0.1, curves=[
     CurveData(None, np.array([0.0, 0.2, 1.0]), np.array([0.0, 0.0, 10.0]))])

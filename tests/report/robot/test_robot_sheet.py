@@ -9,7 +9,7 @@ from support.robots import TEMPLATE, altered
 
 from uvms_drake.control.laws.tip_rows import POSE
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.robot_folder.thruster_file import (
+from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
     ThrusterKind,

@@ -59,7 +59,7 @@ def test_nothing_is_promised_of_a_wall_that_is_not_of_the_class(capsys, tmp_path
     assert seen == {"specified": 1000.0, "observed": pytest.approx(4000.0, rel=0.05)}
     summary["constraints"] = {}
     assert _report(summary, tmp_path, []) == BROKEN
-    assert "NOTHING WAS PROMISED of this wall" in capsys.readouterr().out
+    assert "NO GUARANTEE for this wall" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("overrides", [

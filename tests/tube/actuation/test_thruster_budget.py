@@ -8,7 +8,7 @@ import pytest
 from uvms_drake.tube.actuation.thruster_budget import (
     ARM,
     CONTACT,
-    LOADS,
+    OFF_PLAN,
     PLAN,
     TURNING,
     WRENCH,
@@ -91,8 +91,8 @@ def test_no_plan_and_no_map_moves_a_row_further_than_its_lines():
 
 def test_a_plan_known_ahead_costs_less():
     loads = ZERO._replace(plan=np.ones(4), jump=np.ones(4))
-    paths = [replace(path, ahead=path.age - 0.5 * path.period) for path in (VEHICLE, JOINTS)]
-    loops = [replace(loop, ahead=path.ahead) for loop, path in zip(LOOPS, paths, strict=True)]
+    paths = [replace(path, preview=path.age - 0.5 * path.period) for path in (VEHICLE, JOINTS)]
+    loops = [replace(loop, preview=path.preview) for loop, path in zip(LOOPS, paths, strict=True)]
     known = ThrusterBudget(Actuators(*paths, True), *loops, loads, (0.0, 0.0, 0.0)).parts(NONE)
     assert known[PLAN][0, 0] < 0.5 * parts(loads)[PLAN][0, 0]
 
@@ -116,8 +116,8 @@ def test_every_source_counts_where_it_pushes_and_nowhere_else():
     x, w = Errors(np.ones(10), np.ones(10), one, one), NONE._replace(w=one)
     for source, loads, errors, force, rows in (
             (PLAN, {"plan": one, "jump": one}, NONE, (0, 0, 0), range(4)),
-            (LOADS, {"by_error": np.ones((4, 10))}, x, (0, 0, 0), range(4)),
-            (LOADS, {"by_error_rate": np.ones((4, 10))}, x, (0, 0, 0), range(4)),
+            (OFF_PLAN, {"by_error": np.ones((4, 10))}, x, (0, 0, 0), range(4)),
+            (OFF_PLAN, {"by_error_rate": np.ones((4, 10))}, x, (0, 0, 0), range(4)),
             (TURNING, {"turning": np.eye(4)}, w, (0, 0, 0), range(4)),
             (WRENCH, {"by_wrench": across.T}, w, (0, 0, 0), (2, 3)),
             (ARM, {"by_tip": across}, x, (0, 0, 0), (0, 1)),
@@ -126,7 +126,7 @@ def test_every_source_counts_where_it_pushes_and_nowhere_else():
         pushed = np.flatnonzero(found[source][:, 0])
         assert list(pushed) == list(rows), source
         others = {name for name, value in found.items() if name != source and value.any()}
-        assert others <= {LOADS, TURNING}, (source, others)
+        assert others <= {OFF_PLAN, TURNING}, (source, others)
 
 
 def test_a_contact_is_late_by_no_more_than_all_of_it():

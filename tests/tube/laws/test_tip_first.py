@@ -14,7 +14,7 @@ from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.actuation.thruster_budget import ARM, LOADS, PLAN, TURNING, WRENCH
+from uvms_drake.tube.actuation.thruster_budget import ARM, OFF_PLAN, PLAN, TURNING, WRENCH
 from uvms_drake.tube.conditions import BEYOND
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.sensor_error import MeasuredForceBounds, reading_input
@@ -264,7 +264,7 @@ def test_actuators_that_are_hardly_late_leave_the_tube_what_it_was(free, monkeyp
         (Path(), Path()), (Path(1e-3, 0.0, 0.01), Path(1e-3))))
     assert all(condition.holds for condition in (*ideal.conditions, *quick.conditions))
     for name, parts in ideal.budget.items():
-        assert not {PLAN, LOADS} & set(parts)
+        assert not {PLAN, OFF_PLAN} & set(parts)
         for source, part in parts.items():
             assert part <= quick.budget[name][source] <= 1.3 * part + 1e-5, (name, source)
     assert quick.budget["position"][PLAN] < 2e-4
@@ -278,7 +278,7 @@ def test_each_row_of_the_budget_is_a_radius_and_lag_costs_the_vehicle(free, monk
         assert all(condition.holds for condition in found.conditions)
         assert sum(found.budget["position"].values()) == pytest.approx(found.radii.position)
         assert sum(found.budget["attitude"].values()) == pytest.approx(found.radii.pitch)
-    for source in (PLAN, LOADS, TURNING):
+    for source in (PLAN, OFF_PLAN, TURNING):
         assert slow.budget["vehicle"][source] > 1.5 * fast.budget["vehicle"][source] > 0.0
     assert slow.budget["position"][PLAN] == pytest.approx(fast.budget["position"][PLAN], rel=0.05)
     assert slow.budget["position"][WRENCH] > 0.0 == slow.budget["vehicle"][WRENCH]
@@ -291,7 +291,7 @@ def test_a_loop_that_is_not_stable_is_void_and_so_are_loads_that_come_back(free,
         "vehicle, loop that is not stable behind its actuators"]
     slow = late(free, monkeypatch, Path(0.02, 0.05, 0.15), Path(0.02, 0.01))
     (failed,) = [item for item in slow.conditions if not item.holds]
-    assert failed.name.startswith("late actuators, part of errors that comes back")
+    assert failed.name.startswith("delayed actuators, spectral radius")
     # What the vehicle would need is no more than enough.
     assert failed.advice.startswith(BEYOND)
     part = 1.0 / int(re.search(r" 1/(\d+) of all", failed.advice).group(1))

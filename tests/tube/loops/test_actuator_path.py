@@ -12,7 +12,7 @@ from uvms_drake.tube.loops.actuator_path import Path, actuators_of
 def test_nothing_is_late_by_default():
     found = actuators_of([])
     assert found.vehicle == found.joints == Path()
-    assert not found.late
+    assert not found.delayed
 
 
 @pytest.mark.parametrize(("period", "delay", "dead_time"), [

@@ -156,11 +156,11 @@ AHEAD = (2.0, 0.6, 0.15)
 """k, σ and T of a row whose plan is asked for ahead."""
 
 
-def early_kernel(ahead: float, t: np.ndarray, integrals: int = 0) -> np.ndarray:
+def early_kernel(preview: float, t: np.ndarray, integrals: int = 0) -> np.ndarray:
     """Returns the impulse response of (e^{sℓ} − 1 − Ts)/(sⁱΔ) at the times t, which begin at −ℓ."""
     k, sigma, T = AHEAD
     D = np.polymul([T, 1.0, k + sigma, k * sigma], [1.0] + [0.0] * integrals)
-    return (np.where(t > -ahead, impulse([1.0], D, t + ahead), 0.0)
+    return (np.where(t > -preview, impulse([1.0], D, t + preview), 0.0)
             - np.where(t > 0.0, impulse([T, 1.0], D, t), 0.0))
 
 
@@ -169,11 +169,11 @@ def early_kernel(ahead: float, t: np.ndarray, integrals: int = 0) -> np.ndarray:
 def test_what_is_asked_for_ahead_leaves_what_the_transfer_function_says(rate, wrong):
     """(e^{sℓ} − 1 − Ts)/Δ: of second order in the lag, and less of it if the lag is another one."""
     k, sigma, T = AHEAD
-    ahead, D = (1.0 + wrong) * T, [T, 1.0, k + sigma, k * sigma]
-    gains = RowLoop(k, sigma, observer=rate, lag=T, ahead=ahead).gains
-    t = np.linspace(-ahead, 30.0, 100_001)
+    preview, D = (1.0 + wrong) * T, [T, 1.0, k + sigma, k * sigma]
+    gains = RowLoop(k, sigma, observer=rate, lag=T, preview=preview).gains
+    t = np.linspace(-preview, 30.0, 100_001)
     for source, integrals in (("planned", 0), ("planned_rate", 1)):
-        expected = np.trapezoid(np.abs(early_kernel(ahead, t, integrals)), t)
+        expected = np.trapezoid(np.abs(early_kernel(preview, t, integrals)), t)
         assert gains[source].position == pytest.approx(expected, rel=5e-3)
         second = 0.5 * T**2 * largest([1.0] + [0.0] * (2 - integrals), D)
         back = wrong * gains["feed_" + ("forward", "forward_rate")[integrals]].position
@@ -184,13 +184,13 @@ def test_what_is_asked_for_ahead_leaves_what_the_transfer_function_says(rate, wr
 
 
 @pytest.mark.parametrize("row", [
-    RowLoop(3.0, 1.5, lag=0.15, period=0.1, dead_time=0.1, ahead=0.3),
-    RowLoop(3.0, 1.5, observer=1.0, lag=0.1, period=0.1, dead_time=0.025, ahead=0.18),
-    RowLoop(3.0, 1.5, period=0.1, dead_time=0.1, ahead=0.25)])
+    RowLoop(3.0, 1.5, lag=0.15, period=0.1, dead_time=0.1, preview=0.3),
+    RowLoop(3.0, 1.5, observer=1.0, lag=0.1, period=0.1, dead_time=0.025, preview=0.18),
+    RowLoop(3.0, 1.5, period=0.1, dead_time=0.1, preview=0.25)])
 def test_a_sampled_row_does_what_all_held_plans_together_do(row):
     """A plan that jumps at ticks, and one whose steps there are bounded."""
     periods = round(20.0 / row.period)
-    early = int(np.ceil(row.ahead / row.period - 1e-6)) - 1
+    early = int(np.ceil(row.preview / row.period - 1e-6)) - 1
     late = RowLoop(row.k, row.sigma, row.observer, row.lag, row.period, row.dead_time)
     level = early_pulse(late, early, periods)
     steps = np.cumsum(level.reshape(periods, STEPS, 2), axis=0)
@@ -200,7 +200,7 @@ def test_a_sampled_row_does_what_all_held_plans_together_do(row):
         if found is row.gains["planned"]:
             np.testing.assert_allclose(found[:2], total, rtol=0.02)
         else:  # and the rest between ticks
-            within = row.ahead - early * row.period
+            within = row.preview - early * row.period
             rest = max(within, row.period - within) * row.gains["disturbance"].position
             assert total[0] < found.position < total[0] + 1.1 * rest
 
@@ -239,20 +239,20 @@ def test_what_happens_while_a_command_is_held_counts_by_its_age(row):
     age = dt * (steps + 0.5) - (steps - late) // STEPS * row.period
     assert np.max(age) < row.period + row.dead_time
     for g in (0.0, growth):
-        np.testing.assert_allclose(row.held(g)[:2], weighted(row, age, g), rtol=0.05)
+        np.testing.assert_allclose(row.zoh_gains(g)[:2], weighted(row, age, g), rtol=0.05)
         np.testing.assert_allclose(
             row.grown(g)[:2], weighted(row, np.ones(STEPS), g), rtol=0.05)
-    assert row.held()[0] < (row.period + row.dead_time) * row.grown(0.0)[0]
-    assert row.held()[3] >= row.period + row.dead_time
+    assert row.zoh_gains()[0] < (row.period + row.dead_time) * row.grown(0.0)[0]
+    assert row.zoh_gains()[3] >= row.period + row.dead_time
 
 
 def test_a_pulse_counts_until_the_command_of_its_tick_acts():
     row = HELD[1]
     steps = row.period / STEPS * np.arange(3 * STEPS)
     for until in (row.dead_time, row.period + row.dead_time):
-        np.testing.assert_allclose(row.held(pulses=3, until=until)[:2], weighted(
+        np.testing.assert_allclose(row.zoh_gains(pulses=3, until=until)[:2], weighted(
             row, 1.0 * (steps < until - 1e-9)), rtol=0.05)
-    assert not HELD[0].held(pulses=3, until=0.0)[:3].any()
+    assert not HELD[0].zoh_gains(pulses=3, until=0.0)[:3].any()
 
 
 def test_the_acceleration_of_a_row_is_one_of_its_gains():

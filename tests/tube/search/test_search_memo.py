@@ -8,7 +8,7 @@ from uvms_drake.tube.resolved.search_problems import RemainderProblem
 from uvms_drake.tube.search.ascent import first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
-from uvms_drake.tube.search.search_memo import held, holding
+from uvms_drake.tube.search.search_memo import active_memo, memoising
 
 LOWER, UPPER = np.array([-1.0, 0.0]), np.array([1.0, 2.0])
 
@@ -27,7 +27,7 @@ class Counted:
 
 def test_a_held_search_looks_only_where_it_found_the_largest():
     plain = supremum_over_joints(Counted(), LOWER, UPPER)
-    with holding() as searches:
+    with memoising() as searches:
         np.testing.assert_array_equal(supremum_over_joints(Counted(), LOWER, UPPER), plain)
         searches.again()
         larger = Counted(3.0)
@@ -37,14 +37,14 @@ def test_a_held_search_looks_only_where_it_found_the_largest():
         second_over_joints(one, LOWER, UPPER)
         assert one.points == 1
     whole = Counted()
-    assert held() is None
+    assert active_memo() is None
     supremum_over_joints(whole, LOWER, UPPER)
     assert whole.points > 1000
 
 
 def test_searches_are_found_again_in_their_order():
     other = Counted(2.0)
-    with holding() as searches:
+    with memoising() as searches:
         first = [supremum_over_joints(each, LOWER, UPPER) for each in (Counted(), other)]
         for _ in range(2):
             searches.again()
@@ -77,7 +77,7 @@ def test_an_ascent_that_is_held_follows_the_errors(model, monkeypatch):
     small, large = problem(1.0), problem(2.0)
     x = small.draw(4, np.random.default_rng(0))
     plain, anew = supremum(small, x, values(small)), supremum(large, x, values(large))
-    with holding() as searches:
+    with memoising() as searches:
         np.testing.assert_array_equal(supremum(small, x, values(small)), plain)
         searches.again()
         np.testing.assert_allclose(supremum(small, x, values(small)), plain)
@@ -89,6 +89,6 @@ def test_an_ascent_that_is_held_follows_the_errors(model, monkeypatch):
 
 
 def test_what_is_held_ends_with_its_block_even_by_an_error():
-    with pytest.raises(ZeroDivisionError), holding():
+    with pytest.raises(ZeroDivisionError), memoising():
         raise ZeroDivisionError
-    assert held() is None
+    assert active_memo() is None

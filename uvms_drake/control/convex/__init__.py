@@ -1,1 +1,1 @@
-"""The solver cascade of the convex program of one SQP iteration."""
+"""Solver cascade of the convex program of one sequential convex iteration."""

@@ -1,11 +1,12 @@
-"""The second-order correction of a step of sequential convex programming.
+"""Second-order correction of a step of sequential convex programming.
 
 A convex program keeps the limits to first order, so a long step along a curved limit leaves it by
-the second-order rest. A line search then cuts the step however good it is (Maratos 1978), the
+the second-order remainder. A line search then cuts the step however good it is (Maratos 1978), the
 shorter the closer the plan already is to the limit. Instead the plan after the step is moved back
-by the shortest r, in the metric of the cost, that gives every limit which is reached or exceeded
-there the value that the program predicted. What is left is of the order of the rest's square with
-slopes of there; with those of the plan before, which are at hand, of the rest times the step.
+by the least-norm r, in the metric of the cost, that gives every limit which is reached or exceeded
+there the value that the program predicted. The error is then of the order of the remainder's square
+with slopes at the new plan; with those of the old plan, which are known, of the remainder times the
+step.
 """
 
 from typing import NamedTuple
@@ -19,16 +20,16 @@ from uvms_drake.model.frames.spatial import times
 REACHED = 1e-5
 """Distance to a bound, in the limit's own unit, that counts as none."""
 INSIDE = 1e-7
-"""How far inside of a bound a limit is put that the program had not reached, likewise."""
+"""Distance to its bound that a limit gets which the program had not reached, likewise."""
 ROUNDS = 5
-"""Newton steps; the limits that one of them exceeds are held in the next."""
+"""Newton steps; the limits that one of them exceeds are active in the next."""
 DEPENDENT = 1e-3
-"""Unit gradients of limits are dependent if they span a direction by less than this part of what
-they span most."""
+"""Smallest singular value of the unit gradients of limits, over the largest, that counts as
+independent."""
 
 
 class Excesses(NamedTuple):
-    """How far limits are exceeded, and how that changes with z; negative inside."""
+    """Excesses of limits and their gradients by z; negative inside."""
 
     value: np.ndarray
     """Excesses (N+1, m); −∞ where there is no limit."""
@@ -37,7 +38,7 @@ class Excesses(NamedTuple):
 
 
 def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
-    """Returns what the program says after a motion z (N+1, nx+nw), of all but the terminal set."""
+    """Returns the program's excesses after a motion z (N+1, nx+nw), without the terminal set."""
     (N, nx, nw), linear = program.B.shape, program.linear
     z = np.broadcast_to(z, (N + 1, nx + nw))
     value = linear.value + times(linear.C, z)
@@ -51,7 +52,7 @@ def excesses(program: StagedProgram, z: np.ndarray | float = 0.0) -> Excesses:
 
 
 class Correction:
-    """What a step of a convex program should have kept, and the way back to it.
+    """Correction of a step to the values of the limits that its convex program predicted.
 
     Args:
         program: The program that the step is the solution of.
@@ -73,28 +74,28 @@ class Correction:
         self._goal = program.terminal.value + program.terminal.T @ z[-1, :nx]
 
     def of(self, program: StagedProgram) -> np.ndarray:
-        """Returns the change of the decision (N, nw) that takes the second-order rest of limits.
+        """Returns the change of the decision (N, nw) that removes the remainder of the limits.
 
-        Where the end is outside of the terminal set, all of value + T x_N is made what the program
-        predicted, not its norm alone: where there is room for next to nothing, the norm has a kink.
+        Where the end is outside of the terminal set, all of value + T x_N gets its predicted value,
+        not its norm alone: where the radius is nearly zero, the norm has a kink.
 
         Args:
-            program: A program with the values at the plan after the step, and with the slopes there
-                or, which is nearly as good after a short step, of before.
+            program: The program with the values at the plan after the step, and with the slopes
+                there or, nearly as good after a short step, those before it.
         """
         response, wanted = self._response, self._wanted
         (_, nx, nw), end, goal = program.B.shape, program.terminal, self._goal
-        end_r, radius_bound = response[-1, :nx], program.terminal.radius_bounds(np.zeros(nx))
+        end_r, radius = response[-1, :nx], program.terminal.radius_bounds(np.zeros(nx))
         least = np.linalg.norm(goal) + INSIDE
         active, r = np.zeros(wanted.shape, dtype=bool), np.zeros(response.shape[-1])
-        ends, tight = False, np.zeros(len(radius_bound.size), dtype=bool)
+        ends, tight = False, np.zeros(len(radius.size), dtype=bool)
         for _ in range(ROUNDS):
-            # Norms are not linear: their gradients are taken where the last round came to.
+            # Norms are not linear: their gradients are taken after the last round.
             value, C = excesses(program, response @ r)
             active |= value > wanted
             x = end_r @ r
             ends = ends or end.excess(x) > -INSIDE
-            size = radius_bound.size + radius_bound.rows @ x
+            size = radius.size + radius.rows @ x
             tight |= ends & (size < least)
             residual = np.concatenate([
                 (wanted - value)[active], (least - size)[tight],
@@ -102,7 +103,7 @@ class Correction:
             if np.max(np.abs(residual), initial=0.0) < INSIDE:
                 break
             F = np.concatenate([
-                *(C[k, active[k]] @ response[k] for k in range(len(C))), radius_bound.rows[tight] @ end_r,
+                *(C[k, active[k]] @ response[k] for k in range(len(C))), radius.rows[tight] @ end_r,
                 end.T @ end_r if ends else end.T[:0] @ end_r])
             sizes = np.linalg.norm(F, axis=1)
             moves = sizes > 0.0
@@ -112,7 +113,7 @@ class Correction:
 
 
 def least_norm_solution(F: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns the shortest r with F r = b in what F (m, n) spans, by its Gram matrix (m, m)."""
+    """Returns the least-norm r with F r = b in the range of F (m, n), by its Gram matrix (m, m)."""
     squares, directions = np.linalg.eigh(F @ F.T)
     spanned = squares > DEPENDENT**2 * squares[-1:]
     directions = directions[:, spanned]

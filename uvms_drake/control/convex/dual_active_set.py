@@ -1,15 +1,15 @@
-"""The shortest vector in a polyhedron, by the dual active-set method of Goldfarb and Idnani (1983).
+"""Least-norm vector of a polyhedron, by the dual active-set method of Goldfarb and Idnani (1983).
 
     min ½‖r‖²  s.t.  E r = e,  G r ≤ b
 
-The method goes through points that are the shortest for some of the rows, at first for the
-equalities alone. It puts in one row at a time, the one that is broken by most, and takes out what
-has to give way for that: each point is longer than the last, so none comes twice, and the end is
-reached after about as many steps as rows are tight there. Rows may be added at the end, and the
-method goes on from there.
+The method passes through points of least norm for some of the rows, at first for the equalities
+alone. It adds one row at a time, the one with the largest violation, and removes rows whose
+multipliers reach zero meanwhile: the norm grows in every step, so no active set recurs, and the
+number of steps is about that of the rows active at the end. Rows may be added then, and the method
+continues from there.
 
 With rows of unit length, M their Gram matrix and λ the multipliers, r = −Σ λ_i g_i: all of it is
-done in M, which is as large as there are rows, whatever the length of r.
+computed in M, of the size of the number of rows, whatever the length of r.
 
 Reference: D. Goldfarb and A. Idnani, A numerically stable dual method for solving strictly convex
 quadratic programs, Mathematical Programming 27, 1983.
@@ -18,9 +18,9 @@ quadratic programs, Mathematical Programming 27, 1983.
 import numpy as np
 
 BROKEN = 1e-8
-"""Excess of a row, in its own unit, that does not count."""
+"""Excess of a row, in its own unit, that counts as none."""
 DEPENDENT = 1e-11
-"""Square of the part of a unit row that is not in those that are held; less counts as none."""
+"""Least square of the part of a unit row that is independent of the active ones."""
 STEPS = 3
 """Largest number of steps a row."""
 ROUNDING = 1e-9
@@ -28,7 +28,7 @@ ROUNDING = 1e-9
 
 
 class DualActiveSet:
-    """A polyhedron and the shortest vector in it for some of its rows.
+    """Polyhedron and its least-norm vector for the active rows.
 
     Args:
         E: Independent rows (k, n).
@@ -54,17 +54,17 @@ class DualActiveSet:
     def least_norm(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Returns r (n,) and the multipliers of all rows, the equalities first; or None.
 
-        There is none if there is no such vector, if it is not found in `STEPS` a row, or if rows
-        are so nearly dependent that what is found is no optimum for rounding. So none proves
-        nothing; a vector that is returned keeps all rows, those that are held to the same
-        tolerance, with multipliers of the right sign.
+        None if there is no such vector, if it is not found in `STEPS` a row, or if rows are so
+        nearly dependent that rounding spoils the result; that proves nothing. A vector that is
+        returned keeps all rows, the active ones to the same tolerance, with multipliers of the
+        right sign.
         """
         M, first, active = self._M, self._equalities, self._active
         if not np.isfinite(M).all() or np.isnan(self._b).any():
             return None
         tolerance, left = BROKEN / self._size, STEPS * len(self._b)
         while True:
-            # Made anew, for what is updated gathers errors, and once more for what is left.
+            # Inverse anew, as updates accumulate errors; one step of iterative refinement.
             gram = M[np.ix_(active, active)]
             try:
                 inverse = np.linalg.inv(gram)
@@ -75,15 +75,16 @@ class DualActiveSet:
             excess = -M[:, active] @ multiplier - self._b
             missed = np.abs(excess[active])
             excess[active] = -np.inf
+            # The end, unless rounding has spoiled active rows or signs of multipliers.
             if np.all(excess <= tolerance):
                 if np.any(missed > tolerance[active]) or np.any(
                         multiplier[first:] < -ROUNDING * np.max(np.abs(multiplier), initial=0.0)):
                     return None
                 break
             while np.any(excess > tolerance):
-                row, own_multiplier = int(np.argmax(excess - tolerance)), 0.0
-                # What the multipliers and the rows become with that of this row, as long as none of
-                # the others is used up, and no longer than until it is kept.
+                row, own = int(np.argmax(excess - tolerance)), 0.0
+                # The row's own multiplier grows until the row is kept (a whole step) or another
+                # multiplier reaches zero; that one's row is removed from the active set.
                 while True:
                     if left == 0:
                         return None
@@ -97,7 +98,7 @@ class DualActiveSet:
                     step = min(whole, np.min(lasts, initial=np.inf))
                     if step == np.inf:
                         return None
-                    multiplier, own_multiplier = multiplier - step * change, own_multiplier + step
+                    multiplier, own = multiplier - step * change, own + step
                     excess -= step * (M[:, row] - M[:, active] @ change)
                     if step == whole:
                         break
@@ -108,9 +109,11 @@ class DualActiveSet:
                     inverse = inverse[np.ix_(stay, stay)] - np.outer(
                         by_out, by_out / inverse[out, out])
                     active, multiplier = active[stay], multiplier[stay]
+                # The row becomes active.
                 corner = np.append(change, -1.0)
                 inverse = _bordered(inverse, corner, rate)
-                active, multiplier, excess[row] = np.append(active, row), np.append(multiplier, own_multiplier), -np.inf
+                active, multiplier = np.append(active, row), np.append(multiplier, own)
+                excess[row] = -np.inf
         self._active = active
         all_multipliers = np.zeros(len(self._b))
         all_multipliers[active] = multiplier / self._size[active]
@@ -118,7 +121,7 @@ class DualActiveSet:
 
 
 def _bordered(inverse: np.ndarray, corner: np.ndarray, rate: float) -> np.ndarray:
-    """Returns the inverse with one row more, by the vector (change, −1) and the rest of the row."""
+    """Returns the inverse with one row more, by (change, −1) and the row's independent part."""
     out = np.outer(corner, corner / rate)
     out[:-1, :-1] += inverse
     return out

@@ -1,22 +1,19 @@
-"""The shortest r that keeps limits of a staged program, by rows: without cones, in a few steps.
+"""Least-norm r under active limits of a staged program, by a dual active set: without cones.
 
-What is linear in the program is held by a dual active set. A norm limit ‖value + C z‖ ≤ bound is
-held by tangents: the row of the direction that it has in the plan, and where r breaks it, that of
-the direction it has there, and another one where it has turned. In three dimensions a few of them
-are enough.
+Linear limits are rows of a dual active set. A norm limit ‖value + C z‖ ≤ bound is replaced by
+tangents: the row of its direction in the plan, and where r violates it, that of its direction there,
+until it does not turn any more. In three dimensions a few of them are enough.
 
-The terminal set has a kink where there is room for nothing, and in front of a wall that nobody has
-felt a plan ends there nearly always, for its reference is as near to the front as it may be:
-value + T x_N = 0, which is as many equalities. With their multipliers μ, and ν_i of the rows
-0 ≤ room_i + row_iᵀx_N, this is the solution with the cone if
+The terminal set has a kink where its radius is zero, and at the boundary of an unexplored region a
+plan ends there nearly always: value + T x_N = 0, which is as many equalities. With their multipliers
+μ, and ν_i of the rows 0 ≤ radius_i + row_iᵀx_N, this is the solution with the cone if
 
     ‖μ‖ ≤ Σ ν_i ≤ ρ_s,
 
-and for independent rows only if (the front's rows at knot N are a combination of those): the first
-since (Σ ν_i, μ) has to be in the cone, which is its own dual, at the tip of ‖·‖ ≤ t; the
-second since a slack would else be cheaper. Where it is not, or the terminal set matters in any
-other way, the conic solver is asked (`least_norm`). So it is where there is no solution without an
-excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is the best.
+and for independent rows only if: the first since (Σ ν_i, μ) has to be in the cone, which is its own
+dual, at the tip of ‖·‖ ≤ t; the second since a slack would else be cheaper. Otherwise, or where the
+terminal set is active in another form, the conic solver is used (`least_norm`); likewise where there
+is no solution without an excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is optimal.
 """
 
 import numpy as np
@@ -30,31 +27,33 @@ from uvms_drake.control.convex.working_set import KEPT, WorkingSet
 ROUNDS = 12
 """Largest number of times that rows are added."""
 DUAL = 1e-6
-"""Part by which ‖μ‖ may be larger, of what is rounded."""
+"""Relative and absolute rounding of ‖μ‖ that is accepted."""
 AT_THE_END = 1e-3
-"""‖value‖ of a plan, where 1 is the edge of an ordinary terminal set, up to which the next one is
-taken to end at the tip too; where not, the search for r would mostly be in vain."""
+"""‖value‖ of a plan, over that at the edge of an ordinary terminal set, up to which the next plan is
+expected to end at the tip too; above it the search for r mostly fails."""
 SMALLEST = 1e-12
 """Norm below which a vector has no direction."""
 
 
-def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet
-                     ) -> tuple[LeastNorm, WorkingSet] | None:
-    """Returns the r of least cost that keeps all limits, and the linear ones that were looked at.
+def least_norm_active_set(
+    program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
+) -> tuple[LeastNorm, WorkingSet] | None:
+    """Returns the least-norm r that keeps all limits, and the limits that were added.
 
     Args:
         program: The program.
         regulator: Its regulator.
         z: The motion for r = 0 (N+1, nx+nw).
-        kept: The limits to begin with.
+        kept: First working set.
 
     Returns:
-        None if this is no way to it.
+        None if the method does not apply or fails; that proves nothing.
     """
     response = responses(program, regulator)
     size, nx, terminal = response.shape[-1], program.A.shape[-1], program.terminal
     form = Form(np.zeros((0, size)), [slice(size)] * len(z), list(response), np.arange(size),
                 np.eye(size))
+    # A terminal set at the tip of its cone: equalities of the end, and rows of its radii.
     ends, num_bounds, polyhedron = 0, 0, DualActiveSet(np.zeros((0, size)), np.zeros(0))
     if kept.terminal:
         if terminal.radius_bound is None or np.linalg.norm(terminal.value) > AT_THE_END:
@@ -62,7 +61,9 @@ def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.nd
         end, end_r = z[-1, :nx], response[-1, :nx]
         ends, num_bounds = len(terminal.T), len(terminal.radius_bound.size)
         polyhedron = DualActiveSet(terminal.T @ end_r, -terminal.value - terminal.T @ end)
-        polyhedron.add(-terminal.radius_bound.rows @ end_r, terminal.radius_bound.size + terminal.radius_bound.rows @ end)
+        radius = terminal.radius_bound
+        polyhedron.add(-radius.rows @ end_r, radius.size + radius.rows @ end)
+    # Limits that r violates are added, norm limits by their tangents there, until there are none.
     soft = np.zeros(ends + num_bounds, dtype=bool)
     new = kept
     tangents, levels = _tangents(program, response, z, kept, 0.0 * z)
@@ -90,7 +91,9 @@ def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.nd
             break
     else:
         return None
-    multiplier, slack_multiplier = float(np.sum(multipliers[soft])), float(np.sum(multipliers[ends: ends + num_bounds]))
+    # The multipliers decide whether neither slack nor excess would be cheaper.
+    multiplier = float(np.sum(multipliers[soft]))
+    slack_multiplier = float(np.sum(multipliers[ends: ends + num_bounds]))
     holds = not (broken.any() or multiplier > program.excess_penalty
                  or slack_multiplier > program.slack_penalty
                  or np.linalg.norm(multipliers[:ends]) > (1.0 + DUAL) * slack_multiplier + DUAL)
@@ -99,7 +102,7 @@ def least_norm_active_set(program: StagedProgram, regulator: Regulator, z: np.nd
 
 def _tangents(program: StagedProgram, response: np.ndarray, z: np.ndarray, which: WorkingSet,
               at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Returns rows of norms and their bounds, in the directions that they have after a motion."""
+    """Returns tangents of norm limits and their bounds, in the directions after a motion."""
     rows, bounds = [], []
     for limit, stages in zip(program.norms, which.norms, strict=True):
         value = limit.value + at @ limit.C.T

@@ -1,11 +1,11 @@
-"""The shortest r that keeps some limits of a staged program, by a conic solver.
+"""Least-norm r under active limits of a staged program, by a conic solver.
 
-There are two forms of the conic program, with the same solution; y is what it is in:
+There are two forms of the conic program, with the same solution, in the variables y:
 
 * condensed, for few limits: r is a combination of their gradients. With a basis of these,
-  r = basis · y, and all stages are in the same few y.
-* sparse, for many: a stage is in its own x_k and r_k, and the motion is a constraint. A row has no
-  more entries than a stage has variables, so the time grows with N as the number of rows.
+  r = basis · y, and all stages depend on the same few y.
+* sparse, for many: a stage depends on its own x_k and r_k, and the motion is a constraint. A row
+  has no more entries than a stage has variables, so the time grows with N as the number of rows.
 """
 
 from typing import NamedTuple
@@ -19,22 +19,22 @@ from uvms_drake.control.convex.working_set import WorkingSet
 
 
 class Form(NamedTuple):
-    """What a conic program is in: z_k changes by Z_k y_k, where y_k is a part of y."""
+    """Variables y of a conic program: z_k changes by Z_k y_k, where y_k is a part of y."""
 
     motion: np.ndarray
-    """Rows that are zero at y (m, size of y)."""
+    """Equality rows (m, size of y), zero at y."""
     y: list[slice]
-    """Where y_k is, of each stage."""
+    """Position of y_k in y, of each stage."""
     Z: list[np.ndarray]
-    """∂z_k/∂y_k (nx+nw, size of y_k)."""
+    """Derivatives ∂z_k/∂y_k (nx+nw, size of y_k)."""
     r: np.ndarray
-    """Where what r is in is; the cost is half its square."""
+    """Indices of the part of y that determines r; the cost is half its square."""
     r_y: np.ndarray
-    """r (N nw,) is this matrix times that."""
+    """Matrix from that part to r (N nw,)."""
 
 
 class Rows(NamedTuple):
-    """A x ≤ b, x all variables of the conic program."""
+    """Rows A x ≤ b in all variables x of the conic program."""
 
     A: np.ndarray
     b: np.ndarray
@@ -43,31 +43,29 @@ class Rows(NamedTuple):
 
 
 class LeastNorm(NamedTuple):
-    """The solution."""
+    """Least-norm solution."""
 
     r: np.ndarray
-    """r (N, nw)."""
+    """Vector r (N, nw)."""
     slack: float
     """Slack s of the terminal set."""
     excess: float
     """Excess v of the softened limits."""
     multiplier: float
-    """Sum of the multipliers of the soft rows: what one unit of v would save."""
+    """Sum of the multipliers of the soft rows: the cost saved by one unit of v."""
 
 
 def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept: WorkingSet,
              *, sparse: bool, softened: bool) -> LeastNorm | None:
-    """Returns the r of least cost that keeps some limits.
-
-    All rows are added at once: a call costs as much as a hundred of them.
+    """Returns the least-norm r that keeps some limits.
 
     Args:
         program: The program.
         regulator: Its regulator.
         z: The motion for r = 0 (N+1, nx+nw).
-        kept: The limits.
-        sparse: Which form of the conic program is solved.
-        softened: Whether there is a v; without one, soft rows are as the others.
+        kept: Limits that are active.
+        sparse: Whether the sparse form of the conic program is solved.
+        softened: Whether there is an excess v; without one, soft rows are hard.
 
     Returns:
         None if there is no solution.
@@ -75,7 +73,7 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
     N, _, nw = program.B.shape
     form = (_sparse(program, regulator) if sparse
             else _condensed(program, responses(program, regulator), kept))
-    # Variables (y, s), then v and t, if there are: t is the least of what bounds the end, less s.
+    # Variables (y, s), then v and t, if there are: t is the least of the terminal radii, less s.
     s = form.motion.shape[1]
     v, t = s + softened, s + softened + kept.terminal
     prog = MathematicalProgram()
@@ -85,12 +83,13 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
     prog.AddBoundingBoxConstraint(0.0, np.inf, x[s: v + 1])
     if len(form.motion):
         prog.AddLinearEqualityConstraint(form.motion, np.zeros(len(form.motion)), x[:s])
+    # Linear limits, all rows at once (a call costs as much as a hundred); v relaxes the soft ones.
     rows = linear_rows(form, program, z, kept, len(x))
     if softened:
         rows.A[rows.soft, v] = -1.0
     for limit, stages in zip(program.norms, kept.norms, strict=True):
         for k in np.flatnonzero(stages):
-            # ‖value + C z‖ ≤ bound
+            # Norm limit ‖value + C z‖ ≤ bound, of the variables that enter it.
             by_y = limit.C @ form.Z[k]
             used = np.any(by_y, axis=0)
             prog.AddLorentzConeConstraint(
@@ -98,7 +97,7 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
                 np.append(limit.bound[k], limit.value[k] + limit.C @ z[k]), x[form.y[k]][used])
     A, b = rows.A, rows.b
     if kept.terminal:
-        # ‖value + T x_N‖ ≤ t
+        # Terminal set ‖value + T x_N‖ ≤ t, t below each of the radii.
         end, Z_x = z[-1, : program.A.shape[-1]], form.Z[-1][: program.A.shape[-1]]
         terminal, radius_bound = program.terminal, program.terminal.radius_bounds(end)
         prog.AddLorentzConeConstraint(
@@ -109,6 +108,7 @@ def least_norm(program: StagedProgram, regulator: Regulator, z: np.ndarray, kept
         bounds[:, form.y[-1]], bounds[:, s], bounds[:, t] = -radius_bound.rows @ Z_x, -1.0, 1.0
         A, b = np.concatenate([A, bounds]), np.append(b, radius_bound.size)
     limits = prog.AddLinearConstraint(A, np.full(len(b), -np.inf), b, x) if len(b) else None
+    # Multipliers of the soft rows tell whether v = 0 is optimal.
     result = ClarabelSolver().Solve(prog)
     if not result.is_success():
         return None

@@ -1,4 +1,4 @@
-"""The optimal regulator of a staged program without its limits, and how its motion answers."""
+"""Optimal regulator of a staged program without its limits, and the response of its motion."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from uvms_drake.control.convex.staged_program import StagedProgram
 
 
 class Regulator(NamedTuple):
-    """w_k = K_k x_k + k_k + W_k r_k, in which the cost is a constant + ½ Σ ‖r_k‖²."""
+    """Regulator w_k = K_k x_k + k_k + W_k r_k, with the cost a constant + ½ Σ ‖r_k‖²."""
 
     K: np.ndarray
     """Feedback gains K_k (N, nw, nx)."""

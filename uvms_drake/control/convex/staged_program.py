@@ -1,4 +1,4 @@
-"""The convex program of one iteration; `staged_solver` solves it.
+"""Convex program of one iteration; `staged_solver` solves it.
 
 A plan is changed by x_k (state) and w_k (decision), z_k = (x_k, w_k):
 
@@ -6,7 +6,7 @@ A plan is changed by x_k (state) and w_k (decision), z_k = (x_k, w_k):
     s.t. x_0 = 0,  x_{k+1} = A_k x_k + B_k w_k
          lower ≤ value + C_k z_k ≤ upper       (widened by v ≥ 0 where a row is soft)
          ‖value + C z_k‖₂ ≤ bound
-         ‖value + T x_N‖₂ ≤ radius + s,  s ≥ 0,  and ≤ room + rowᵀx_N + s, if there is a room
+         ‖value + T x_N‖₂ ≤ radius + s,  s ≥ 0,  and ≤ size + rowᵀx_N + s for each `RadiusBound`
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ import numpy as np
 
 
 class LinearLimits(NamedTuple):
-    """lower ≤ value + C z ≤ upper, rows of every stage; infinite where a row has no meaning."""
+    """Rows lower ≤ value + C z ≤ upper of every stage; infinite bounds where there is none."""
 
     C: np.ndarray
     """Rows C of the limits (N+1, m, nx+nw); at the last stage w is zero."""
@@ -39,7 +39,7 @@ def stacked(parts: list[LinearLimits]) -> LinearLimits:
 
 
 class NormLimit(NamedTuple):
-    """‖value + C z‖₂ ≤ bound at every stage."""
+    """Norms ‖value + C z‖₂ ≤ bound at every stage."""
 
     C: np.ndarray
     """Rows C of the norm (m, nx+nw), the same at every stage."""
@@ -50,25 +50,25 @@ class NormLimit(NamedTuple):
 
 
 class RadiusBound(NamedTuple):
-    """The least of size + rows x_N."""
+    """Bounds of the terminal radius: the least of size + rows x_N."""
 
     size: np.ndarray
-    """At the plan (m,)."""
+    """Sizes at the plan (m,)."""
     rows: np.ndarray
-    """How it changes with x_N (m, nx)."""
+    """Gradients by x_N (m, nx)."""
 
 
 class TerminalLimit(NamedTuple):
-    """‖value + T x_N‖₂ ≤ radius + s, and at most what there is room for + s."""
+    """Terminal set ‖value + T x_N‖₂ ≤ radius + s, and at most each of `radius_bound` + s."""
 
     T: np.ndarray
     value: np.ndarray
     radius: float
     radius_bound: RadiusBound | None = None
-    """None if there is room everywhere."""
+    """Further bounds of the radius, if there are any."""
 
     def radius_bounds(self, x: np.ndarray) -> RadiusBound:
-        """Returns all that bounds the norm, less s, about x_N (nx,); what is infinite does not."""
+        """Returns all finite bounds of the norm, less s, about x_N (nx,)."""
         size, rows = np.array([self.radius]), np.zeros((1, len(x)))
         if self.radius_bound is not None:
             size = np.append(size, self.radius_bound.size + self.radius_bound.rows @ x)
@@ -77,18 +77,20 @@ class TerminalLimit(NamedTuple):
         return RadiusBound(size[finite], rows[finite])
 
     def excess(self, x: np.ndarray) -> float:
-        """Returns how far the end is outside for x_N (nx,); negative inside."""
-        radius_bound = np.inf if self.radius_bound is None else np.min(self.radius_bound.size + self.radius_bound.rows @ x)
-        return float(np.linalg.norm(self.value + self.T @ x) - min(self.radius, radius_bound))
+        """Returns the excess of the end over the set for x_N (nx,); negative inside."""
+        more = self.radius_bound
+        least = np.inf if more is None else np.min(more.size + more.rows @ x)
+        return float(np.linalg.norm(self.value + self.T @ x) - min(self.radius, least))
 
     def nearly_left(self, part: float) -> bool:
-        """Returns whether the plan is within this part of the size of the set of its boundary."""
-        radius_bound = np.inf if self.radius_bound is None else np.min(self.radius_bound.size)
-        return bool(np.linalg.norm(self.value) > (1.0 - part) * min(self.radius, radius_bound))
+        """Returns whether the plan is within this part of the radius from the boundary."""
+        least = np.inf if self.radius_bound is None else np.min(self.radius_bound.size)
+        return bool(np.linalg.norm(self.value) > (1.0 - part) * min(self.radius, least))
+
 
 @dataclass(frozen=True)
 class StagedProgram:
-    """The program; N stages, nx states, nw decisions."""
+    """Convex program of N stages with nx states and nw decisions."""
 
     A: np.ndarray
     """∂x_{k+1}/∂x_k (N, nx, nx)."""
@@ -112,7 +114,7 @@ class StagedProgram:
 
 
 class StagedSolution(NamedTuple):
-    """The optimal change of the plan."""
+    """Optimal change of the plan."""
 
     w: np.ndarray
     """Decisions w (N, nw)."""
@@ -121,6 +123,6 @@ class StagedSolution(NamedTuple):
     excess: float
     """Excess v of the softened limits."""
     cone_programs: int
-    """Number of conic programs solved; 0 where no limit mattered, or rows were enough."""
+    """Number of conic programs solved; 0 where no limit was active, or rows were enough."""
     rows: int
-    """Number of rows of limits that were looked at in the end."""
+    """Number of rows of the last working set."""

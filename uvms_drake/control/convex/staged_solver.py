@@ -1,22 +1,20 @@
-"""How the convex program of one iteration is solved.
+"""Solution of the convex program of one iteration: Riccati, then a working set of limits.
 
-Without limits it is a linear-quadratic problem, and one pass of Riccati's recursion solves it. It
+Without limits it is a linear-quadratic problem that one pass of Riccati's recursion solves. The pass
 also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ ‖r_k‖²,
-whatever the limits. So the limits ask for the shortest r that keeps them, and the few that matter
-decide. The program for that holds only the limits that are broken without them or nearly
-reached by the plan; if its solution breaks another one, that one is put in and the program is
-solved again. A solution that keeps all limits while carrying some is the solution with all of them.
+whatever the limits. So the solution is the least-norm r that keeps the limits, and few are active.
+The program for r has the limits that are violated without it or nearly reached by the plan; limits
+that its solution violates are added and it is solved again. A solution that keeps all limits while
+having some of them is the solution with all.
 
-Where every limit that matters can be held by rows, a dual active set is quickest
-(`least_norm_active_set`); otherwise a conic program is solved (`least_norm`). Where so many matter that
-this is made in its sparse form, a limit that matters at one stage is put in at all of them, and so
-are those that are less nearly reached: there a row costs little, and to solve again costs as much
-as before.
+Where every active limit can be a row, a dual active set is fastest (`least_norm_active_set`);
+otherwise a conic program is solved (`least_norm`). In its sparse form, for many limits, a limit that
+is active at one stage is added at all of them, and so are those that are less nearly reached: a row
+costs little there, and solving again costs as much as before.
 
-Where the plan keeps its soft limits, so does a solution nearly always, and v is left out at first:
-a third of the conic solver's iterations went into bringing a v to zero that costs far more than all
-else. A solution without v whose multipliers of soft rows sum up to at most ρ_v is one with v = 0;
-where it is not, or there is none, v comes back.
+A plan that keeps its soft limits is solved without v first: a third of the conic solver's iterations
+served to bring a v to zero. A solution without v whose multipliers of soft rows sum up to at most
+ρ_v is one with v = 0; otherwise v comes back.
 """
 
 import numpy as np
@@ -28,16 +26,17 @@ from uvms_drake.control.convex.staged_program import StagedProgram, StagedSoluti
 from uvms_drake.control.convex.working_set import WorkingSet
 
 MANY = 0.75
-"""Rows of limits, as a part of the number of decisions, from which on the sparse form is taken."""
+"""Rows of limits, over the number of decisions, above which the sparse form is used."""
 NEAR, LESS_NEAR = 0.03, 0.1
-"""Part of a limit's range of which less is left where the limit counts as nearly reached, and as
-less nearly."""
+"""Distance to a bound, over the limit's range, below which it counts as nearly reached, and as less
+nearly."""
 
 
 def solve_staged(program: StagedProgram) -> StagedSolution | None:
     """Returns the solution, or None if there is none: infeasible, ill-conditioned or not finite."""
     if not _is_finite(program):
         return None
+    # The unconstrained optimum, which is the solution where it violates no limit.
     try:
         regulator = riccati(program)
     except np.linalg.LinAlgError:
@@ -49,12 +48,14 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
     kept = WorkingSet.broken(program, z, 0.0)
     if not kept.any():
         return StagedSolution(z[:-1, nx:], 0.0, 0.0, 0, 0)
+    # The fast solver, for limits that are rows; its failure proves nothing.
     kept |= WorkingSet.near(program, NEAR)
     softened, cone_programs = WorkingSet.broken(program, 0.0 * z, 0.0).soft(program), 0
     by_active_set = least_norm_active_set(program, regulator, z, kept)
     if by_active_set is not None:
         return StagedSolution(motion(program, regulator, by_active_set[0].r)[:-1, nx:], 0.0, 0.0, 0,
                               by_active_set[1].rows(program))
+    # The conic solver, until its solution violates no limit outside of the working set.
     while True:
         sparse = kept.rows(program) > MANY * N * nw
         if sparse:
@@ -75,7 +76,7 @@ def solve_staged(program: StagedProgram) -> StagedSolution | None:
 
 
 def _is_finite(program: StagedProgram) -> bool:
-    """Returns whether no number is NaN, and none infinite that is no bound."""
+    """Returns whether all numbers other than bounds are finite."""
     numbers = [program.A, program.B, program.H, program.g, program.H_end, program.g_end,
                program.linear.C, program.linear.value, program.terminal.T, program.terminal.value,
                *(limit.value for limit in program.norms)]

@@ -1,4 +1,4 @@
-"""The convex program of a plan whose reference is decided, too."""
+"""Convex program of a plan whose artificial reference is decided, too."""
 
 from dataclasses import replace
 
@@ -14,49 +14,52 @@ from uvms_drake.control.convex.staged_program import (
 
 def with_place(program: StagedProgram, moved: np.ndarray, H: np.ndarray, g: np.ndarray,
                radius_bound: RadiusBound | None) -> StagedProgram:
-    """Returns a program in which a, what the reference is moved by, changes as well, by b ∈ R^m.
+    """Returns a program in which the shift a of the reference changes as well, by b ∈ R^m.
 
     The state of the program given is ξ = (y − y_des − E a, ζ), which moves back when the reference
     moves on; that of the program returned is (ξ, a), and a stage before the first decides b:
 
         ξ_0 = −(E b, 0),  a_0 = b;   ξ_{k+1} = A_k (ξ_k + E a) + B_k w_k − E a,  a_{k+1} = a_k.
 
-    What it costs depends on ξ alone: the input, without contact, is the same everywhere. Motion and
-    what is limited change with y, hence with a as with the same components of ξ; the motion does
-    with a turn, not with a translation, for which A_k E = E.
+    The cost depends on ξ alone: the input, without contact, is the same everywhere. Motion and
+    limits change with y, hence with a as with the same components of ξ; the motion does with a
+    turn, not with a translation, for which A_k E = E.
 
     Args:
         program: The program about a fixed reference.
-        moved: Which components of ξ the reference moves (m,): E selects them.
+        moved: Indices of the components of ξ that a moves (m,): E selects them.
         H: Hessian of the cost of b (m, m).
         g: Gradient of the cost of b (m,).
-        radius_bound: For the end, a function of (ξ, a).
+        radius_bound: Bounds of the terminal radius, functions of (ξ, a).
     """
     N, nx, nw = program.B.shape
     m = len(moved)
     size = nx + m
 
     def spread(rows: np.ndarray) -> np.ndarray:
-        """Rows of (ξ, w) as rows of (ξ, a, w)."""
+        """Returns rows of (ξ, w) as rows of (ξ, a, w)."""
         return np.concatenate([rows[..., :nx], rows[..., moved], rows[..., nx:]], axis=-1)
 
     def after(first: float, values: np.ndarray) -> np.ndarray:
-        """Values of every stage, and `first` for the one before."""
+        """Returns values of every stage, and `first` for the one before."""
         return np.concatenate([np.full_like(values[:1], first), values])
 
+    # Motion: the first stage decides b, which no later one changes.
     A, B = np.tile(np.eye(size), (N + 1, 1, 1)), np.zeros((N + 1, size, nw))
     A[1:, :nx, :nx], B[1:, :nx] = program.A, program.B
     A[1:, :nx, nx:] = program.A[..., moved] - np.eye(nx)[:, moved]
     B[0, moved, range(m)], B[0, range(nx, size), range(m)] = -1.0, 1.0
 
+    # Costs: those of ξ and w as before, and of b at the first stage.
     costs, gradients = np.zeros((N + 1, size + nw, size + nw)), np.zeros((N + 1, size + nw))
     known = np.r_[:nx, size: size + nw]
     costs[np.ix_(range(1, N + 1), known, known)] = program.H
     gradients[1:, known] = program.g
     decided = costs[0, size:, size:]
-    decided[...] = np.eye(nw)  # Of what this stage does not decide.
+    decided[...] = np.eye(nw)  # Unused decisions of this stage.
     decided[:m, :m], gradients[0, size: size + m] = H, g
 
+    # Limits: none at the first stage.
     linear, end = program.linear, program.terminal
     return replace(
         program, A=A, B=B, H=costs, g=gradients,

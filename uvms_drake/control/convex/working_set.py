@@ -1,4 +1,4 @@
-"""Some of the limits of a staged program: those that a conic program holds."""
+"""Working set: the limits of a staged program that a conic program contains."""
 
 from dataclasses import dataclass
 
@@ -13,23 +13,23 @@ KEPT = 1e-7
 
 @dataclass
 class WorkingSet:
-    """Some of the limits of a program."""
+    """Subset of the limits of a program."""
 
     upper: np.ndarray
-    """Linear limits whose upper bound is among them (N+1, m)."""
+    """Linear limits whose upper bound is in the set (N+1, m)."""
     lower: np.ndarray
-    """Linear limits whose lower bound is among them (N+1, m)."""
+    """Linear limits whose lower bound is in the set (N+1, m)."""
     norms: np.ndarray
-    """Norm limits that are among them (number of norm limits, N+1)."""
+    """Norm limits that are in the set (number of norm limits, N+1)."""
     terminal: bool
-    """Whether the terminal set is among them."""
+    """Whether the terminal set is in the set."""
 
     def any(self) -> bool:
-        """Returns whether there are any."""
+        """Returns whether it is not empty."""
         return bool(self.terminal or self.upper.any() or self.lower.any() or self.norms.any())
 
     def soft(self, program: StagedProgram) -> bool:
-        """Returns whether one of them is soft."""
+        """Returns whether it has a soft limit."""
         return bool(np.any((self.upper | self.lower) & program.linear.soft))
 
     def __or__(self, other: "WorkingSet") -> "WorkingSet":
@@ -37,19 +37,19 @@ class WorkingSet:
                           self.norms | other.norms, self.terminal or other.terminal)
 
     def without(self, other: "WorkingSet") -> "WorkingSet":
-        """Returns those that are not among others."""
+        """Returns the limits that are not in another set."""
         return WorkingSet(self.upper & ~other.upper, self.lower & ~other.lower,
                           self.norms & ~other.norms, self.terminal and not other.terminal)
 
     def rows(self, program: StagedProgram) -> int:
-        """Returns the number of their rows."""
+        """Returns the number of rows."""
         return int(np.count_nonzero(self.upper) + np.count_nonzero(self.lower)
                    + self.terminal * len(program.terminal.T)
                    + sum(len(limit.C) * np.count_nonzero(stages) for limit, stages in zip(
                        program.norms, self.norms, strict=True)))
 
     def at_all_stages(self, program: StagedProgram) -> "WorkingSet":
-        """Returns these, each at all stages where it has a bound."""
+        """Returns the set with each limit at all stages where it has a bound."""
         linear = program.linear
         return WorkingSet(
             np.any(self.upper, axis=0) & np.isfinite(linear.upper),
@@ -72,7 +72,7 @@ class WorkingSet:
 
     @staticmethod
     def near(program: StagedProgram, part: float) -> "WorkingSet":
-        """Returns the limits of which the plan itself leaves less than a part of the range."""
+        """Returns the limits whose distance in the plan is below a part of their range."""
         linear, terminal = program.linear, program.terminal
         width = linear.upper - linear.lower
         margin = part * np.where(np.isfinite(width), width, 0.0)

@@ -1,4 +1,4 @@
-"""A cost of roll and pitch of the vehicle, which the task's cost leaves free."""
+"""Cost of roll and pitch of the vehicle, which the task's cost leaves free."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from uvms_drake.control.plan.points import Points
 
 @dataclass
 class LevelVehicle(CostTerm):
-    """weight (φ² + θ²): the arm reaches, and the vehicle stays level."""
+    """Cost weight (φ² + θ²) that keeps the vehicle level."""
 
     weight: float = 1.0
     """Cost of a tilt by 1 rad that lasts 1 s [1/(rad² s)]."""

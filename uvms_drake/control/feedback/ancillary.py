@@ -112,7 +112,7 @@ class AncillaryFeedback(LeafSystem):
     - `force_measured`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, for a law
       that takes it in place of the force by the model's surface. It is the last finite one, of a
       `HoldLastValue`; while it is not finite, before the first one, the law takes the surface's.
-    - `vehicle_wrench`: τ_v (6) [N, N m] in body axes, the thrusters' present wrench, for a law that
+    - `vehicle_wrench`: present τ_v (6) [N, N m] of the thrusters in body axes, for a law that
       takes it; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.
     - `preview`: change of the plan's forces until they act (6+n), of a `FeedforwardPreview`.
@@ -216,7 +216,7 @@ class AncillaryFeedback(LeafSystem):
             law: The law and its gains.
             nominal: Gives nominal_state, nominal_acceleration and nominal_input.
             state: Gives (𝔮, ζ); left to the caller if None.
-                limits: Limits of the real robot; None: no clipping.
+            limits: Limits of the real robot; None: no clipping.
             name: Name of the system.
         """
         return added(builder, name, AncillaryFeedback(model, law, limits), state=state, **{

@@ -124,8 +124,8 @@ class RowObserver(LeafSystem):
             since, size = float(ticks[0]) * self._observed.period, self._model.size
             rate_change, impulse = (motion - before)[: 2 * size].reshape(2, size)
             c, *G = (0.5 * (motion + before))[2 * size:].reshape(-1, size)
-            state.set_value(0, estimate(
-                known, (rate_change - np.array(G) @ impulse) / since - c, self._observed.rates, since))
+            mean = (rate_change - np.array(G) @ impulse) / since - c
+            state.set_value(0, estimate(known, mean, self._observed.rates, since))
         state.set_value(1, motion)
         state.set_value(2, measured)
         state.set_value(3, np.ones(1))

@@ -1,4 +1,4 @@
-"""The ancillary feedback of the kinematic model χ̇ = J(𝔮)ζ + w, as in the paper's simulation."""
+"""Ancillary feedback of the kinematic model χ̇ = J(𝔮)ζ + w, as in the paper's simulation."""
 
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,7 +15,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 
 class KinematicFeedback(LeafSystem):
-    """Turns the nominal trajectory and the measured configuration into the velocity command ζ.
+    """Ancillary law from nominal trajectory and measured configuration to the velocity command ζ.
 
     .. pydrake_system::
 
@@ -32,12 +32,12 @@ class KinematicFeedback(LeafSystem):
     - `zeta`: ζ (6+n) [m/s (3), rad/s (3+n)].
     - `lost` (1): 1 while the measured configuration is not finite, else 0.
 
-    It has no state. In place of a measured configuration that is not finite the law takes the
-    nominal one, so that the command is the plan's own, without feedback.
+    It has no state. A measured configuration that is not finite is replaced by the nominal one, so
+    that the command is the plan's own, without feedback.
 
     Args:
         model: The controller's model of the robot.
-        law: The law and its σ; k has no meaning here.
+        law: The law and its σ; k is not read.
     """
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw):

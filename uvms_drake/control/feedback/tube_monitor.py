@@ -1,10 +1,9 @@
-"""Watches the deviation of the real from the nominal motion against the tube, while it happens.
+"""Monitor of the deviation of the real from the nominal motion against the tube, at run time.
 
-Two bounds are watched. The *set-wise* one is a number that exists before anything moves: it has the
-largest ‖J_x‖ of the constraint set in it and is what the limits are tightened by. The
-*trajectory-wise* one takes ‖J_x(𝔮(t))‖ as it comes: the law's own bound along the run, see
-`Resolved.run_bound`. It is never above the other one while the robot is in the constraint set, and
-says how much of the distance is due to J_x.
+Two bounds are compared with. The *set-wise* one exists before anything moves: it contains the
+largest ‖J_x‖ of the constraint set, and the limits are tightened by it. The *trajectory-wise* one
+has ‖J_x(𝔮(t))‖ along the run: the law's own bound, see `Resolved.run_bound`. It is never above the
+other one while the robot is in the constraint set; their distance is due to J_x.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,10 +34,10 @@ from uvms_drake.control.laws.law import FIELDS, AncillaryLaw, pair_of
 from uvms_drake.model.uvms_model import UvmsModel
 
 ALARMS = ("set", "trajectory", "disturbance")
-"""Bounds that can be left: the set-wise one, the one along the run, and ‖Ŵ⁻¹d‖₂ ≤ d̃."""
+"""Monitored bounds: the set-wise one, the one along the run, and ‖Ŵ⁻¹d‖₂ ≤ d̃."""
 
 SAID = ("left the tube (set-wise)", "left the bound along the run", "disturbance above its bound")
-"""Warning for each of `ALARMS` when it is left."""
+"""Warning for each of `ALARMS` when it is exceeded."""
 
 TUBE_REPORT = (
     *(f"{alarm}_exits" for alarm in ALARMS), *(f"{alarm}_first_exit" for alarm in ALARMS),
@@ -47,20 +46,20 @@ TUBE_REPORT = (
 ratios of deviation and bound, and largest ‖Ŵ⁻¹d‖₂/d̃."""
 
 TubeReport = namedview("TubeReport", TUBE_REPORT)
-"""A report (19,) by the names of `TUBE_REPORT`."""
+"""Report (19,) by the names of `TUBE_REPORT`."""
 
 FLOOR = 1e-9
-"""Deviation that is rounding, where a bound is zero."""
+"""Deviation that counts as rounding where a bound is zero."""
 
 NOT_STARTED = -1.0
 """First state of a bound that starts at a deviation, before the first sample."""
 
 
 class _Samples(NamedTuple):
-    """The discrete state of a `TubeMonitor`: flags, and the parts of its report."""
+    """Discrete state of a `TubeMonitor`: flags, and the parts of its report."""
 
     outside: np.ndarray
-    """Flags: 1 for each of `ALARMS` that was left at the last sample, else 0 (3,)."""
+    """Flags: 1 for each of `ALARMS` that was exceeded at the last sample, else 0 (3,)."""
     exits: np.ndarray
     """Number of exits of each (3,)."""
     first: np.ndarray
@@ -81,7 +80,7 @@ def beyond(norms: np.ndarray | float, bounds: np.ndarray | float, slack: float, 
 
 
 class TubeMonitor(LeafSystem):
-    """Compares real and nominal motion with the tube at every sample; counts what leaves it.
+    """Monitor of the deviation from the nominal motion; it counts exits from the tube.
 
     It warns of each exit on the logger `uvms_drake`, see `uvms_drake.common.alarm`.
 
@@ -103,18 +102,17 @@ class TubeMonitor(LeafSystem):
         - r
         - e
 
-    - `state`: (𝔮, ζ) (2(6+n)), in the paper's order; ζ as it is commanded, where it is the input.
-    - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), from `NominalMpc`; continuous also where it plans anew, but
-      for ζ̄ where the velocity is the input.
-    - `disturbance`: the simulated d (6+n), or w (6), so that ‖Ŵ⁻¹d‖₂ > d̃ is noticed; unconnected
-      means unknown.
-    - `pair`: the `Pair` of these two states, if somebody has it already; it is computed otherwise.
+    - `state`: (𝔮, ζ) (2(6+n)), in the paper's order; ζ is the command of kinematic motion.
+    - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)), of `NominalMpc`; continuous from plan to plan, but for ζ̄
+      where the velocity is the input.
+    - `disturbance`: simulated d (6+n), or w (6), compared with d̃; unknown if unconnected.
+    - `pair`: `Pair` of these two states; computed here if unconnected.
     - `deviation` (6): `FIELDS`.
-    - `bound` (6): the trajectory-wise bounds of `FIELDS`; inf where there is none.
+    - `bound` (6): trajectory-wise bounds of `FIELDS`; inf where there is none.
     - `ratio` (12): `deviation` over the set-wise, then over the trajectory-wise bounds.
-    - `report`: `TUBE_REPORT`, as of the last sample.
-    - `alarm` (3): 1 for each of `ALARMS` that was left at the last sample, 0 for the others.
-    - `e_y` (6+n), `r` (6+n), `e` (6): 𝔢_y, 𝔯 and 𝔢, for a disturbance that is aimed at them.
+    - `report`: `TUBE_REPORT` at the last sample.
+    - `alarm` (3): 1 for each of `ALARMS` that was exceeded at the last sample, 0 for the others.
+    - `e_y` (6+n), `r` (6+n), `e` (6): 𝔢_y, 𝔯 and 𝔢, for an adversarial disturbance.
 
     The continuous state is that of the law's bound along the run, see `AncillaryLaw.run_bound`:
     from zero, as the tube starts, or `NOT_STARTED` before the first sample and the deviation at it.
@@ -129,16 +127,16 @@ class TubeMonitor(LeafSystem):
         radii: Set-wise bounds by the names of `FIELDS`; others are not checked.
         weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
         kinematic: Whether the velocity is the input and w, not d, the disturbance.
-        along_run: Whether the law's bound along the run is watched: not where more than d pushes.
-        period: Of the samples [s]; zero for one at the beginning of each step of the simulation,
-            which leaves the steps as they are.
-        begin: No deviation before it is looked at [s]: observers have not settled.
+        along_run: Whether the law's bound along the run is monitored; it holds for d alone.
+        period: Period of the samples [s]; zero for one at the beginning of each step of the
+            simulation, which does not change the steps.
+        begin: Start of the monitoring [s], when observers have settled.
         slack: An exit is a deviation above (1 + slack) bound + floor. A disturbance of constant
             direction takes ‖𝔯‖ to R exactly, so the integrator's error decides which is larger. It
             is of the order of the integrator in the step: with `runge_kutta3` on a robot that meets
             a wall, 0.7 % of R at 0.02 s and 0.01 % at 0.005 s, and 0.001 % of E_b.
-        floor: See `slack`; a ratio is that to the bound or to the floor, whichever is larger. What
-            the integrator leaves of the exact cascade where the bound is zero.
+        floor: See `slack`; error of the integrator where the bound is zero. Ratios are to the
+            larger one of bound and floor.
     """
 
     def __init__(self, model: UvmsModel, law: AncillaryLaw, d_bound: float,
@@ -153,6 +151,7 @@ class TubeMonitor(LeafSystem):
         require(0.0 <= slack < np.inf, "slack", slack, "zero or positive")
         require(set(radii) <= set(FIELDS), "radii", list(radii), f"among {', '.join(FIELDS)}")
         require(0.0 < floor < np.inf, "floor", floor, "positive")
+        # The bounds: set-wise by `radii`, along the run by the law.
         self._model, self._law, self._d_bound = model, law, d_bound
         self._begin, self._slack, self._floor = begin, slack, floor
         self._radii = np.array([radii.get(field, np.inf) for field in FIELDS])
@@ -163,6 +162,7 @@ class TubeMonitor(LeafSystem):
             self._along = (law.kinematic_run_bound(d_bound) if kinematic
                            else law.run_bound(d_bound, self._weights))
         self._declare_ports(len(self._weights))
+        # The samples, which a simulation takes at a period or at its own steps.
         never = np.full(len(ALARMS), np.inf)
         none = np.zeros(len(ALARMS))
         self.DeclareDiscreteState(np.concatenate(
@@ -175,7 +175,7 @@ class TubeMonitor(LeafSystem):
             return
         start = NOT_STARTED if self._along.from_deviation else 0.0
         self.DeclareContinuousState(BasicVector(np.full(self._along.size, start)))
-        # An unrestricted update comes before the discrete update of the same instant.
+        # Unrestricted updates precede the discrete update of the same instant, so they start x.
         if self._along.from_deviation and period > 0.0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._start)
         elif self._along.from_deviation:
@@ -264,7 +264,7 @@ class TubeMonitor(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         old = self._samples(context)
-        # The bounds that are left now.
+        # Bounds that are exceeded now; before `begin` deviations do not count.
         counts = context.get_time() >= self._begin
         norms = np.tile(self._deviation.Eval(context).norms, 2) if counts else np.zeros(
             2 * len(FIELDS))
@@ -275,7 +275,7 @@ class TubeMonitor(LeafSystem):
             d = float(np.linalg.norm(self._disturbance_port.Eval(context) / self._weights))
         is_outside = np.array([np.any(set_wise), np.any(along),
                                beyond(d, self._d_bound, self._slack, FLOOR)])
-        # Alarms for those that have just been left.
+        # Alarms for those that have just been exceeded.
         left = is_outside & (old.outside == 0.0)
         for text in compress(SAID, left):
             warn(context.get_time(), text)
@@ -302,10 +302,10 @@ class TubeMonitor(LeafSystem):
             radii: Set-wise bounds by the names of `FIELDS`.
             state: Gives (𝔮, ζ).
             nominal_state: Gives (𝔮̄, ζ̄).
-            disturbance: Gives d, or w; None: nothing is said about it.
+            disturbance: Gives d, or w; None if it is unknown.
             pair: Gives the `Pair` of these two states; None: the monitor computes it.
             name: Name of the system.
-            **options: The other ones of the constructor.
+            **options: Other arguments of the constructor.
         """
         return added(builder, name, TubeMonitor(model, law, d_bound, radii, **options), state=state,
                      nominal_state=nominal_state, disturbance=disturbance, pair=pair)

@@ -17,7 +17,7 @@ from uvms_drake.control.limits.static_force import StaticForce
 from uvms_drake.control.limits.thrusters import ThrusterForces
 from uvms_drake.control.limits.tip_box import TipBox
 from uvms_drake.control.limits.tip_velocity import TipVelocity
-from uvms_drake.model.robot_folder.thruster_file import ThrusterParameters
+from uvms_drake.model.description.thruster_file import ThrusterParameters
 from uvms_drake.model.surface.law import Surface
 
 AnyLimit = TipBox | TipVelocity

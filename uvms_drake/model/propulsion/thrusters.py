@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from uvms_drake.common.errors import require, vector
-from uvms_drake.model.robot_folder.thruster_file import (
+from uvms_drake.model.description.thruster_file import (
     AXES,
     ThrusterKind,
     ThrusterParameters,

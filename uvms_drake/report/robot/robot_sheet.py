@@ -6,13 +6,13 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram, Solve
 
 from uvms_drake.control.laws.tip_rows import best_rows, row_names
-from uvms_drake.model.propulsion.allocation import Allocation
-from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     added_mass_about_origin,
 )
-from uvms_drake.model.robot_folder.thruster_file import AXES
+from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.propulsion.allocation import Allocation
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import Trim, trim_of
 from uvms_drake.model.uvms import STANDARD_GRAVITY, Uvms, slides
 from uvms_drake.model.uvms_model import UvmsModel

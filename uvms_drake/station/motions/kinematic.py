@@ -42,13 +42,13 @@ class Kinematic(Motion[KinematicOcp]):
     def check(self, scenario: Scenario) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning with this motion."""
         require(not np.any(vector("current", scenario.current, 3)), "current", scenario.current,
-                "zero where there is no water (motion: kinematic)")
+                "zero, without water (motion: kinematic)")
         require(not scenario.waves, "waves", scenario.waves,
-                "left out where there is no water (motion: kinematic)")
+                "left out, without water (motion: kinematic)")
         require(scenario.model_error.size == 0.0, "model_error", scenario.model_error,
                 "left out where the velocity is the input (motion: kinematic)")
         require(scenario.surface_error.size == 0.0, "surface_error", scenario.surface_error,
-                "left out where there is no contact (motion: kinematic)")
+                "left out, without contact (motion: kinematic)")
         weights = scenario.disturbance.weights
         require(np.size(weights) == 0, "disturbance.weights", weights,
                 "left out where the velocity is the input (motion: kinematic)")
@@ -75,7 +75,7 @@ class Kinematic(Motion[KinematicOcp]):
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Adds nothing: there is no current, and the task stays as it is."""
+        """Adds nothing: there is no current, and the task is constant."""
 
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
                         seed: int, signals: Signals, monitor: TubeMonitor) -> OutputPort:
@@ -98,7 +98,7 @@ class Kinematic(Motion[KinematicOcp]):
     def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
-        return [("joints of weight zero, which no terminal set holds", free)]
+        return [("joints of weight zero, which no terminal set covers", free)]
 
     def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
                   settings: CertificateSettings) -> dict[str, Constant]:

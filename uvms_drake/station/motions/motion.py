@@ -27,7 +27,7 @@ AnyOcp = TypeVar("AnyOcp", bound=Ocp)
 
 
 class Motion(ABC, Generic[AnyOcp]):
-    """What moves the simulated robot: forces, or its velocity alone.
+    """Input of the simulated robot: forces, or its velocity.
 
     A plant has the output ports `plant_signals`; one of them, `measured`, goes to the controller's
     input port of the same name. The controller's output `command` goes to the plant's input
@@ -35,13 +35,12 @@ class Motion(ABC, Generic[AnyOcp]):
     """
 
     has_forces: ClassVar[bool]
-    """Whether forces move the robot: then there are accelerations to command, and there is a
-    surface to touch."""
+    """Whether forces move the robot: then accelerations are commanded, and there is a surface."""
     knows_force: ClassVar[bool]
-    """Whether the controller's model has the force of the surface, whose constants then hold up to
-    a limit of it."""
+    """Whether the controller's model has the force of the surface; constants then hold up to a
+    limit of it."""
     along_run: ClassVar[bool] = True
-    """Whether the law's bound along the run holds, which knows of nothing but d."""
+    """Whether the law's bound along the run holds, which covers d alone."""
     measured: ClassVar[str]
     """Name of the port of plant and controller that carries the measured motion."""
     command: ClassVar[str]
@@ -61,8 +60,8 @@ class Motion(ABC, Generic[AnyOcp]):
     disturbance_blocks: ClassVar[tuple[str, ...]]
     """Names of the disturbance's components, three at a time; the last block has the joints."""
     stages: ClassVar[tuple[float, float, float]]
-    """Parts of the time of a certificate, about, that are over where tube, terminal set and first
-    plan begin, as measured with the shipped scenarios."""
+    """Elapsed fractions of the time of a certificate at which tube, terminal set and first plan
+    begin, as measured with the shipped scenarios."""
     figures: ClassVar[tuple[str, ...]]
     """Figures that no other motion has."""
     adversaries: ClassVar[tuple[str, ...]]
@@ -91,7 +90,7 @@ class Motion(ABC, Generic[AnyOcp]):
     @abstractmethod
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
                      controller: Diagram, meshcat: Meshcat | None) -> None:
-        """Connects what comes from outside of the loop: the water's current, the desired force."""
+        """Connects the external inputs of the loop: the water's motion, the desired force."""
 
     @abstractmethod
     def add_disturbance(self, builder: DiagramBuilder, disturbance: Disturbance, model: UvmsModel,
@@ -104,16 +103,16 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns the logs with those fields of a `Record` that this motion alone has."""
 
     def contact_force(self, scenario: Scenario) -> MeasuredForceBounds | None:
-        """Returns the forces of a contact that is felt; None, as by default: they are modelled."""
+        """Returns the force bounds of a sensed contact; None, the default: forces are modelled."""
         return None
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:
-        """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if it does not move."""
+        """Returns the problem at t = 0 from (𝔮, ζ) (2(6+n),): `ocp` itself, if it is constant."""
         return ocp
 
     def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
-        """Returns the tube of a law with what a contact adds that is not in the model: nothing."""
+        """Returns the tube of a law with the unmodelled effects of contact: none by default."""
         return tube
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
@@ -131,10 +130,10 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns the constants that the tubes of this motion are computed from, by name.
 
         Args:
-            model: The prediction model.
-            declared: Set that they are suprema over.
+                model: The prediction model.
+            declared: Set of the suprema.
             weights: Diagonal of Ŵ, see `Basis`.
-            settings: How hard to look.
+            settings: Effort of the searches.
         """
 
     @abstractmethod

@@ -13,7 +13,7 @@ from uvms_drake.station.scenario.scenario import Scenario
 
 MOTIONS: dict[str, Motion] = {"dynamic": Dynamic(), "kinematic": Kinematic()}
 SENSED_CONTACT = SensedContactMotion()
-"""Dynamic motion with a contact that is felt."""
+"""Dynamic motion with a sensed contact."""
 
 
 def motion_of(scenario: Scenario) -> Motion:

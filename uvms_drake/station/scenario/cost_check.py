@@ -1,6 +1,6 @@
-"""Time and memory of a run, so that unreasonable sizes are refused before it starts.
+"""Time and memory of a run: unreasonable sizes are refused before it starts.
 
-The estimates are from measurements on a desk computer and right to a factor of about three.
+The estimates are from measurements on a desk computer, to a factor of about three.
 """
 
 from uvms_drake.common.errors import require
@@ -38,7 +38,7 @@ def check_cost(duration: float, log_period: float, max_step_size: float, time_st
             ("log_period", log_period, SAMPLE_BYTES / 1e9, MOST_BYTES / 1e9, "GB of memory"),
             ("simulator.max_step_size", max_step_size, STEP_SECONDS / 3600.0, MOST_HOURS, "hours"),
             ("mpc.time_step", time_step, INTERVAL_SECONDS / 3600.0 * horizon, MOST_HOURS, "hours")):
-        if period > 0.0:  # Whose value it is says what else is wrong with it.
+        if period > 0.0:  # Other values are refused elsewhere.
             total = duration / period * cost
             require(total <= most, key, period,
                     f"at least {duration * cost / most:.2g} s, or the duration shorter: "

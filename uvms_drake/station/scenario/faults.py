@@ -1,4 +1,4 @@
-"""The faults that a scenario's file may name, and whether those of a scenario fit."""
+"""Faults that a scenario's file may name, and their checks."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,11 +13,11 @@ from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce,
 
 AnyFault = (SolverFailure | SolverTimeout | DroppedPeriod | FrozenState | LostState | LostForce
             | FrozenForce | SaturatedForce | JumpedForce | StuckJoint | ExcessDisturbance)
-"""The faults that a scenario's file may name; the first is the one meant without a tag."""
+"""Faults that a scenario's file may name; the first is the default tag."""
 
 
 def check_components(key: str, components: Sequence[Component], motion: str) -> None:
-    """Raises `InvalidParameter` for the first entry of the list `key` that has no meaning."""
+    """Raises `InvalidParameter` for the first invalid entry of the list `key`."""
     for i, component in enumerate(components):
         with within(f"{key}[{i}]"):
             component.check()
@@ -26,7 +26,7 @@ def check_components(key: str, components: Sequence[Component], motion: str) -> 
 
 
 def check_faults(faults: Sequence[Fault], motion: str) -> None:
-    """Raises `InvalidParameter` for the first fault that has no meaning, or comes twice."""
+    """Raises `InvalidParameter` for the first fault that is invalid, or comes twice."""
     for i, fault in enumerate(faults):
         require(type(fault) not in map(type, faults[:i]), f"faults[{i}]", type(fault).__name__,
                 "of a kind that is not declared twice")

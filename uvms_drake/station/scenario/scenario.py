@@ -1,7 +1,7 @@
 """A scenario: everything a run depends on, in one YAML file.
 
-The parameters of each part stand beside that part; here they are only put together and checked.
-`scenario_file` has the files, what they are based on, and overrides.
+The parameters of each part are declared with that part; here they are composed and checked.
+`scenario_file` has the files, their bases, and overrides.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ from uvms_drake.visual.config import VisualConfig, check_visual
 MOTIONS = ("dynamic", "kinematic")
 LARGEST_SEED = 2**63 - 1
 LONGEST_NAME = 100
-"""Length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a folder's suffix."""
+"""Largest length of a scenario's name [bytes in UTF-8]; file systems allow 255, with a suffix."""
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Task:
     force: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """Desired wrench 𝔉_des on the surface, in Σ_I (6,) [N, N m]."""
     pose: np.ndarray | None = None
-    """Pose χ on the surface for the coordinates that 𝔉_des leaves free; of a spring, none."""
+    """Pose χ on the surface for the coordinates free of 𝔉_des; none for a spring."""
     frame: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """ZYX Euler angles in Σ_I of the task's frame Σ_T, about whose axes the end-effector's Euler
     angles are, those of `pose` too (3,) [rad]. Zero is the paper's, in which a tool that points up
@@ -85,12 +85,12 @@ class Task:
 class Scenario:
     """A run of the closed loop.
 
-    Where there is a choice of types (surface, disturbance, ancillary) the first is the one meant
-    by a mapping without a tag.
+    Of a choice of types (surface, disturbance, ancillary) the first is that of a mapping without a
+    tag.
     """
 
     name: str = ""
-    """Name of the scenario; that of the file if it is left out."""
+    """Name of the scenario; that of the file if left out."""
     description: str = ""
     seed: int = 0
     """Seed of everything random."""
@@ -109,12 +109,12 @@ class Scenario:
     waves: list[Wave] = field(default_factory=list)
     """Waves on top of it, which the controller does not know either."""
     model_error: ModelError = field(default_factory=ModelError)
-    """Difference of the simulated robot from the one that the controller knows."""
+    """Difference of the simulated robot from the controller's model."""
     surface: AnySurface = field(default_factory=UnilateralPlane)
     surface_error: SurfaceError = field(default_factory=SurfaceError)
-    """Difference of the simulated surface from `surface`, which the controller knows."""
+    """Difference of the simulated surface from `surface`, the controller's model."""
     contact: AnyContact = field(default_factory=KnownSurface)
-    """What the controller is told about the contact: it knows `surface`, or it feels a wall."""
+    """Specification of the contact: the controller knows `surface`, or senses an unknown wall."""
     disturbance: AnyDisturbance = field(default_factory=SinusoidalDisturbance)
     sensing: list[AnySensing] = field(default_factory=list)
     """Parts between the robot's state and the controller, from the robot on."""
@@ -124,8 +124,7 @@ class Scenario:
     """Faults, at most one of a kind; an entry without a tag is a `SolverFailure`."""
     task: Task = field(default_factory=Task)
     mission: Mission = field(default_factory=Mission)
-    """Where to press, one after the other, on a wall that is felt; else `task` says it for all
-    time."""
+    """Sequence of pressing steps on an unknown surface; without steps `task` holds at all times."""
     limits: Limits = field(default_factory=Limits)
     tube: TubeRadii = field(default_factory=TubeRadii)
     mpc: MpcConfig = field(default_factory=MpcConfig)
@@ -152,10 +151,10 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
         overrides: Texts `key.path=value` with a YAML value; an element of a list is a key too,
             `limits.u.0=0.2`. They come last and change the resolved scenario, so a key below a
             tagged mapping keeps its tag.
-        options: Words of the command line that are to blame for them; by default, `--set`s.
+        options: Words of the command line for messages about them; by default, `--set`s.
 
     Raises:
-        ScenarioError: With one line that says which file, key and value, and what is allowed.
+        ScenarioError: A value is not allowed; one line with file, key, value and allowed values.
     """
     path = scenario_path(name_or_path)
     with reported_in(path.name):
@@ -172,15 +171,16 @@ def load_scenario(name_or_path: str, overrides: Sequence[str] = (),
 
 def dump_scenario(scenario: Scenario) -> str:
     """Returns the fully resolved scenario as YAML; loading it gives the same scenario."""
-    # Drake 1.51 has a setting that 1.58 has not, and that makes no difference to a run.
+    # A setting of Drake 1.51 that 1.58 lacks, without effect on a run.
     return dump_typed(scenario, leave_out=("publish_every_time_step",))
 
 
 def check_scenario(scenario: Scenario) -> None:
     """Raises `InvalidParameter` for the first value outside its range.
 
-    The parts check their own parameters when they are built; this is what no part owns.
+    The parts check their own parameters when they are built; these are the remaining ones.
     """
+    # Motion, seed, start and times.
     require(scenario.motion in MOTIONS, "motion", scenario.motion, f"one of {', '.join(MOTIONS)}")
     require(scenario.seed <= LARGEST_SEED, "seed", scenario.seed, f"at most {LARGEST_SEED}")
     angles = np.asarray(scenario.start.eta, dtype=float)[3:]
@@ -190,18 +190,20 @@ def check_scenario(scenario: Scenario) -> None:
     _require_positive("log_period", scenario.log_period)
     require(scenario.log_period <= scenario.duration, "log_period", scenario.log_period,
             f"at most the duration, {scenario.duration:g} s")
+    # Task, contact and mission.
     tolerance = scenario.task.force_tolerance
     _require_positive("task.force_tolerance", tolerance)
     with within("task"):
         force = float(np.linalg.norm(vector("force", scenario.task.force, 6)))
     require(force == 0.0 or tolerance < force, "task.force_tolerance", tolerance,
             f"smaller than the desired force itself, {force:g} N")
-    require(not scenario.contact.felt or scenario.motion == "dynamic", "contact",
+    require(not scenario.contact.is_sensed or scenario.motion == "dynamic", "contact",
             type(scenario.contact).__name__, "!KnownSurface, if the motion is kinematic")
     with within("mission"):
         scenario.mission.checked()
-    require(scenario.contact.felt or not scenario.mission.steps, "mission.steps",
-            scenario.mission.steps, "left out, unless a contact is felt")
+    require(scenario.contact.is_sensed or not scenario.mission.steps, "mission.steps",
+            scenario.mission.steps, "left out, without a sensed contact")
+    # Errors, parts and faults, the integrator, the picture, and the name.
     with within("model_error"):
         check_model_error(scenario.model_error)
     with within("surface_error"):

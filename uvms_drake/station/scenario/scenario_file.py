@@ -1,6 +1,6 @@
-"""The files of scenarios: where they are, what they are based on, and what overrides change.
+"""Files of scenarios: search path, bases and overrides.
 
-An override is a text such as `surface.stiffness=2000`. What the values mean is checked elsewhere.
+An override is a text such as `surface.stiffness=2000`. Values are checked elsewhere.
 """
 
 import contextlib
@@ -31,8 +31,8 @@ def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
     """Returns the file of a shipped scenario or of a path; a shipped name goes first.
 
     Args:
-        name_or_path: One of them.
-        key: What is to blame if there is none.
+        name_or_path: Name of a shipped scenario, or a path.
+        key: Key for the message if there is none.
     """
     shipped = shipped_scenarios()
     path = shipped.get(name_or_path, Path(name_or_path))
@@ -54,7 +54,7 @@ def scenario_path(name_or_path: str, key: str = "scenario") -> Path:
 
 
 def scenario_source(name_or_path: str, options: Sequence[str] = ()) -> str:
-    """Returns where a scenario's values come from, for the end of messages about them.
+    """Returns the source of a scenario's values, for the end of messages.
 
     Args:
         name_or_path: As of `load_scenario`.
@@ -81,14 +81,13 @@ def reported_in(source: str) -> Iterator[None]:
 
 
 def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
-    """Returns a file's raw data, with what its `base` says where it says nothing itself.
+    """Returns a file's raw data, with the values of its `base` where it has none.
 
-    Top-level keys that start with an underscore are dropped: room for YAML anchors.
+    Top-level keys that start with an underscore are dropped: they may hold YAML anchors.
 
     Args:
-        raw: Of the file.
-        path: The file; its folder is where the path of a base begins, and that of a robot which is
-            there.
+        raw: Raw data of the file.
+        path: The file; paths of a base and of a robot's folder are relative to its folder.
         above: Files of which it is the base.
     """
     if not isinstance(raw, dict) or not raw:
@@ -120,14 +119,14 @@ def _is_folder(path: Path) -> bool:
 
 
 def _merged(base: object, own: object) -> object:
-    """Returns `own` with the entries of `base` that it leaves out; a tag leaves nothing out."""
+    """Returns `own` with the entries of `base` that it lacks; a tag replaces all."""
     if not (isinstance(base, dict) and isinstance(own, dict)) or "_tag" in own:
         return own
     return {**base, **{key: _merged(base.get(key), value) for key, value in own.items()}}
 
 
 def apply_overrides(raw: object, overrides: Sequence[str]) -> object:
-    """Returns raw data with `key.path=value` texts put in; what they mean is not checked here."""
+    """Returns raw data with `key.path=value` texts applied; values are not checked here."""
     for text in overrides:
         path, equals, value = text.partition("=")
         require(bool(equals and all(path.split("."))), "--set", text, "key.path=value")

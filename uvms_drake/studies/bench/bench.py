@@ -1,7 +1,7 @@
-"""How long things take: a step of the controller, a derivative of the plant, a simulation.
+"""Benchmarks: wall time of a controller step, a derivative of the plant, and a simulation.
 
-Everything is done a few times before it is measured. bench.json has the fields of `Bench`; times
-are in ms where a name does not say otherwise, and the means of the parts add up to the total's.
+Each is warmed up before it is measured. bench.json has the fields of `Bench`; times are in ms
+unless the name has another unit, and the means of the parts add up to the total's.
 """
 
 import json
@@ -48,16 +48,16 @@ class SimulationTime:
 
 @dataclass(frozen=True)
 class Bench:
-    """All that is measured in a run, and on what."""
+    """Measurements of a scenario, with versions and machine."""
 
     scenario: str
     """Name of the scenario."""
     versions: dict[str, str]
     """Versions of `uvms_drake`, `drake`, `numpy` and `python`."""
     machine: dict[str, Any]
-    """`cpus` that the process may use; `load_average` over 1, 5 and 15 minutes, before;
-    `cpu_share`, processor time of the process over wall time, meanwhile: well below one, something
-    else had the processor, and all but `min` and perhaps `p50` says little."""
+    """`cpus` available to the process; `load_average` over 1, 5 and 15 minutes, before;
+    `cpu_share`, processor time of the process over wall time: well below one the processor was
+    shared, and only `min`, perhaps `p50`, is meaningful."""
     controller: ControllerTimes
     """Times of the controller's step."""
     derivative: DerivativeTimes
@@ -89,7 +89,7 @@ def measure(scenario: Scenario, effort: Effort | None = None,
 
     Args:
         scenario: Scenario to measure.
-        effort: How much is measured; the default takes 10 s.
+        effort: Numbers of repetitions; the default takes 10 s.
         progress: Called before every measurement.
 
     Raises:
@@ -119,7 +119,7 @@ def measure(scenario: Scenario, effort: Effort | None = None,
 
 
 def load_average() -> list[float] | None:
-    """Returns how many processes wanted to run, over 1, 5 and 15 minutes; None if unknown."""
+    """Returns the load average over 1, 5 and 15 minutes; None if unknown."""
     try:
         return list(os.getloadavg())
     except OSError:
@@ -127,7 +127,7 @@ def load_average() -> list[float] | None:
 
 
 def available_cpus() -> int | None:
-    """Returns how many processors this process may use; None if unknown."""
+    """Returns the number of processors available to this process; None if unknown."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 

@@ -1,4 +1,4 @@
-"""Measures how long the steps of the nominal MPC take, and how that grows with the horizon."""
+"""Measures step times of the nominal MPC, and their growth with the horizon."""
 
 import time
 from collections import Counter
@@ -43,11 +43,11 @@ class ControllerTimes:
     total: Timing
     """Time of a step."""
     parts: dict[str, Timing]
-    """Times of `linearise` (the model about the plan; in `program` where the velocity is the
-    input), `program` (the rest of making the convex program), `solve` (solving it) and `rest` (the
+    """Times of `linearise` (the model about the plan; in `program` if the velocity is the input),
+    `program` (the other set-up of the convex program), `solve` (its solution) and `rest` (the
     guess, values of plans, line search)."""
     conic_programs: dict[int, int]
-    """Number of steps by the conic programs that they solved; none where no limit mattered."""
+    """Number of steps by their number of conic programs; none without active limits."""
     first_plan: Timing
     """Time of the first solve, iterated to convergence."""
     first_iterations: int
@@ -79,7 +79,7 @@ class NominalLoop:
 
     Args:
         scenario: Task, start and horizon.
-        model: The controller's.
+        model: The controller's model.
     """
 
     def __init__(self, scenario: Scenario, model: ContactModel):
@@ -88,7 +88,7 @@ class NominalLoop:
         self._start = start_state(scenario, self.ocp)[: self.ocp.state_size]
         self.plan: Plan = self.ocp.resting_plan(0.0, self._start)
         self.solution: scp.Solution | None = None
-        """Of the last solve."""
+        """Solution of the last solve."""
 
     def first(self) -> None:
         """Makes the first plan."""
@@ -109,14 +109,14 @@ class NominalLoop:
 
 @contextmanager
 def conic_programs() -> Iterator[Callable[[], int]]:
-    """Gives a function that returns how many conic programs were solved since its last call.
+    """Context manager of a counter: the number of conic programs solved since its last call.
 
-    One that has no solution is not counted.
+    Infeasible ones are not counted.
     """
     solve, counts = scp.solve_staged, [0]
 
     def counting(program: StagedProgram) -> StagedSolution | None:
-        """Solves a program and counts what that took."""
+        """Solves a program and counts the conic programs."""
         solution = solve(program)
         counts[0] += 0 if solution is None else solution.cone_programs
         return solution
@@ -157,7 +157,7 @@ def measure_controller(scenario: Scenario, model: ContactModel, effort: Effort) 
 
 
 def measure_growth(scenario: Scenario, model: ContactModel, effort: Effort) -> list[HorizonTimes]:
-    """Returns the times of a step at several horizons; these take turns, step by step."""
+    """Returns the times of a step at several horizons, which alternate step by step."""
     loops = [NominalLoop(replace(scenario, mpc=replace(scenario.mpc, horizon=horizon)), model)
              for horizon in effort.horizons]
     seconds: list[list[float]] = [[] for _ in loops]

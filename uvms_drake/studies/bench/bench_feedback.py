@@ -1,4 +1,4 @@
-"""Measures how long a command of the feedback takes, beside one of the law `resolved`."""
+"""Measures the time of a feedback command, compared with the law `resolved`."""
 
 import time
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ from uvms_drake.studies.bench.stopwatch import Effort, Timing
 
 @dataclass(frozen=True)
 class FeedbackTimes:
-    """A command τ, its limits and geometry in it, without what an observer takes."""
+    """Times of a command τ with its limits and geometry, without observers."""
 
     law: str
     """Name of the scenario's law."""
     command: Timing
-    """Time of a command of it."""
+    """Time of a command of that law."""
     resolved: Timing
-    """Time of one of `resolved` at the same states, in turns with it."""
+    """Time of a command of `resolved` at the same states, alternating with it."""
     ratio: float
-    """Median over median."""
+    """Ratio of the medians."""
 
 
 def measure_feedback(scenario: Scenario, model: ContactModel, effort: Effort
                      ) -> FeedbackTimes | None:
     """Returns the times of commands at instants of a simulation; None if a velocity is the input.
 
-    What the feedback reads is fixed beforehand, so that nothing else is timed.
+    The inputs of the feedback are fixed beforehand, so that nothing else is timed.
     """
     station = make_station(scenario, model=model)
     found = [leaf for leaf in leaf_systems(station).values() if isinstance(leaf, AncillaryFeedback)]

@@ -1,4 +1,4 @@
-"""Measures how long the derivative of the closed loop takes, and whose time that is."""
+"""Measures the time of the closed loop's derivative, by system."""
 
 import inspect
 from collections.abc import Callable, Hashable
@@ -26,7 +26,7 @@ from uvms_drake.studies.bench.stopwatch import (
 
 @dataclass(frozen=True)
 class DerivativeTimes:
-    """An evaluation of the station's time derivatives, as an integrator asks for it."""
+    """Times of an evaluation of the station's time derivatives by an integrator."""
 
     evaluations: int
     """Number of measured evaluations."""
@@ -37,8 +37,8 @@ class DerivativeTimes:
     total: Timing
     """Time of an evaluation."""
     parts: dict[str, Timing]
-    """Times by path of the system in the station, of systems in Python that have a share in the
-    derivative; `rest` is all else: the MultibodyPlant and Drake."""
+    """Times by path of the system in the station, for the Python systems in the derivative; `rest`
+    is everything else: the MultibodyPlant and Drake."""
 
 
 def leaf_systems(diagram: Diagram, path: str = "") -> dict[str, LeafSystem]:
@@ -55,7 +55,7 @@ def watched_station(scenario: Scenario, model: ContactModel, watch: Stopwatch) -
     """Returns a station in which every system in Python is a part of `watch`.
 
     The functions that Drake calls are timed: those of output ports, and time derivatives. A cache
-    entry counts with the system whose function asks for it.
+    entry counts for the system that evaluates it.
     """
     def watched(declare: Callable) -> Callable:
         """Returns a function that declares a port and has its callbacks timed."""
@@ -93,8 +93,8 @@ def run_instants(station: Diagram, scenario: Scenario, effort: Effort) -> list[C
 def measure_derivative(scenario: Scenario, model: ContactModel, effort: Effort) -> DerivativeTimes:
     """Returns the times of the station's derivative at instants of a simulation.
 
-    Time and state are set before each evaluation, as an integrator does, so that nothing that
-    depends on them is left in a cache; the instants take turns.
+    Time and state are set before each evaluation, as an integrator does, so that no cached value
+    of them remains; the instants alternate.
     """
     watch = Stopwatch()
     station = watched_station(scenario, model, watch)
@@ -121,5 +121,5 @@ def measure_derivative(scenario: Scenario, model: ContactModel, effort: Effort) 
 
 
 def penetrations(model: ContactModel, states: np.ndarray) -> np.ndarray:
-    """Returns how deep the tip is in the surface [m] in states (𝔮, ζ) (K, 2(6+n))."""
+    """Returns the penetration of the tip [m] in states (𝔮, ζ) (K, 2(6+n))."""
     return model.surface.penetration(model.task_pose(states[:, : model.size])[:, :6])

@@ -1,8 +1,7 @@
-"""The time that functions take: they are replaced by timed ones while a measurement lasts.
+"""Stopwatch of functions, which are replaced by timed ones during a measurement.
 
-The time of a part is its own, without that of the other parts that it calls, so the parts add up
-to the total. Wall times depend on the machine and on what else it does; compare
-them within a run only.
+The time of a part excludes that of the other parts that it calls, so the parts add up to the total.
+Wall times depend on the machine and its load; compare them within a run only.
 """
 
 import time
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 REST = "rest"
-"""Name of the time that is in no part."""
+"""Name of the remaining time, outside of all parts."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Timing:
 
 
 class Stopwatch:
-    """Collects the time that functions take, each without that of the others that it calls."""
+    """Time of functions, each without that of the others that it calls."""
 
     def __init__(self) -> None:
         self._seconds: dict[Hashable, float] = {}
@@ -53,7 +52,7 @@ class Stopwatch:
     def timed(self, part: Hashable, function: Callable) -> Callable:
         """Returns a function that does the same and counts as a `part`."""
         def call(*args: Any, **kwargs: Any) -> Any:
-            """Times the function, without what is timed inside of it."""
+            """Times the function, without the timed functions inside of it."""
             self._within.append(0.0)
             started = time.perf_counter()
             try:
@@ -72,7 +71,7 @@ class Stopwatch:
         return seconds
 
     def measure(self, function: Callable[[], object]) -> dict[Hashable, float]:
-        """Returns the time of every part [s] in a call, with the `REST` that is in no part."""
+        """Returns the time of every part [s] in a call, with the remaining time as `REST`."""
         self.lap()
         self.timed(REST, function)()
         return self.lap()
@@ -117,14 +116,14 @@ def timings(samples: Sequence[Mapping[str, float]]) -> tuple[Timing, dict[str, T
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """Numbers of repetitions of the measurements."""
 
     warm_up: int = 5
     """Repetitions before each measurement."""
     steps: int = 100
     """Measured steps of the controller."""
     first_plans: int = 5
-    """Number of times that the first plan is made."""
+    """Number of repetitions of the first plan."""
     instants: int = 10
     """Instants of a simulation at which derivatives are evaluated."""
     rounds: int = 50

@@ -1,4 +1,4 @@
-"""What a study of margins is made of: a source of error, how far it may go, and what ends it."""
+"""Margin of a source of error: its largest value, and the condition that limits it."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -12,9 +12,9 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
 
 FINE = 1.02
-"""Ratio of a value that fails to the one that is called the largest, at most."""
+"""Largest ratio of a failing value to the reported largest one."""
 FARTHEST = 64.0
-"""Multiple of today's value beyond which nobody looks."""
+"""Largest multiple of the nominal value in the search."""
 
 
 @dataclass(frozen=True)
@@ -24,21 +24,21 @@ class Margin:
     name: str
     unit: str
     today: float
-    """In the scenario."""
+    """Nominal value of the scenario."""
     largest: float
-    """With which limits still have room by searches that are held; NaN if with none."""
+    """Largest value with a positive margin of every limit, by memoised searches; NaN if none."""
     ends: str
-    """The condition that fails beyond; empty where nobody looked farther."""
+    """Condition that fails beyond; empty at the end of the search."""
     d: tuple[float, ...] = ()
-    """Of what counts as a disturbance: the largest |dᵢ| at `asked` (6+n,) [m/s², rad/s²]."""
+    """Largest |dᵢ| at `asked` (6+n,) [m/s², rad/s²], of a source that acts as a disturbance."""
     asked: float = math.nan
-    """What a vehicle may well need."""
+    """Typical value of a vehicle."""
     axes: tuple[float, ...] = ()
-    """Semi-axes of the ellipsoid that all d at `largest` is in (6+n,): bound times weights."""
+    """Semi-axes of an ellipsoid of all d at `largest` (6+n,): bound times weights."""
 
 
 def tube_conditions(scenario: Scenario, model: ContactModel, basis: Basis) -> list[Condition]:
-    """Returns the conditions on the tube of a scenario, and that every limit leaves room for it."""
+    """Returns the conditions on the tube of a scenario, and on the margin of every limit."""
     motion, law = motion_of(scenario), scenario.ancillary
     found = motion.tubes[type(law)](law, basis)
     if all(condition.holds for condition in found.conditions):
@@ -48,23 +48,23 @@ def tube_conditions(scenario: Scenario, model: ContactModel, basis: Basis) -> li
 
 
 def worst_of(conditions: Sequence[Condition]) -> Condition | None:
-    """Returns the condition that fails by the most, if any does."""
+    """Returns the most violated condition, or None."""
     return min((each for each in conditions if not each.holds), key=_slack, default=None)
 
 
 def _slack(condition: Condition) -> float:
-    """Returns by how much of its size a condition holds; negative if it does not."""
+    """Returns the relative margin of a condition; negative if it fails."""
     size = max(abs(condition.left), abs(condition.right), 1e-300)
     return condition.margin / size if math.isfinite(size) else -1.0
 
 
 def bracket(failing: Callable[[float], Condition | None], holds: float
             ) -> tuple[float, Condition | None]:
-    """Returns the largest value with which nothing fails, and what does beyond.
+    """Returns the largest value without a failing condition, and the condition that fails beyond.
 
     Args:
-        failing: Returns what fails with a value.
-        holds: A value with which nothing does.
+        failing: Function from a value to the failing condition, or None.
+        holds: A value without a failing condition.
     """
     fails, last, failed = math.inf, FARTHEST * holds, None
     while holds < last and fails > FINE * holds:

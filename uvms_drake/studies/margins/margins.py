@@ -1,14 +1,14 @@
-"""How large each source of error could be by itself before a certificate is void.
+"""Tolerances: the largest value of each source of error, alone, with which a certificate holds.
 
-The converse of a budget: one value is changed at a time, all else stays as the scenario has it, and
-the largest value is found with which all conditions on the tube hold, and every limit leaves room
-for it. Searches are held (`tube.search.search_memo`), and terminal set, first plan and second
-searches are left out: an estimate, which `certify --set` confirms.
+The converse of a budget: one value is changed at a time, all others stay nominal, and the largest
+value is found with which all conditions on the tube hold and every limit has a margin. Searches are
+memoised (`tube.search.search_memo`), without terminal set, first plan and second searches: an
+estimate, which `certify --set` confirms.
 
-What the tube counts is changed as it is: the bound of d, the force sensor, the walls. A sensor that
-is worse comes with the allowance that the front needs for it (`contact.force_error`, `delay`). What
-robot and water do that the controller does not know counts by the d that it makes, see
-`unknown_margins`. What no proof covers, whatever its size, says so.
+Parameters of the tube are changed directly: the bound of d, the force sensor, the walls. A worse
+sensor comes with the allowance that the safe region needs for it (`contact.force_error`, `delay`).
+Model errors and the motion of the water count by the d that they induce, see `unknown_margins`. A
+source that no proof covers is named as such.
 """
 
 import math
@@ -32,44 +32,41 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.studies.margins.margin import Margin, bracket, tube_conditions, worst_of
 from uvms_drake.studies.margins.unknown_margins import Setting, unknowns
 from uvms_drake.tube.conditions import Condition
-from uvms_drake.tube.search.search_memo import SearchMemo, holding
+from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 
 LAGS = 5.0
-"""Lags of a sensor after which what is older is taken as gone."""
+"""Number of lags of a sensor after which older values are neglected."""
 
 
 @dataclass(frozen=True)
 class _Value:
-    """A number of a scenario that the tube counts."""
+    """Parameter of a scenario that enters the tube."""
 
     name: str
     unit: str
     today: float
     at: Callable[[float], Scenario]
     start: float = 1e-3
-    """What is tried first, if it is zero today."""
+    """First trial value, if the nominal one is zero."""
     tried: Callable[[float], float] = float
-    """Which value a scenario really has that is asked for one."""
+    """Function from a requested value to the admissible one."""
 
 
 def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent) -> list[Margin]:
-    """Returns the margins of a scenario, the controller's model of which is `model`.
-
-    Its tube is to be certified.
-    """
-    values, late, unknown = _values(scenario), _late(scenario), unknowns(scenario)
-    count, out = len(values) + len(late) + len(unknown), list[Margin]()
+    """Returns the margins of a scenario with a certified tube; `model` is the controller's."""
+    values, delays, unknown = _values(scenario), _delays(scenario), unknowns(scenario)
+    count, out = len(values) + len(delays) + len(unknown), list[Margin]()
     progress("tube", 0.0)
     searches = SearchMemo()
     failed = _worst_failed(lambda: scenario, searches)
     require(failed is None, "scenario", scenario.name, f"certified, but {failed}")
-    for value in (*values, *late):
+    for value in (*values, *delays):
         progress(value.name, len(out) / count)
         out.append(_margin(value, searches if value in values else SearchMemo()))
-    with holding(searches):
+    with memoising(searches):
         searches.again()
         setting = Setting(scenario, model, values[0].at(out[0].largest).disturbance.d_bound)
-    searches = SearchMemo()  # A d of another shape is searched for in another order, as what is late is.
+    searches = SearchMemo()  # Another shape of d changes the order of searches, as delays do.
     for source in unknown:
         progress(source.name, len(out) / count)
         out.append(source.margin(setting, searches))
@@ -77,14 +74,14 @@ def margins(scenario: Scenario, model: ContactModel, progress: Progress = silent
 
 
 def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Condition | None:
-    """Returns the condition on the tube, or on a limit, of a scenario that fails by the most."""
+    """Returns the most violated condition on the tube or a limit of a scenario, or None."""
     searches.again()
     try:
         scenario = make()
         conditions = assumptions(scenario)
         if all(condition.holds for condition in conditions):
             model = load_model(scenario)
-            with holding(searches):
+            with memoising(searches):
                 conditions = tube_conditions(scenario, model, basis_of(scenario, model))
     except InvalidParameter as error:
         return Condition(str(error), 1.0, "<=", 0.0,
@@ -95,7 +92,7 @@ def _worst_failed(make: Callable[[], Scenario], searches: SearchMemo) -> Conditi
 def _margin(value: _Value, searches: SearchMemo) -> Margin:
     """Returns the largest value, by doubling and then halving the ratio."""
     holds = value.today
-    if holds == 0.0:  # Whether there is any.
+    if holds == 0.0:  # Find a first positive value.
         failed = _worst_failed(lambda: value.at(value.start), searches)
         if failed is not None and failed.is_count:
             return Margin(value.name, value.unit, 0.0, math.nan, failed.name)
@@ -109,11 +106,11 @@ def _margin(value: _Value, searches: SearchMemo) -> Margin:
 
 
 def _values(scenario: Scenario) -> list[_Value]:
-    """Returns what the tube counts; the bound of d is the first."""
+    """Returns the parameters that enter the tube; the bound of d is the first."""
     def of_disturbance(bound: float) -> Scenario:
         return replace(scenario, disturbance=replace(scenario.disturbance, bound=bound))
 
-    found = [_Value("d, what pushes", "m/s², rad/s²", scenario.disturbance.bound, of_disturbance,
+    found = [_Value("d, disturbance", "m/s², rad/s²", scenario.disturbance.bound, of_disturbance,
                     0.01)]
     if not scenario.contact.is_sensed:
         return found
@@ -126,6 +123,7 @@ def _values(scenario: Scenario) -> list[_Value]:
 
         return at
 
+    # The force sensors, one parameter at a time.
     for i, sensor in enumerate(scenario.sensing):
         if isinstance(sensor, ForceSensor):
             def of_sensor(i: int = i, sensor: ForceSensor = sensor, **changed: Any) -> Scenario:
@@ -143,6 +141,7 @@ def _values(scenario: Scenario) -> list[_Value]:
                        lambda value, at=of_sensor: at(lag=value), 1e-3),  # type: ignore[misc]
                 _Value("force sensor, period", "s", 1.0 / sensor.rate,
                        lambda value, at=of_sensor: at(rate=1.0 / value))]  # type: ignore[misc]
+    # The class of surfaces, and the desired force.
     found += [
         _Value("wall and tool, stiffness", "N/m", contact.stiffness, of_contact("stiffness")),
         _Value("wall, angle of its normal", "rad", contact.angle, of_contact("angle"), 1e-3),
@@ -150,19 +149,19 @@ def _values(scenario: Scenario) -> list[_Value]:
     force = np.asarray(scenario.task.force, dtype=float)
     size = float(np.linalg.norm(force))
     if size == 0.0 or scenario.mission.steps:
-        return found  # The steps of a mission ask for their own.
-    return [*found, _Value("force that is asked for", "N", size, lambda value: replace(
+        return found  # The steps of a mission have forces of their own.
+    return [*found, _Value("desired force", "N", size, lambda value: replace(
         scenario, task=replace(scenario.task, force=force * value / size)))]
 
 
 def _allowed(scenario: Scenario) -> Scenario:
-    """Returns the scenario with the allowance that the front needs for its sensor, if it is less.
+    """Returns the scenario with at least the allowance that the safe region needs for its sensor.
 
-    It is told that readings are later, and farther off.
+    The contact then declares the delay and the error of the measurement.
     """
     contact, motion = sensed_contact(scenario), motion_of(scenario)
     felt = motion.contact_force(scenario)
-    assert felt is not None  # It is felt.
+    assert felt is not None  # The contact is sensed.
     later = replace(scenario, contact=replace(
         contact, delay=max(contact.delay, LAGS * felt.lag + felt.period)))
     off = largest_reading_error(later, felt)
@@ -170,10 +169,10 @@ def _allowed(scenario: Scenario) -> Scenario:
         sensed_contact(later), force_error=max(contact.force_error, off)))
 
 
-def _late(scenario: Scenario) -> list[_Value]:
-    """Returns clocks, thrusters and navigation: those of the scenario, or of none today."""
+def _delays(scenario: Scenario) -> list[_Value]:
+    """Returns the parameters of clocks, thrusters and navigation, ideal ones if missing."""
     def with_part(key: str, kind: type, **none: Any) -> Callable[..., Scenario]:
-        """Returns the scenario as a function of what is changed of its part of a kind."""
+        """Returns the scenario as a function of the changed fields of its part of a kind."""
         parts = list(getattr(scenario, key))
         here = [i for i, part in enumerate(parts) if isinstance(part, kind)]
         at = here[0] if here else (0 if kind is SampledCommand else len(parts))
@@ -188,11 +187,12 @@ def _late(scenario: Scenario) -> list[_Value]:
     def today(key: str, kind: type, value: Callable[[Any], float]) -> float:
         return next((value(part) for part in getattr(scenario, key) if isinstance(part, kind)), 0.0)
 
+    # Parts to vary, ideal ones where the scenario has none, and their nominal values.
     clock = with_part("actuation", SampledCommand, period=1e-3, delay=0.0)
     thrusters = with_part("actuation", Thrusters, period=1e-3, lag=1e-3, dead_time=0.0)
     navigation = with_part("sensing", Navigation)
     sampled = today("actuation", SampledCommand, lambda part: part.period)
-    late = today("actuation", SampledCommand, lambda part: part.delay)
+    delays = today("actuation", SampledCommand, lambda part: part.delay)
     model = load_model(scenario)
     lag = today("actuation", Thrusters, lambda part: part.command_path(model).lag)
     dvl = today("sensing", Navigation, lambda part: float(np.max(part.dvl.noise)))
@@ -205,7 +205,7 @@ def _late(scenario: Scenario) -> list[_Value]:
 
     found = [_Value("feedback, period", "s", sampled,
                     lambda value: clock(period=with_ticks(value)), tried=with_ticks),
-             _Value("feedback, delay", "s", late, lambda value: clock(delay=value))]
+             _Value("feedback, delay", "s", delays, lambda value: clock(delay=value))]
     if model.thrusters is not None:
         found.append(_Value("thrusters, lag", "s", lag, lambda value: thrusters(lag=value)))
     own = next((part.dvl for part in scenario.sensing if isinstance(part, Navigation)),
@@ -220,12 +220,12 @@ def format_margins(found: Sequence[Margin]) -> str:
     def number(value: float) -> str:
         return "none" if math.isnan(value) else f"{value:.3g}"
 
-    lines = ["largest value of each by itself, all else as it is, estimated",
-             f"  {'':<38}{'today':>10}{'largest':>10}  {'unit':<14}then fails"]
+    lines = ["largest value of each alone, all others nominal, estimated",
+             f"  {'':<38}{'nominal':>10}{'largest':>10}  {'unit':<14}then fails"]
     lines += [f"  {each.name:<38}{number(each.today):>10}{number(each.largest):>10}  "
               f"{each.unit:<14}{each.ends or 'nothing up to this'}"
               for each in found if not each.d]
-    lines += ["", "what the controller does not know, by itself and in place of the declared d, "
+    lines += ["", "model errors and motion of the water, each alone in place of the declared d, "
               "estimated", f"  {'':<38}{'largest':>10}  {'unit':<8}{'asked':>8}"
               f"{'makes ν₁':>10}{'ν₂':>8}{'joints':>8}  then fails"]
     for each in found:

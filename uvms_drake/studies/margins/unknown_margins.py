@@ -1,8 +1,8 @@
-"""How large an error of the model may be by itself: of the robot, of its joints, of the water.
+"""Tolerances of model errors: of the robot, its joints, and the motion of the water.
 
-Each makes a d, which takes the place of the declared one. Over the declared set it is in an
-ellipsoid of the declared shape, or of that of what it does to vehicle, attitude and joints; either
-may be what the tube has room for.
+Each induces a d, which takes the place of the declared one. Over the declared set it is in an
+ellipsoid of the declared shape, or of the shape of its components on vehicle, attitude and joints;
+the tube may admit either.
 """
 
 import math
@@ -26,7 +26,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.search.joint_search import supremum_over_joints
-from uvms_drake.tube.search.search_memo import SearchMemo, holding
+from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 from uvms_drake.tube.unmodelled_dynamics import (
     Load,
     by_forces,
@@ -39,22 +39,22 @@ from uvms_drake.tube.unmodelled_dynamics import (
 WAVE = 6.0
 """Period of the waves [s]."""
 SMALLEST = 1e-3
-"""Part of what is asked for below which an error counts as none."""
+"""Fraction of the typical value below which an error counts as zero."""
 LEAST = 1e-3
-"""Part of the longest semi-axis that the others are at least."""
+"""Smallest semi-axis over the longest."""
 ROWS = {"Jx_max": slice(None), "J_position_max": slice(0, 3), "J_attitude_max": slice(3, 6)}
 """Rows of J_x by the constant of their norm."""
 
 
 class Setting:
-    """What the suprema of d are over, and what becomes of a d.
+    """Domain of the suprema of d, and the conditions on a d.
 
     A command of the law accelerates by no more than a plan may, and the feedback within its tube.
 
     Args:
-        scenario: The scenario.
-        model: The controller's.
-        limit: The largest d̃ that certifies, Ŵ as it is [m/s², rad/s²].
+        scenario: Scenario of the study.
+        model: The controller's model.
+        limit: Largest d̃ that certifies with the declared Ŵ [m/s², rad/s²].
     """
 
     def __init__(self, scenario: Scenario, model: ContactModel, limit: float):
@@ -68,20 +68,20 @@ class Setting:
         self._limit = limit
 
     def true(self, **error: Any) -> UvmsModel:
-        """Returns the robot with an error."""
+        """Returns the robot with a model error."""
         plant = MultibodyPlant(time_step=0.0)
         uvms = add_simulated_uvms(plant, self._scenario.model, ModelError(**error))
         plant.Finalize()
         return UvmsModel(uvms)
 
-    def largest(self, loads: Sequence[Load]) -> tuple[np.ndarray, np.ndarray]:
+    def largest(self, terms: Sequence[Load]) -> tuple[np.ndarray, np.ndarray]:
         """Returns the largest |dᵢ|, and the semi-axes of an ellipsoid of all d (6+n,), estimated.
 
         Its shape is that of Ŵ, if it certifies; else that of the largest component of vehicle,
         attitude and joints.
         """
         basis, size = self._basis, self.model.size
-        search = partial(largest, loads, self.model, basis.declared, seed=self._scenario.seed)
+        search = partial(largest, terms, self.model, basis.declared, seed=self._scenario.seed)
         found = basis.settings.safety_factor * search(weights=basis.weights)
         each, norm = found[:-1], float(found[-1])
         if norm <= self._limit:
@@ -92,7 +92,7 @@ class Setting:
         return each, basis.settings.safety_factor * float(search(weights=shape)[-1]) * shape
 
     def failed(self, axes: np.ndarray) -> Condition | None:
-        """Returns what fails with d in an ellipsoid of these semi-axes, if anything does."""
+        """Returns the condition that fails with d in an ellipsoid of these semi-axes, or None."""
         weights = axes / np.max(axes)
         if np.allclose(weights, self._basis.weights) and np.max(axes) <= self._limit:
             return None
@@ -103,7 +103,7 @@ class Setting:
         return worst_of(tube_conditions(at, self.model, basis))
 
     def _row_norms(self, weights: np.ndarray) -> dict[str, Constant]:
-        """Returns the norms of J_xŴ and of its rows of the tip, which a certificate proves."""
+        """Returns the norms of J_xŴ and of its rows of the tip, as proven in a certificate."""
         declared, n = self._basis.declared, self.model.num_joints
 
         def norms(points: np.ndarray) -> np.ndarray:
@@ -125,31 +125,31 @@ class Setting:
 
 @dataclass(frozen=True)
 class Unknown:
-    """What robot or water does without the controller's knowing."""
+    """Model error of the robot, or motion of the water."""
 
     name: str
     unit: str
     asked: float
-    loads: Callable[[Setting, float], list[Load]]
-    """Of a size; several where it may be of either sign."""
+    terms: Callable[[Setting, float], list[Load]]
+    """Function from a size to the unmodelled terms; several if it may have either sign."""
     most: float = math.inf
-    """Size beyond which it has no meaning."""
+    """Largest meaningful size."""
 
     def margin(self, setting: Setting, searches: SearchMemo) -> Margin:
-        """Returns the largest size of which all d is in an ellipsoid that certifies."""
-        with holding() as of_d:
-            asked, _ = setting.largest(self.loads(setting, self.asked))
+        """Returns the largest size for which all d are in an ellipsoid that certifies."""
+        with memoising() as of_d:
+            asked, _ = setting.largest(self.terms(setting, self.asked))
 
             def axes(size: float) -> np.ndarray:
                 of_d.again()
-                return setting.largest(self.loads(setting, size))[1]
+                return setting.largest(self.terms(setting, size))[1]
 
             def failing(size: float) -> Condition | None:
                 if size > self.most:
-                    return Condition(f"a size that has a meaning, {self.most:g}", size, "<=", self.most,
+                    return Condition(f"meaningful size, {self.most:g}", size, "<=", self.most,
                                      theorem="tube/theory.md#model-error-as-a-disturbance")
                 ellipsoid = axes(size)
-                with holding(searches):
+                with memoising(searches):
                     searches.again()
                     return setting.failed(ellipsoid)
 
@@ -165,7 +165,7 @@ class Unknown:
 
 
 def unknowns(scenario: Scenario) -> list[Unknown]:
-    """Returns what the controller does not know."""
+    """Returns the model errors and motions of the water."""
     def factor(name: str) -> Callable[[Setting, float], list[Load]]:
         return lambda setting, size: [by_robot(
             setting.model, setting.true(**{name: 1.0 + sign * size}), setting.rate)

@@ -1,6 +1,6 @@
-"""What the vehicle's rows carry under `tip first` besides what they ask for: see `lagged_rows`.
+"""Feedforward of the vehicle's rows under `tip first`, behind thrusters that lag.
 
-The parts of τ_c in (2) there, and how fast they vary: of a plan, and of what errors make of it.
+The parts of τ_c in (2) of `lagged_wrench`, and their rates: on a plan, and by errors.
 """
 
 from dataclasses import dataclass, field
@@ -9,17 +9,17 @@ import numpy as np
 
 from uvms_drake.model.frames.spatial import times
 from uvms_drake.model.uvms_model import configuration_rate
-from uvms_drake.tube.actuation.held_command_rates import STEP, HeldCommandProblem, PlanProblem
+from uvms_drake.tube.actuation.zoh_command_rates import STEP, PlanProblem, ZohCommandProblem
 from uvms_drake.tube.rows.remainders import configuration_of, output_bias, output_jacobian
 
 
 @dataclass(frozen=True)
-class LaggedWrenchProblem(HeldCommandProblem):
-    """What the vehicle's rows carry off the plan; errors are (x, ẋ, ẍ, w_q, F̂).
+class LaggedWrenchProblem(ZohCommandProblem):
+    """Feedforward of the vehicle's rows off the plan; errors are (x, ẋ, ẍ, w_q, F̂).
 
-    x_q, its rates and w_q are what the tip's rows are in joint angles. Values are, by blocks of
-    rows and less what they are on the plan: Aτ_J; Aτ̇ of τ_J and τ_w; and of τ_φ and J_EvᵀF̂. ζ̄̇, w_s
-    and F̂ stand still.
+    x_q, its rates and w_q are the tip's rows in joint angles. Values are, by blocks of rows and
+    less those on the plan: Aτ_J; Aτ̇ of τ_J and τ_w; and of τ_φ and J_EvᵀF̂, at constant ζ̄̇, w_s
+    and F̂.
     """
 
     @property
@@ -29,22 +29,23 @@ class LaggedWrenchProblem(HeldCommandProblem):
 
     @property
     def channels(self) -> list[slice]:
-        """Those of the blocks."""
+        """Channels of the blocks."""
         return [slice(i, i + 3) for i in range(0, 18, 3)]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns the values (..., 18)."""
         model, rows, size = self.model, self.rows, self.size
         config_bar, zeta_bar, rate_bar = self.plan(x)
-        by_x, by_rate, by_acceleration, rest = (
+        by_x, by_rate, by_acceleration, inputs = (
             error[..., i * size: (i + 1) * size] for i in range(4))
-        w, wrench = rest[..., : size - 6], rest[..., size - 6:]
+        w, wrench = inputs[..., : size - 6], inputs[..., size - 6:]
 
         def whole(J: np.ndarray, each: np.ndarray) -> np.ndarray:
-            """Returns what is said in joint angles, in rows."""
+            """Returns errors in joint angles, in rows."""
             each = np.broadcast_to(each, (*J.shape[:-2], size))
             return np.concatenate([each[..., :6], times(J[..., 6:, 6:], each[..., 6:])], axis=-1)
 
+        # The real state, its acceleration and the feedback of the tip, from the errors.
         kinematics = model.kinematics(config_bar)
         config = configuration_of(model, rows, config_bar, kinematics, by_x)
         J_bar = output_jacobian(model, config_bar, kinematics, rows)
@@ -83,6 +84,7 @@ class LaggedWrenchProblem(HeldCommandProblem):
             return (_map(M, J), jump, jump + arm,
                     smooth + times(J_E.swapaxes(-1, -2), wrench))
 
+        # By central differences along both motions.
         planned = [of_plan(step) for step in (0.0, STEP, -STEP)]
         real = [of_robot(step, *each[3:]) for step, each in zip(
             (0.0, STEP, -STEP), planned, strict=True)]
@@ -94,16 +96,16 @@ class LaggedWrenchProblem(HeldCommandProblem):
 
 @dataclass(frozen=True)
 class PostureMap(PlanProblem):
-    """What a motion alone decides, a matrix times an error, in blocks of as many rows each."""
+    """A matrix by the motion alone, times an error, in blocks of as many rows each."""
 
     each: int = field(kw_only=True)
-    """Rows of a block."""
+    """Number of rows of a block."""
     count: int = field(kw_only=True)
     """Number of blocks."""
 
     @property
     def channels(self) -> list[slice]:
-        """Those of the blocks."""
+        """Channels of the blocks."""
         return [slice(i * self.each, (i + 1) * self.each) for i in range(self.count)]
 
 
@@ -121,7 +123,7 @@ def _map(M: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 
 def planned_feedforward(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
-    """Returns Aτ_J, Aτ̇_J while ζ̄̇ stands still, and Aτ̇_φ of a plan (..., 18, 1)."""
+    """Returns Aτ_J, Aτ̇_J at a constant ζ̄̇, and Aτ̇_φ of a plan (..., 18, 1)."""
     config, zeta, rate = problem.plan(x)
     model = problem.model
 
@@ -183,7 +185,7 @@ def turning_reading(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
 
 
 def joints_for_vehicle(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
-    """Returns how u and τ follow A(τ_v − τ_c), the joints holding the tip (..., 2(6+n), 6)."""
+    """Returns the gain of u and τ by A(τ_v − τ_c), the joints holding the tip (..., 2(6+n), 6)."""
     config, _, _ = problem.plan(x)
     model = problem.model
     kinematics = model.kinematics(config)

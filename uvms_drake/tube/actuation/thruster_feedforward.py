@@ -1,16 +1,12 @@
-"""What late actuators have to carry: suprema of the rows' loads, and of how fast they vary.
+"""Feedforward of the rows behind delayed actuators: suprema of it, and of its rate.
 
-The rows of `tip first` obey ÿ = Gv + (G − 1)h + c + δ, see `tube.loops.row_loop`; f = ÿ̄ + h is
-late, and
-c = (AG − GA)τ_c. Along the plan f is f̄ = (Ā τ̄_v, B̄ τ̄_q) of the plan's own forces τ̄, which follow
-from 𝔮̄, ζ̄ and ζ̄̇ alone. What the real robot has to carry besides is
+The rows of `tip first` obey ÿ = Gv + (G − 1)h + c + δ, see `row_loop`; f = ÿ̄ + h is delayed. Along
+the plan f is f̄ = (Ā τ̄_v, B̄ τ̄_q) of the plan's own forces τ̄; the real robot has in addition
 
     φ = h − h̄ − (A − Ā)τ̄,    ‖φ_b‖ ≤ Σ_b' ‖∂φ_b/∂x_b'‖ ‖x_b'‖ + ‖∂φ_b/∂ẋ_b'‖ ‖ẋ_b'‖,             (1)
 
-x the errors of the outputs, those of the tip in joint angles (`tip_first_remainders`), with the tip's
-acceleration and all forces τ̄ as planned, which have derivatives of their own. All suprema
-are over the declared set and over plans within. They are searched for, multiplied by a declared
-factor, and called estimates.
+x the errors of the outputs, those of the tip in joint angles. All suprema are over the declared set
+and over plans within: estimates. See tube/actuation/theory.md#feedforward-of-the-rows.
 """
 
 from collections.abc import Sequence
@@ -33,17 +29,21 @@ from uvms_drake.tube.settings import CertificateSettings
 BATCH = 100
 """States evaluated at a time."""
 SOME = 10
-"""States that show which of the numbers are zero everywhere."""
+"""Number of states that show which of the numbers are zero everywhere."""
 ROUNDS = 2
 """Rounds of the search, each of which takes several seconds."""
 DIFFERENCE = 1e-4
-"""Step of a difference [s]."""
+"""Step of a finite difference [s]."""
 CHECKS_FOR_EACH = 3
-"""Points of the second search for each with which the first one begins."""
+"""Points of the second search for each initial one of the first."""
+
+
+VEHICLE_ROWS, ATTITUDE_ROWS, TIP_ROWS, TASK_ROWS = range(4)
+"""Blocks of rows: the vehicle's position and attitude, the tip's position, its remaining task."""
 
 
 class Plans(NamedTuple):
-    """What a plan may do."""
+    """Limits of a plan."""
 
     nu1: float
     """Largest ‖ν̄₁‖ [m/s]."""
@@ -58,10 +58,10 @@ class Plans(NamedTuple):
 
 
 class ThrusterFeedforward(NamedTuple):
-    """The suprema.
+    """Suprema of the feedforward.
 
-    Blocks of rows are the vehicle's position, its attitude, the tip's position, and the rest of the
-    tip's task; those of errors are these, in front of the last two x_q, the tip's in joint angles.
+    Blocks of rows are those of `VEHICLE_ROWS` and so on; blocks of errors are the vehicle's position
+    and attitude, x_q, the tip's in joint angles, and the last two blocks of rows.
     """
 
     plan: np.ndarray
@@ -79,38 +79,38 @@ class ThrusterFeedforward(NamedTuple):
     by_error: np.ndarray
     """‖∂φ_b/∂x_b'‖, and then those by ẋ_b' (4, 10)."""
     by_error_rate: np.ndarray
-    """Norms of how these matrices vary along a plan (4, 10)."""
+    """Norms of the rates of these matrices along a plan (4, 10)."""
     by_tip: np.ndarray
-    """Norms of the blocks of A M_vqJ_sq⁻¹ (4, 4): how the vehicle's loads follow the tip."""
+    """Norms of the blocks of A M_vqJ_sq⁻¹ (4, 4): the vehicle's feedforward by the tip's."""
     by_wrench: np.ndarray
-    """Norms of the blocks of J_sM⁻¹[1; 0]A⁻¹ (4, 4): how the tip's follow what thrusters give."""
+    """Norms of the blocks of J_sM⁻¹[1; 0]A⁻¹ (4, 4): the tip's feedforward by the wrench."""
     by_force: np.ndarray
-    """‖(A J_Evᵀ)_b‖ and ‖(J_sM⁻¹J_Eᵀ)_b‖ (4,), how loads follow a force on the tip [1/kg]."""
+    """‖(A J_Evᵀ)_b‖ and ‖(J_sM⁻¹J_Eᵀ)_b‖ (4,): feedforward by a force on the tip [1/kg]."""
     by_thrusters: np.ndarray
-    """‖(J_yM⁻¹)_b ε‖ of the wrenches ε that thrusters may be off by, all together (4,)."""
+    """‖(J_yM⁻¹)_b ε‖ of the thrusters' wrench errors ε, all together (4,)."""
     by_joints: np.ndarray
     """Norms ‖J_bq‖ of the tip's rows (4,)."""
     into_joints: np.ndarray
     """Norms of J_sq⁻¹'s columns of them (4,)."""
     joints: np.ndarray
-    """How u and τ of the joints follow what thrusters give, by the vehicle's blocks (2, 2(6+n))."""
+    """Gains of u and τ of the joints by the wrench, by the vehicle's blocks (2, 2(6+n))."""
     by_posture: np.ndarray
-    """‖(∂M⁻¹/∂q τ̄)ᵢ‖, how the input of a plan's force follows the joints (6+n,)."""
+    """‖(∂M⁻¹/∂q τ̄)ᵢ‖, gain of the input of a plan's force by the joints (6+n,)."""
 
 
-def thruster_feedforward(model: ContactModel, declared: ConstraintSet, rows: np.ndarray, plans: Plans,
-               driven: np.ndarray, off: np.ndarray, settings: CertificateSettings
-               ) -> tuple[ThrusterFeedforward, Check]:
-    """Returns the suprema, and what makes the second search for them.
+def thruster_feedforward(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
+                         plans: Plans, driven: np.ndarray, off: np.ndarray,
+                         settings: CertificateSettings) -> tuple[ThrusterFeedforward, Check]:
+    """Returns the suprema, and the second search for them.
 
     Args:
         model: The prediction model; without contact, which is a source of its own.
         declared: The set.
         rows: The tip's task in (χ, q) (n,).
-        plans: What plans may do in it.
+        plans: Limits of plans in it.
         driven: Axes of the vehicle with thrusters, and rows of η that are fed back.
-        off: The wrench that each thruster may be off by (6, m) [N, N m].
-        settings: How hard to search.
+        off: Wrench error of each thruster (6, m) [N, N m].
+        settings: Search effort.
     """
     def at(points: np.ndarray) -> np.ndarray:
         return np.concatenate([values_at(
@@ -125,7 +125,7 @@ def thruster_feedforward(model: ContactModel, declared: ConstraintSet, rows: np.
     claim[some] = settings.safety_factor * supremum_over_joints(
         lambda points: at(points)[:, some], *box, seed, points=settings.tube_samples, rounds=ROUNDS)
     return _named(claim, model.size), lambda: (largest_of(
-        "loads of the rows", claim, second_over_joints(
+        "feedforward of the rows", claim, second_over_joints(
             at, *box, seed, points=CHECKS_FOR_EACH * settings.tube_samples)),)
 
 
@@ -143,7 +143,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
     """Returns all numbers of `ThrusterFeedforward` at points of the cube [−1, 1]^(2+n+3(6+n)).
 
     The real and the nominal motion are in the same posture, with velocities of their own; a point
-    is (q, roll, pitch), ζ, and ζ̄ and ū in one, the second by a share of what ζ̄ leaves.
+    is (q, roll, pitch), ζ, ζ̄ and ū, the last by its share of the tighter bound.
     """
     size, n, count = model.size, model.num_joints, len(points)
     by_position = np.flatnonzero(rows < 3)
@@ -162,18 +162,19 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
         """Returns norms (m,) of the blocks of A (m, 6+n, 6+n)."""
         return [_norm(A[:, i[:, None], j]) for i in of_y for j in of_y]
 
-    # What a plan carries, f̄, and how it varies while ζ̄̇ stands still.
+    # f̄ of a plan, and its rate while ζ̄̇ is constant.
     step = 1j * COMPLEX_STEP * np.concatenate([configuration_rate(config, zeta_bar), rate], axis=1)
-    planned = row_feedforward(model, config + step[:, :size], zeta_bar + step[:, size:], rows, **none)
+    planned = row_feedforward(
+        model, config + step[:, :size], zeta_bar + step[:, size:], rows, **none)
     jumps, smooth = (times(_whole(planned, driven), forces)[..., None]
                      for forces in (times(planned.M, rate), planned.b))
     out = [norm for each in (
         (jumps + smooth).real, (jumps + smooth).imag / COMPLEX_STEP, jumps.real,
         jumps.imag / COMPLEX_STEP, smooth.imag / COMPLEX_STEP) for norm in of_rows(each)]
 
-    # The maps, and how they turn.
-    here = row_feedforward(model, config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta,
-                     rows, **none)
+    # The maps A and B, and ȦA⁻¹ and ḂB⁻¹, zero for axes without thrusters.
+    here = row_feedforward(
+        model, config + 1j * COMPLEX_STEP * configuration_rate(config, zeta), zeta, rows, **none)
     maps, M = _whole(here, driven), here.M.real
     idle = np.setdiff1d(np.arange(6), driven)
     regular = maps.real.copy()
@@ -182,6 +183,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
     inverse[:, idle] = 0.0
     out += between(maps.imag / COMPLEX_STEP @ inverse)
 
+    # φ by the errors, now and a little later along the plan.
     kinematics = model.kinematics(config)
     J, J_E = output_jacobian(model, config, kinematics, rows), kinematics.J_links[:, -1]
     forces = times(M, rate) + here.b.real
@@ -193,11 +195,13 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
     out += [_norm((after - each)[:, block]) / DIFFERENCE for block in of_y
             for each, after in zip(by_x, later, strict=True)]
 
+    # The feedforward of the vehicle by that of the tip, and the other way round.
     across = np.zeros((2, count, size, size))
     across[0, :, :6, 6:] = here.by_tip.real
     across[1, :, 6:, :6] = here.by_wrench.real @ inverse[:, :6, :6]
     out += [*between(across[0]), *between(across[1])]
 
+    # Forces on the tip, errors of the thrusters, and the tip's rows in joint angles.
     by_force = np.zeros((count, size, 3))
     by_force[:, :6] = here.vehicle_map.real @ J_E[:, :3, :6].swapaxes(1, 2)
     by_force[:, 6:] = J[:, 6:] @ np.linalg.solve(M, J_E[:, :3].swapaxes(1, 2))
@@ -209,6 +213,7 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
     out += [*of_rows(by_force), *(np.sum(np.linalg.norm(wrong[:, block], axis=1), axis=-1)
                                   for block in of_y), *of_rows(by_joints), *of_rows(into_joints)]
 
+    # Inputs of the joints by the wrench, and of a plan's forces by the posture.
     torques = np.zeros((count, size, 6))
     torques[:, 6:] = np.linalg.solve(here.tip_map.real, across[1, :, 6:, :6])
     both = np.concatenate([np.linalg.solve(M, torques), torques], axis=1)
@@ -220,12 +225,12 @@ def values_at(points: np.ndarray, model: ContactModel, declared: ConstraintSet, 
         np.linalg.norm(both[:, :, block], axis=2) for block in of_y[:2]), by_posture])
 
 
-def _whole(loads: RowFeedforward, driven: np.ndarray) -> np.ndarray:
+def _whole(feedforward: RowFeedforward, driven: np.ndarray) -> np.ndarray:
     """Returns A and B as one matrix (m, 6+n, 6+n), zero for the axes that nothing drives."""
-    n = loads.tip_map.shape[-1]
-    out = np.zeros((len(loads.tip_map), 6 + n, 6 + n), loads.tip_map.dtype)
-    out[:, driven[:, None], driven] = loads.vehicle_map[:, driven[:, None], driven]
-    out[:, 6:, 6:] = loads.tip_map
+    n = feedforward.tip_map.shape[-1]
+    out = np.zeros((len(feedforward.tip_map), 6 + n, 6 + n), feedforward.tip_map.dtype)
+    out[:, driven[:, None], driven] = feedforward.vehicle_map[:, driven[:, None], driven]
+    out[:, 6:, 6:] = feedforward.tip_map
     return out
 
 
@@ -258,19 +263,20 @@ def _by_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: 
     size = model.size
     kinematics = model.kinematics(config)
     J_sq = output_jacobian(model, config, kinematics, rows)[:, 6:, 6:]
-    held = times(output_jacobian(model, config, kinematics, rows)[:, 6:], rate)
-    held += output_bias(config, kinematics, zeta, rows)[:, 6:]
+    tip_acceleration = times(output_jacobian(model, config, kinematics, rows)[:, 6:], rate)
+    tip_acceleration += output_bias(config, kinematics, zeta, rows)[:, 6:]
     steps = 1j * COMPLEX_STEP * np.eye(2 * size)
     config, zeta = config[:, None] + steps[:, :size], zeta[:, None] + steps[:, size:]
-    loads = row_feedforward(model, config, zeta, rows, tip_acceleration=held[:, None],
-                      wrench=forces[:, None, :6])
+    feedforward = row_feedforward(
+        model, config, zeta, rows, tip_acceleration=tip_acceleration[:, None],
+        wrench=forces[:, None, :6])
     kinematics = model.kinematics(config)
     s = np.concatenate([kinematics.chi, config[..., 6:]], axis=-1)[..., rows]
     rates = times(output_jacobian(model, config, kinematics, rows), zeta)
     # By 𝔮 and ζ: a row for each of them.
     of_outputs = np.concatenate([config[..., :6], s, rates], axis=-1).imag / COMPLEX_STEP
-    off = np.concatenate([loads.vehicle - times(loads.vehicle_map, forces[:, None, :6]),
-                          loads.tip - times(loads.tip_map, forces[:, None, 6:])], axis=-1)
+    off = np.concatenate([feedforward.vehicle - times(feedforward.vehicle_map, forces[:, None, :6]),
+                          feedforward.tip - times(feedforward.tip_map, forces[:, None, 6:])], axis=-1)
     of_feedforward = off.imag / COMPLEX_STEP
     both = np.split(np.linalg.solve(of_outputs, of_feedforward).swapaxes(1, 2), 2, axis=2)
     return [each for by_y in both for each in (

@@ -1,6 +1,6 @@
-"""What actuators that are late add to the blocks of `tip first`: thrusters, or a held command.
+"""Effect of delayed actuators on the blocks of `tip first`: thrusters, or a zero-order hold.
 
-See the last part of `tube.laws.tip_first`.
+See tube/theory.md#tube-of-the-law-tip-first and tube/actuation/theory.md#error-budget-under-thrusters.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,100 +9,113 @@ from dataclasses import asdict, astuple, replace
 import numpy as np
 
 from uvms_drake.control.laws.tip_first import TipFirst
-from uvms_drake.tube.actuation.held_command import HeldCommandTube
 from uvms_drake.tube.actuation.thruster_budget import Errors, ThrusterBudget, least_bounds
-from uvms_drake.tube.actuation.thruster_feedforward import Plans, thruster_feedforward
+from uvms_drake.tube.actuation.thruster_feedforward import (
+    ATTITUDE_ROWS,
+    TASK_ROWS,
+    TIP_ROWS,
+    VEHICLE_ROWS,
+    Plans,
+    thruster_feedforward,
+)
+from uvms_drake.tube.actuation.zoh_command import ZohCommandTube
 from uvms_drake.tube.conditions import BEYOND, Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.actuator_path import Actuators, Path
-from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.loops.row_loop import ACCELERATION, RATE, E, RowLoop, W
 from uvms_drake.tube.rows.disturbance_gains import ATTITUDE, DEPTH, JOINTS, TIP, VEHICLE, Parts
 from uvms_drake.tube.rows.image import BlockBounds, least_speeds
 from uvms_drake.tube.search.estimate import Check
 
 MODEL = "the thrusters' model"
-"""Source of what their model is off by."""
+"""Source of the errors of the thrusters' model."""
 HALVINGS = 6
-"""Times that all that is late is halved to find what would do."""
+"""Number of times that all delays are halved to find sufficient ones."""
 
 
 class ActuationTube:
-    """What late actuators add; see `late_rows`.
+    """Effect of delayed thrusters; see tube/actuation/theory.md#error-budget-under-thrusters.
 
     Args:
         law: The law.
         basis: The data.
         rows: The tip's task in (χ, q) (n,).
-        loops: Of the vehicle's rows and of the tip's.
+        loops: Loops of the vehicle's rows and of the tip's.
         table: Parts of the blocks without it.
     """
 
     table: dict[str, Parts]
-    """All parts."""
+    """All parts; without any feedback of errors, if the condition does not hold."""
     condition: Condition
-    """That less comes back of errors, by the loads that they make, than there was; the parts are of
-    what comes back of none, if it does not hold."""
-    beside: np.ndarray
-    """What the joints' taking the wrench as it is makes of u and τ (2(6+n),)."""
+    """Small-gain condition of errors and the feedforward that they make."""
+    extra_input: np.ndarray
+    """Addition to u and τ, as the joints take the wrench as it is (2(6+n),)."""
     check: Check
+    """Makes the second search."""
 
     def __init__(self, law: TipFirst, basis: Basis, rows: np.ndarray,
                  loops: tuple[RowLoop, RowLoop], table: dict[str, Parts]):
-        model, declared, contact = basis.model, basis.declared, basis.contact
-        assert contact is not None  # or `_unknown`
-        before = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
+        assert basis.contact is not None  # or `_unknown`
+        # Suprema of the feedforward, over plans that are slower than the robot by the tube.
         slower = slower_plans(basis, rows, table)
         rate = np.minimum(basis.largest_rate, 2.0 / basis.time_step * np.repeat(
-            slower, [3, 3, model.num_joints]))
+            slower, [3, 3, basis.model.num_joints]))
         driven = np.setdiff1d(np.arange(6), law.undriven_rows)
-        self._loads, self.check = thruster_feedforward(
-            model, declared, rows, Plans(
+        self._feedforward, self.check = thruster_feedforward(
+            basis.model, basis.declared, rows, Plans(
                 float(slower[0]), float(slower[1]), float(slower[2]), basis.u_limit, rate), driven,
             basis.actuators.off, basis.settings)
-        vehicle, tip = (replace(loop, observer=0.0) for loop in loops)
+        self._known = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
+        self._set_loops(basis, loops)
+
+        # The least fixed point of the small-gain loop, and the parts at it.
+        z, radius = self._least_bounds(self._rows)
+        self.condition = Condition(
+            "delayed actuators, spectral radius of errors by their own feedforward", radius, "<",
+            1.0, "" if radius < 1.0 else self._sufficient_delays(basis.actuators),
+            theorem="tube/actuation/theory.md#error-budget-under-thrusters")
+        if not np.isfinite(z).all():  # A lower bound: the parts without any feedback of errors.
+            z = np.zeros((4, 4))
+        parts, into = self._parts(z, self._rows), self._feedforward.into_joints[:, None]
+        of: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+            VEHICLE: lambda part: part[VEHICLE_ROWS], ATTITUDE: lambda part: part[ATTITUDE_ROWS],
+            TIP: lambda part: part[TIP_ROWS], DEPTH: lambda part: part[TIP_ROWS],
+            JOINTS: lambda part: np.sum((into * part)[TIP_ROWS:], axis=0)}
+        self.table = {name: known | {source: of[name](part) for source, part in parts.items()}
+                      for name, known in table.items()}
+        self.extra_input = self._rows.extra_input(
+            self._errors(z), float(sum(part[E] for part in self.table[JOINTS].values())),
+            float(slower[2]))
+
+    def _set_loops(self, basis: Basis, loops: tuple[RowLoop, RowLoop]) -> None:
+        """Sets the budget of rows without observers, and their parts by the thrusters' model."""
+        contact = basis.contact
+        assert contact is not None
+        self._loops = tuple(replace(loop, observer=0.0) for loop in loops)
         self._force = (contact.size, float(np.hypot(contact.rate, contact.tangential_rate)),
                        float(np.hypot(contact.ripple, contact.tangential_ripple)))
-        self._rows = ThrusterBudget(basis.actuators, vehicle, tip, self._loads, self._force)
-        wrong = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
-        wrong = np.column_stack([wrong, 1.0 + wrong[:, 2]])  # ë as in `_loop`
-        self._wrong = wrong * self._loads.by_thrusters[:, None]
-        self._before = before
+        vehicle, tip = self._loops
+        self._rows = ThrusterBudget(basis.actuators, vehicle, tip, self._feedforward, self._force)
+        gains = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
+        gains = np.column_stack([gains, 1.0 + gains[:, W]])  # ë is the feedback and the disturbance.
+        self._by_model = gains * self._feedforward.by_thrusters[:, None]
         self._feedback = np.repeat(
             [[loop.k * loop.sigma, loop.k + loop.sigma] for loop in loops], 2, axis=0)
 
-        z, share = self._least_bounds(self._rows)
-        self.condition = Condition(
-            "late actuators, part of errors that comes back by loads", share, "<", 1.0,
-            "" if share < 1.0 else self._needed(basis.actuators, vehicle, tip),
-            theorem="tube/actuation/theory.md#error-budget-under-thrusters")
-        endless = not np.isfinite(z).all()
-        if endless:  # What there is before anything comes back, at least.
-            z = np.zeros((4, 4))
-        parts, into = self._parts(z, self._rows), self._loads.into_joints[:, None]
-        of: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-            VEHICLE: lambda part: part[0], ATTITUDE: lambda part: part[1],
-            TIP: lambda part: part[2], DEPTH: lambda part: part[2],
-            JOINTS: lambda part: np.sum((into * part)[2:], axis=0)}
-        self.table = {name: known | {source: of[name](part) for source, part in parts.items()}
-                      for name, known in table.items()}
-        self.beside = self._rows.beside(
-            self._errors(z), float(sum(part[0] for part in self.table[JOINTS].values())),
-            float(slower[2]))
-
     def _least_bounds(self, rows: ThrusterBudget) -> tuple[np.ndarray, float]:
-        """Returns what is late of the rows (4, 4), and the part of errors that comes back."""
+        """Returns the delayed part of the rows (4, 4), and the spectral radius."""
         return least_bounds(
             lambda z: np.sum(list(self._parts(z, rows).values()), axis=0), (4, 4))
 
-    def _needed(self, actuators: Actuators, *loops: RowLoop) -> str:
-        """Returns how late the commands may be, with these gains and loads."""
+    def _sufficient_delays(self, actuators: Actuators) -> str:
+        """Returns delays that suffice with these gains and this feedforward, as an advice."""
         for halved in range(1, HALVINGS + 1):
             paths = [Path(*(0.5**halved * time for time in astuple(path)))
                      for path in (actuators.vehicle, actuators.joints)]
             vehicle, tip = (replace(loop, **asdict(path))
-                            for loop, path in zip(loops, paths, strict=True))
-            rows = ThrusterBudget(replace(actuators, vehicle=paths[0], joints=paths[1]), vehicle, tip,
-                            self._loads, self._force)
+                            for loop, path in zip(self._loops, paths, strict=True))
+            rows = ThrusterBudget(replace(actuators, vehicle=paths[0], joints=paths[1]), vehicle,
+                                  tip, self._feedforward, self._force)
             if self._least_bounds(rows)[1] < 1.0:
                 wrench = paths[0]
                 return (f"{BEYOND}its wrench and torques are too late for these gains; "
@@ -110,35 +123,37 @@ class ActuationTube:
                         f" {wrench.period:.3g}, {wrench.dead_time:.3g} and {wrench.lag:.3g} s")
         return ""
 
-    def _errors(self, late: np.ndarray) -> Errors:
-        """Returns the errors of which those by what is late are e, ė, w and ë of rows (4, 4)."""
-        before, J_q = self._before, self._loads.by_joints[3]
-        vehicle, attitude = before[VEHICLE] + late[0], before[ATTITUDE] + late[1]
-        x = np.array([vehicle, attitude, before[JOINTS], late[2], late[3]])
-        of_rows = np.array([vehicle, attitude, before[TIP] + late[2],
-                            J_q * before[JOINTS] + late[3]])
-        return Errors(x[:, :2].T.ravel(), x[:, [1, 3]].T.ravel(), of_rows[:, 2], np.sum(
-            of_rows[:, [1, 3]] * self._feedback, axis=1))
+    def _errors(self, delayed: np.ndarray) -> Errors:
+        """Returns the errors for a delayed part of the rows, e, ė, w and ë by block (4, 4)."""
+        known, J_q = self._known, self._feedforward.by_joints[TASK_ROWS]
+        vehicle = known[VEHICLE] + delayed[VEHICLE_ROWS]
+        attitude = known[ATTITUDE] + delayed[ATTITUDE_ROWS]
+        x = np.array([vehicle, attitude, known[JOINTS], delayed[TIP_ROWS], delayed[TASK_ROWS]])
+        of_rows = np.array([vehicle, attitude, known[TIP] + delayed[TIP_ROWS],
+                            J_q * known[JOINTS] + delayed[TASK_ROWS]])
+        return Errors(
+            x=x[:, [E, RATE]].T.ravel(), rate=x[:, [RATE, ACCELERATION]].T.ravel(),
+            w=of_rows[:, W],
+            w_rate=np.sum(of_rows[:, [RATE, ACCELERATION]] * self._feedback, axis=1))
 
-    def _parts(self, late: np.ndarray, rows: ThrusterBudget) -> dict[str, np.ndarray]:
-        """Returns bounds of e, ė, w and ë by source (4, 4), if those of what is late are these."""
-        return {MODEL: self._wrong} | rows.parts(self._errors(late))
+    def _parts(self, delayed: np.ndarray, rows: ThrusterBudget) -> dict[str, np.ndarray]:
+        """Returns bounds of e, ė, w and ë by source (4, 4), for a delayed part of the rows."""
+        return {MODEL: self._by_model} | rows.parts(self._errors(delayed))
 
 
-def held_rows(basis: Basis, rows: np.ndarray, loops: tuple[RowLoop, ...],
-          table: Mapping[str, Parts], turning: float, regular: float) -> HeldCommandTube:
-    """Returns what a command that is held adds."""
+def zoh_command_tube(basis: Basis, rows: np.ndarray, loops: tuple[RowLoop, ...],
+                     table: Mapping[str, Parts], turning: float, regular: float) -> ZohCommandTube:
+    """Returns the effect of a command under zero-order hold."""
     contact = basis.contact
     assert contact is not None  # or `_unknown`
-    return HeldCommandTube(basis, rows, loops, table, slower_plans(basis, rows, table),
-                    turning, regular,
-                    (contact.size + contact.error, contact.torque_error))
+    return ZohCommandTube(basis, rows, loops, table, slower_plans(basis, rows, table),
+                          turning, regular, (contact.size + contact.error, contact.torque_error))
 
 
 def slower_plans(basis: Basis, rows: np.ndarray, table: Mapping[str, Parts]) -> np.ndarray:
-    """Returns what plans may do at most, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
+    """Returns the speed limits of plans, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
 
-    Less than the robot may by the least that a tube of these parts takes, if they can.
+    They are those of the robot less the least radii of a tube of these parts, if that is positive.
     """
     declared, sums = basis.declared, {
         name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
@@ -149,6 +164,6 @@ def slower_plans(basis: Basis, rows: np.ndarray, table: Mapping[str, Parts]) -> 
 
 
 def block_bounds(sums: Mapping[str, np.ndarray], size: int) -> list[BlockBounds]:
-    """Returns the bounds that `tip_first_image` takes."""
+    """Returns the bounds for `tip_first_image`."""
     return [BlockBounds(where, *map(float, sums[name][:3])) for name, where in (
         (VEHICLE, np.arange(3)), (ATTITUDE, np.arange(3, 6)), (JOINTS, np.arange(6, size)))]

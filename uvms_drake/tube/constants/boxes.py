@@ -1,51 +1,15 @@
-"""Upper bounds of ‖J Ŵ‖ and of its parts over boxes of configurations: proof and computation.
+"""Upper bounds of ‖J Ŵ‖ and of its parts over boxes of configurations.
 
-Ŵ is diagonal; it only scales columns. What follows has Ŵ = I, and then what Ŵ changes.
+E' is the frame of the end-effector before its roll, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ in the
+vehicle's frame B. Up to rotations of rows and of columns, with t = tan θ,
 
-*Coordinates.* ‖J‖ does not change if the rows of position are turned, so position and yaw of the
-vehicle do not matter. E' is the frame of the end-effector before its roll: R_WE' = R_z(ψ)R_y(θ),
-R_WE = R_WE' R_x(φ). With the rows of position, like the columns of ν₁ and ν₂, in the vehicle's
-frame B, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ = aᵢ × lever,
+    J ~ [ I  −S(p)  c₁ … c_n ]              A(θ) = [ 1  0  t ]
+        [ 0  A(θ)C [I  a₁ … a_n] ]                 [ 0  1  0 ]
+                                                   [ 0  0  √(1+t²) ],  C = R_E'B.
 
-    J ~ [ I  −S(p)  c₁ … c_n ]              A(θ) = [ 1  0  t ]    t = tan θ: the Euler rates
-        [ 0  A(θ)C [I  a₁ … a_n] ]                 [ 0  1  0 ]    are T(φ, θ)ω_E = A(θ)R_x(φ)ω_E,
-                                                   [ 0  0  √(1+t²) ]      ‖A‖² = 1/(1 − sin|θ|).
-
-C = R_E'B = R_x(−φ)ᵀR_EB. So −φ is the angle of one more joint, whose axis w_{n+1} is the tool's x
-axis and through the tip, c_{n+1} = 0: the coordinates are (q₁ … q_n, −φ, θ). The vehicle's roll and
-pitch bound the direction of "down", d = Cᵀ(−sin θ, 0, cos θ), by half-spaces
-g_k = N_k·d − b_k ≤ 0. Every φ occurs. If the last joint turns the tool about its own axis, it does
-what φ does and is kept still. The attitude rows alone have ν₂ in E', J ~ A[I  C aⱼ], if Ŵ is the
-same for its three components, so that their columns may be turned.
-
-*Frame of the task.* θ and φ are about Σ_T, so d is its z-axis instead of down. Where these two are
-γ apart, d may be nearer by γ to each N_k than roll and pitch let down be: with b_k = sin β_k the
-half-spaces are N_k·d ≤ sin min(β_k + γ, π/2). The boxes then cover the set and more.
-
-*In θ.* |A v|² = (v₁ + t v₃)² + v₂² + v₃² + (t v₃)², so ‖A v‖ and the norm, a supremum of such, are
-convex in t. g_k is α/√(1+t²) + βt/√(1+t²) − b with α² + β² ≤ 1, and |∂²g/∂t²| ≤
-√(1+4t²)/(1+t²)² ≤ 1 (Cauchy-Schwarz, Bernoulli), so g is above its chord less (Δt)²/8.
-
-*In the other coordinates* x, θ fixed, about a box's centre, |δᵢ| ≤ hᵢ, Δ = Σ hᵢ. Products of
-rotations about fixed axes: differentiating inserts one cross product with an axis, so the m-th
-derivative along δ of R(x)v is at most (Σ|δᵢ|)ᵐ|v|, summing over the joints that v is turned by. So
-‖C″‖ ≤ Δ², |(C aⱼ)″| ≤ (Σ_{i>j} hᵢ)², |p″| ≤ ΣΣ hᵢhₖ r_max(i,k), |cⱼ″| ≤ ΣΣ hᵢhₖ r_max(i,k,j) with
-rᵢ ≥ |cᵢ| in the box: |∂cᵢ/∂qₖ| = |aᵢ × cₖ| ≤ rₖ for k > i and a rotation otherwise, hence
-rᵢ = |cᵢ(centre)| + Σ_{k>i} hₖrₖ. By Taylor with K″ bounded block by block,
-where Ŵ multiplies C″ and p″ by at most its largest entry of ν₂, and the columns of joints by their
-own,
-
-    ‖K(x)‖ ≤ ‖K + Σ δᵢ∂ᵢK‖ + ½‖K″‖,    g_k(x) ≥ g_k + Σ δᵢ∂ᵢg_k − ½ΣΣ hᵢhⱼ|∂ᵢ∂ⱼg_k| − Δ³/6.
-
-A joint that slides turns nothing: in all of this its aᵢ is zero, cᵢ is along its axis, and hᵢ, a
-length, counts only where the axis of a joint before it multiplies cᵢ.
-
-*Bound.* For any μ ≥ 0 a feasible state has ‖K‖ ≤ ‖K‖ − Σ μ_k g_k. The right-hand side, bounded as
-above, is convex in δ and below its chord in t plus Σμ_k(Δt)²/8: its maximum is at a vertex of the
-box. μ is chosen to cancel the gradient (near a maximum, the multipliers of Karush, Kuhn and
-Tucker); any choice gives a bound, a good one a bound whose error is of second order. A box without
-feasible states is recognised when g_k > 0 all over it. All this is exact but for rounding, for
-which `covering` adds a little.
+The coordinates are (q₁ … q_n, −φ, θ). The vehicle's roll and pitch are half-spaces g_k ≤ 0 of the
+direction of "down" in E'. For any μ ≥ 0 a feasible state has ‖K‖ ≤ ‖K‖ − Σ μ_k g_k, whose bound has
+its maximum at a vertex of the box: tube/constants/theory.md#jacobian-norms-over-boxes.
 """
 
 from itertools import product
@@ -61,43 +25,43 @@ from uvms_drake.tube.search.constraint_set import ConstraintSet
 SAME_AXIS = 1e-9
 """Distance below which a last joint's axis is the tool's [1, m]."""
 ROUNDING = 1e-12
-"""Allowance by which the half-spaces are too large: g is computed to about 1e-15."""
+"""Allowance of the half-spaces: g is computed to about 1e-15."""
 LARGEST_MULTIPLIER = 1e3
 """Largest multiplier μ_k: with it, rounding in Σ μ_k g_k stays below what `covering` adds."""
 SWEEPS = 2
 """Sweeps of coordinate descent for the multipliers."""
 BLOCKS = ("position", "attitude", "task")
-"""Rows of J: the tip's velocity, its Euler rates, all."""
+"""Blocks of rows of J: the tip's velocity, its Euler rates, all."""
 
 
 class BoxBounds(NamedTuple):
     """Bounds of the norm over m boxes."""
 
     upper: np.ndarray
-    """(m,) bound of the norm at the feasible states of the box, −∞ if there are none."""
+    """Bound of the norm at the feasible states of the box (m,), −∞ if there are none."""
     reached: np.ndarray
-    """(m,) the norm at a feasible state, −∞ if the box's centre has none."""
+    """Norm at a feasible state (m,), −∞ if the box's centre has none."""
     score: np.ndarray
-    """(m, n+2) contribution of each coordinate to the bound; the largest is worth halving."""
+    """Contribution of each coordinate to the bound (m, n+2); the largest is worth halving."""
 
 
 class _Constraints(NamedTuple):
     """g_k about the centres of m boxes, at both ends in θ."""
 
     value: np.ndarray
-    """(2, m, k) g at the centre."""
+    """g at the centre (2, m, k)."""
     slope: np.ndarray
-    """(2, m, k, n+1) derivatives of g at the centre."""
-    rest: np.ndarray
-    """(2, m, k) bound of the part of g that is not linear."""
+    """Derivatives of g at the centre (2, m, k, n+1)."""
+    remainder: np.ndarray
+    """Bound of the nonlinear part of g (2, m, k)."""
 
 
 class JacobianBoxes:
-    """Bounds the norm of one block of rows of J Ŵ over boxes of (q, −φ, θ); see above.
+    """Bounds of the norm of one block of rows of J Ŵ over boxes of (q, −φ, θ).
 
     Args:
         model: Any serial arm.
-        constraint_set: Which configurations count.
+        constraint_set: Set of the configurations.
         block: One of `BLOCKS`.
         weights: Diagonal of Ŵ (6+n,), positive; 1 for J itself.
     """
@@ -107,8 +71,10 @@ class JacobianBoxes:
         self._model = model
         self._block = block
         self._weights = weights * np.ones(model.size)
-        # Whether the columns of ν₂ are turned into E'.
+        # The columns of ν₂ are turned into E' where that is allowed.
         self._turned = block == "attitude" and np.ptp(self._weights[3:6]) == 0.0
+
+        # Half-spaces of "down", widened by the tilt of the task's frame.
         roll, pitch = constraint_set.roll, constraint_set.pitch
         self._normals = np.array([
             [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0],
@@ -116,11 +82,13 @@ class JacobianBoxes:
         tilt = float(np.arccos(np.clip(model.R_WT[2, 2], -1.0, 1.0)))
         self._offsets = np.sin(np.minimum(
             np.array([pitch, pitch, 0.0, 0.0, 0.0]) + tilt, 0.5 * np.pi)) + ROUNDING
+
+        # The box of all coordinates; those that make no difference are constant.
         turn, lean = (0.0, 0.0) if block == "position" else (np.pi, constraint_set.tip_pitch)
         self.lower = np.concatenate([constraint_set.q_lower, [-turn, -lean]])
         self.upper = np.concatenate([constraint_set.q_upper, [turn, lean]])
         self._turns = np.append(~model.slides, True).astype(float)
-        if block == "attitude":  # To which a joint that slides makes no difference.
+        if block == "attitude":  # A joint that slides makes no difference.
             self._keep_still(np.flatnonzero(model.slides))
         if self._last_joint_turns_the_tool():
             self._keep_still(np.array([model.num_joints - 1]))
@@ -129,7 +97,7 @@ class JacobianBoxes:
 
     @property
     def work(self) -> int:
-        """Number of norms of matrices that a box takes, times their rows."""
+        """Number of norms of matrices for a box, times their rows."""
         return len(self._vertices) * (6 if self._block == "task" else 3)
 
     def _keep_still(self, joints: np.ndarray) -> None:
@@ -160,7 +128,7 @@ class JacobianBoxes:
         upper = np.max(self._vertex_maximum(K, g, mu, half) + 0.5 * np.sqrt(
             second[0] + second[1] / (1.0 - np.sin(np.abs(ends)))), axis=0)
         upper += np.sum(mu, axis=1) * chord
-        lowest = g.value - g.rest - np.einsum("emki,mi->emk", np.abs(g.slope), half[:, :-1])
+        lowest = g.value - g.remainder - np.einsum("emki,mi->emk", np.abs(g.slope), half[:, :-1])
         upper[np.any(np.min(lowest, axis=0) > chord[:, None], axis=1)] = -np.inf
         # The norm that is reached, if the centre is feasible at one end in θ.
         feasible = np.all(g.value <= 0.0, axis=-1)
@@ -250,7 +218,7 @@ class JacobianBoxes:
 
     def _constraints(self, axes: np.ndarray, C: np.ndarray, ends: np.ndarray,
                      h: np.ndarray) -> _Constraints:
-        """Returns g_k, its derivatives and the bound of the rest at θ (2, m)."""
+        """Returns g_k, its derivatives and the bound of the remainder at θ (2, m)."""
         coordinates = h.shape[1]
         if self._block == "position":
             none = np.zeros((*ends.shape, 0))
@@ -261,13 +229,13 @@ class JacobianBoxes:
         moments = cross(self._normals[:, None], axes[:, None])  # N_k·(wᵢ × v) = (N_k × wᵢ)·v
         bends = np.abs(moments @ turned_T[:, :, None])  # [i, j] counts for i ≤ j
         pairs = np.triu(2.0 * np.ones((coordinates, coordinates)), 1) + np.eye(coordinates)
-        rest = 0.5 * np.einsum("mi,emkij,mj->emk", h, bends * pairs, h)
+        remainder = 0.5 * np.einsum("mi,emkij,mj->emk", h, bends * pairs, h)
         return _Constraints(down @ self._normals.T - self._offsets, self._normals @ turned_T,
-                            rest + (h @ self._turns)[:, None] ** 3 / 6.0)
+                            remainder + (h @ self._turns)[:, None] ** 3 / 6.0)
 
     def _vertex_maximum(self, K: np.ndarray, g: _Constraints, mu: np.ndarray,
                         half: np.ndarray) -> np.ndarray:
-        """Returns the largest ‖K + Σδᵢ∂ᵢK‖ − Σμ_k(g_k + Σδᵢ∂ᵢg_k − rest) over |δᵢ| = hᵢ (2, m)."""
+        """Returns the largest ‖K + Σδᵢ∂ᵢK‖ − Σμ_k(g_k + Σδᵢ∂ᵢg_k − R) over |δᵢ| = hᵢ (2, m)."""
         step = half[:, None, self._free] * self._vertices
         rows, columns = K.shape[3:]
         along = K[:, :, 1 + self._free].reshape(*K.shape[:2], len(self._free), rows * columns)
@@ -275,11 +243,11 @@ class JacobianBoxes:
         value = _norm(K[:, :, :1] + moved)
         slope = np.einsum("mk,emki->emi", mu, g.slope)[..., self._free]
         value -= times(step, slope)
-        return np.max(value, axis=-1) + np.sum(mu * (g.rest - g.value), axis=-1)
+        return np.max(value, axis=-1) + np.sum(mu * (g.remainder - g.value), axis=-1)
 
     def _score(self, K: np.ndarray, mu: np.ndarray, gradient: np.ndarray, half: np.ndarray,
                chord: np.ndarray) -> np.ndarray:
-        """Returns about how much of the bound each coordinate's width is to blame for (m, n+2).
+        """Returns the approximate contribution of each coordinate's width to the bound (m, n+2).
 
         The order of halving makes a proof shorter or longer, never wrong; the weights are tuned.
         """
@@ -294,15 +262,15 @@ class JacobianBoxes:
 
 def _multipliers(K: np.ndarray, g: _Constraints, h: np.ndarray,
                  chord: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns μ (m, k), and the gradient of ‖K‖ − Σ μ_k g_k that is left (2, m, n+1).
+    """Returns μ (m, k), and the remaining gradient of ‖K‖ − Σ μ_k g_k (2, m, n+1).
 
     Coordinate descent on the first-order bound, the larger one over the two ends in θ of
-    ‖K‖ + Σ hᵢ|∂ᵢ‖K‖ − Σ μ_k∂ᵢg_k| + Σ μ_k(rest − g_k + chord). It is convex and piecewise linear
+    ‖K‖ + Σ hᵢ|∂ᵢ‖K‖ − Σ μ_k∂ᵢg_k| + Σ μ_k(R − g_k + chord). It is convex and piecewise linear
     in each μ_k: tried are the zeros of the absolute values and where the ends (nearly) meet.
     """
     U, sigma, Vh = np.linalg.svd(K[:, :, 0], full_matrices=False)
     left = np.einsum("emr,emirc,emc->emi", U[..., 0], K[:, :, 1:], Vh[..., 0, :])
-    price = g.rest - g.value + chord[:, None]
+    price = g.remainder - g.value + chord[:, None]
     base = sigma[..., 0]
     mu = np.zeros_like(g.value[0])
     for k in list(range(mu.shape[1])) * SWEEPS:

@@ -1,4 +1,4 @@
-"""The second search for constants that are estimated."""
+"""Second search for constants that are estimated."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ from uvms_drake.tube.search.second_search import second_search
 
 @dataclass(frozen=True)
 class ConstantProblem(SearchProblem):
-    """What one constant bounds, or the inverse of an infimum; there are no errors in it."""
+    """Values behind one constant, or the inverse of an infimum; without errors."""
 
     name: str
 
     @property
     def channels(self) -> list[slice]:
-        """The one."""
+        """The only channel."""
         return [slice(0, 1)]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -32,12 +32,12 @@ class ConstantProblem(SearchProblem):
 
 def checked_constants(model: ContactModel, declared: ConstraintSet,
                       constants: tuple[Constant, ...], seed: int) -> tuple[Estimate, ...]:
-    """Returns the estimates that constants are, with Ŵ = I; an infimum's inverse is a supremum.
+    """Returns the estimates of constants, with Ŵ = I; an infimum's inverse is a supremum.
 
     Args:
         model: The controller's model.
-        declared: The set that the constants are over.
-        constants: Those that are estimated, and only those, count.
+        declared: Set of the constants.
+        constants: Constants, of which the estimated ones count.
         seed: Seed of the search.
     """
     rng, none = np.random.default_rng([seed, 2]), np.zeros(1, dtype=int)

@@ -13,16 +13,10 @@ All are suprema (one infimum) over a `ConstraintSet`, of the model that the cont
     L_1_chi     sup ‖∂f/∂χ‖                ζ and q held [1/s²]
     L_2         sup ‖∂f/∂ζ‖                𝔮 held [1/s]
 
-Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. The paper takes Lipschitz
-constants in χ, but J and f depend on all of 𝔮, and 𝔮 is no function of χ for n > 0. Two
-meanings are left. In y: 𝔮 is a function of y, ∂𝔮/∂y = Γ J_x⁻¹, and this is what the whole
-configuration in the tube needs. In χ with q held: the end-effector is displaced by moving the
-vehicle alone; it is the first six columns of the former, so never larger, and says nothing once
-q ≠ q̄. A derivative's supremum is a Lipschitz constant between two states whose segment in (y, ζ)
-stays in the set.
-
-An estimate may be too small: sampling and local search reach a supremum from below. The safety
-factor is a declared guess at what they missed; only `covering` proves a bound.
+Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. A Lipschitz constant in y is
+that of the whole configuration, ∂𝔮/∂y = Γ J_x⁻¹; one in χ with q held, the first six columns of it,
+is never larger, and meaningless once q ≠ q̄. An estimate may be too small: only `covering` proves
+a bound. See tube/theory.md#tube-of-the-law-transpose.
 """
 
 from collections.abc import Callable
@@ -45,25 +39,25 @@ BATCH = 200
 START_RANKS = (0, 1, 2, 3, 5, 8, 13, 21)
 """Ranks of the samples from which the local searches start, the worst first."""
 INFIMA = ("J_min",)
-"""The constants that are lower bounds."""
+"""Constants that are lower bounds."""
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A bound used by the certificate, and how it was obtained."""
+    """A bound used by the certificate, with its origin."""
 
     name: str
     value: float
-    """The value that the certificate uses, in the unit of the constant."""
+    """Value in the certificate, in the unit of the constant."""
     how: Literal["estimated", "proven"]
     samples: int
-    """States (estimated) or boxes (proven) that were evaluated."""
+    """Number of states (estimated) or boxes (proven) that were evaluated."""
     worst: dict[str, np.ndarray]
     """State `config`, `zeta` (6+n,) at which `sampled_value` is reached."""
     safety_factor: float
     """Ratio of `value` to `sampled_value` for an estimated supremum, its inverse for an infimum."""
     sampled_value: float
-    """The worst value seen at a state of the set."""
+    """Worst value found at a state of the set."""
 
     def to_data(self) -> dict[str, Any]:
         """Returns the fields in types of JSON."""
@@ -72,7 +66,7 @@ class Constant:
 
     @staticmethod
     def from_data(data: dict[str, Any]) -> "Constant":
-        """Returns the constant of which `to_data` made `data`."""
+        """Returns the constant from the result of `to_data`."""
         worst = {key: np.array(x, dtype=float) for key, x in data["worst"].items()}
         return Constant(**(data | {"worst": worst}))
 
@@ -140,9 +134,9 @@ class _Quantity(NamedTuple):
     power: int = 1
     """Exponent of the extreme singular value in the constant."""
     rows: slice = slice(None)
-    """Rows of the matrix that count."""
+    """Rows of the matrix."""
     columns: slice = slice(None)
-    """Columns of the matrix that count."""
+    """Columns of the matrix."""
     weights: np.ndarray | float = 1.0
     """Factors of the columns (6+n,), the diagonal of Ŵ."""
 
@@ -187,7 +181,7 @@ QUANTITIES = {
 def sampled_values(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
                    names: tuple[str, ...] = tuple(QUANTITIES),
                    weights: np.ndarray | float = 1.0) -> dict[str, np.ndarray]:
-    """Returns what each constant bounds, e.g. ‖JŴ‖ for J_max, (m,) by name at m states (m, 6+n)."""
+    """Returns the values behind each constant, e.g. ‖JŴ‖ for J_max, (m,) by name at m states."""
     wanted = {name: QUANTITIES[name]._replace(weights=weights) for name in names}
     parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for i in range(0, len(config), BATCH):
@@ -208,7 +202,7 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
     Args:
         model: The controller's model.
         constraint_set: The set over which they are suprema.
-        names: Which; keys of `QUANTITIES`.
+        names: Names of the constants, keys of `QUANTITIES`.
         samples: Number of states sampled; local searches start from the worst of them.
         safety_factor: Factor of the suprema and divisor of the infimum, at least 1.
         seed: Seed of the samples.
@@ -238,7 +232,7 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
 def _local_maxima(model: ContactModel, constraint_set: ConstraintSet, name: str, config: np.ndarray,
                   zeta: np.ndarray, values: np.ndarray, weights: np.ndarray | float
                   ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Returns where local searches end that start from the worst of the samples (m, 6+n)."""
+    """Returns the ends of local searches from the worst of the samples (m, 6+n)."""
     quantity = QUANTITIES[name]._replace(weights=weights)
     order = np.argsort(values if name in INFIMA else -values, kind="stable")
     starts = order[[rank for rank in START_RANKS if rank < len(order)]]

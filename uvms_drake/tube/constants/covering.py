@@ -1,18 +1,9 @@
 """Proven upper bounds of ‖J_x Ŵ‖ and of its parts over a `ConstraintSet`, by branch and bound.
 
-The set is covered by boxes, each with an upper bound (`boxes` has the proof); the boxes with the
-largest bounds are halved until the largest is within `rel_gap` of a value that is reached, or until
-the budget is used up. The largest bound over a covering is a bound over the set at every stage, so
-that a small budget gives a larger bound, never a wrong one. "Proven" is up to rounding: the
-arithmetic is floating-point, not interval, and `ROUNDING` is added for it.
-
-*All of J_x by J.* With J_x = [J; 0 I], D = diag(0, Ŵ_q²) and any λ above its entries,
-
-    ‖J_x Ŵ‖² ≤ λ  ⇔  ŴJᵀJŴ + D ⪯ λI  ⇔  ‖J Ŵ (λI − D)^(−½)‖ ≤ 1.
-
-If the right-hand norm is at most b ≥ 1 for one λ₀, it is at most 1 for λ = b²λ₀, as then each entry
-of λI − D is at least b² times that of λ₀I − D. So ‖J_x Ŵ‖ ≤ max(√λ₀, ‖J Ŵ(I − D/λ₀)^(−½)‖), with
-equality where √λ₀ is reached: norms of six rows take the place of those of 6+n.
+The largest bound over a covering by boxes is a bound over the set at every stage, so that a small
+budget gives a larger bound, never a wrong one; "proven" is up to rounding. With J_x = [J; 0 I],
+D = diag(0, Ŵ_q²) and any λ₀ above its entries, ‖J_x Ŵ‖ ≤ max(√λ₀, ‖J Ŵ(I − D/λ₀)^(−½)‖). Proofs:
+tube/constants/theory.md#branch-and-bound, tube/constants/theory.md#extended-jacobian-by-the-jacobian.
 """
 
 from typing import NamedTuple
@@ -26,7 +17,7 @@ from uvms_drake.tube.constants.constants import Constant, estimate_constants
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 BATCH = 128
-"""Boxes halved at a time."""
+"""Number of boxes halved at a time."""
 MOST_WORK = 16_000_000
 """Vertices of boxes times rows of a block, of which norms are taken for one constant: a box of one
 more joint has twice the vertices. An arm of four joints is below it at 40 000 boxes."""
@@ -34,16 +25,16 @@ ROUNDING = 1e-9
 """Relative allowance for rounding: a few thousand operations of relative error 1e-16."""
 PROVABLE = {"J_position_max": "position", "J_attitude_max": "attitude", "J_max": "task",
             "Jx_max": "task"}
-"""The constants that can be proven, with their blocks of rows of J."""
+"""Constants that can be proven, with their blocks of rows of J."""
 
 
 class Covering(NamedTuple):
-    """Where branch and bound stopped."""
+    """Result of branch and bound."""
 
     upper: float
     """Bound of the norm over the set."""
     reached: float
-    """The largest norm seen at a state of the set."""
+    """Largest norm found at a state of the set."""
     boxes: int
     """Number of boxes that were evaluated."""
 
@@ -94,10 +85,10 @@ def prove_constants(model: ContactModel, constraint_set: ConstraintSet,
 
 
 def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) -> Covering:
-    """Returns the bound that branch and bound arrives at.
+    """Returns the bound by branch and bound.
 
     Args:
-        boxes: Gives the bounds.
+        boxes: Bounds over boxes.
         reached: A norm that is reached at a state of the set; zero if none is known.
         rel_gap: Stops when the bound is at most (1 + rel_gap) times a norm that is reached.
         max_boxes: Stops when so many boxes have been evaluated.
@@ -120,9 +111,9 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
             return Covering(largest * (1.0 + ROUNDING), reached, count)
         # Of the boxes with the largest bounds, halve those above the gap along their worst side.
         order = np.argsort(-upper, kind="stable")
-        halved, rest = order[:BATCH], order[BATCH:]
+        halved, others = order[:BATCH], order[BATCH:]
         halved = halved[upper[halved] > (1.0 + rel_gap) * reached]
-        rest = np.concatenate([order[len(halved): BATCH], rest])
+        others = np.concatenate([order[len(halved): BATCH], others])
         row = np.arange(len(halved))
         which = np.argmax(score[halved], axis=1)
         new_half = half[halved]
@@ -136,5 +127,5 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
         new_upper = np.minimum(new.upper, np.tile(upper[halved], 2))
         reached, count = max(reached, float(np.max(new.reached))), count + len(new_centre)
         centre, half, upper, score = (
-            np.concatenate([old[rest], item]) for old, item in (
+            np.concatenate([old[others], item]) for old, item in (
                 (centre, new_centre), (half, new_half), (upper, new_upper), (score, new.score)))

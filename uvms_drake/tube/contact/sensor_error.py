@@ -65,7 +65,7 @@ class MeasuredForceBounds:
         return self.lag + self.period
 
 
-def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, late: float, *, turning: float,
+def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, missed: float, *, turning: float,
               qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
     """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
 
@@ -73,7 +73,7 @@ def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, late: 
         force: The forces.
         A: Those of the rows' matrices.
         known: γ.
-        late: γ′.
+        missed: γ′.
         turning: ω, how fast the tip's axes turn [rad/s].
         qdot: Bound of ‖q̇‖ [rad/s].
         moving: J̃‖𝔯‖, if the rows are under the filter by their velocity.
@@ -82,8 +82,8 @@ def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, late: 
     A_rate = A.by_joints * qdot + turned
     return np.array([
         known * (A.force * force.error + A.torque * force.torque_error),
-        known * A.normal * force.rate * force.age + late * A.normal * force.ripple,
-        known * A.force * force.tangential_rate * force.age + late * A.force * force.tangential_ripple,
+        known * A.normal * force.rate * force.age + missed * A.normal * force.ripple,
+        known * A.force * force.tangential_rate * force.age + missed * A.force * force.tangential_ripple,
         known * (A.force * turning * force.size * force.age + moving
                  + force.age * A_rate * (force.ripple + force.tangential_ripple))])
 
@@ -226,7 +226,7 @@ def contact_input_remainder(model: UvmsModel, lower: np.ndarray, upper: np.ndarr
         J_E, gain = tip_jacobian_and_gain(model, q)
         return np.concatenate([gain, J_E.swapaxes(-1, -2)], axis=-2)[..., :3]
 
-    def rest(q: np.ndarray) -> np.ndarray:
+    def row_change(q: np.ndarray) -> np.ndarray:
         size = np.linalg.norm(rows(q), axis=-1)
         turned: np.ndarray = np.sqrt(2.0) * orientation * size
         if n == 0:
@@ -236,5 +236,5 @@ def contact_input_remainder(model: UvmsModel, lower: np.ndarray, upper: np.ndarr
         by_joints = np.linalg.norm(slopes.swapaxes(1, 2), 2, axis=(-2, -1))
         return force * (by_joints * joints + turned)
 
-    return (supremum_over_joints(rest, lower, upper, seed),
-            second_over_joints(rest, lower, upper, seed))
+    return (supremum_over_joints(row_change, lower, upper, seed),
+            second_over_joints(row_change, lower, upper, seed))

@@ -36,7 +36,7 @@ from uvms_drake.tube.contact.sensor_gains import ALONE, Suprema, norm, norms_ove
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.estimate import Check, Estimate, largest_of
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
-from uvms_drake.tube.search.search_memo import held
+from uvms_drake.tube.search.search_memo import active_memo
 
 SLOPES_OF_J, SLOPES_OF_A = 1.3, 3.0
 """How much more is claimed of (Σ‖∂ᵢJ‖²)^½ and (Σ‖∂ᵢA‖²)^½ than of the rest: they count little, and
@@ -93,7 +93,7 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
     claims[[2, 4]] *= SLOPES_OF_J
     claims[ALONE + 3::4] *= SLOPES_OF_A
     joints = declared.q_lower, declared.q_upper
-    proof = Proof(False, 0, 0.0) if held() is not None else proof_of(
+    proof = Proof(False, 0, 0.0) if active_memo() is not None else proof_of(
         model, *joints, tool_angle, claims[:PROVABLE], MOST_WORK)
     first = PROVABLE if proof.proven else 0
 
@@ -296,9 +296,9 @@ class _Columns:
 
     def add_enclosed(self, at: Enclosure, box: Enclosure) -> None:
         """Adds (Σ‖Aᵢ‖²)^½ of Aᵢ (m, n, r, c) at the centres and in the boxes."""
-        rest = frobenius(box.rad)
-        self._add(norms(at.mid, NEITHER), norms(box.mid, NEITHER) + rest[..., None],
-                  self._half * rest)
+        radius = frobenius(box.rad)
+        self._add(norms(at.mid, NEITHER), norms(box.mid, NEITHER) + radius[..., None],
+                  self._half * radius)
 
     def _add(self, value: np.ndarray, upper: np.ndarray, share: np.ndarray) -> None:
         value, upper = (np.max(np.linalg.norm(each, axis=1), axis=-1) for each in (value, upper))

@@ -42,8 +42,8 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
         share = rng.uniform(size=(samples, 1))
         off = tool_angle * np.sqrt(rng.uniform(size=samples))
         about = rng.uniform(-np.pi, np.pi, samples)
-        aside = np.stack([np.cos(about), np.sin(about)], axis=-1)
-        return float(np.max(_jerk(model, step, config, before, after, share, off, aside)))
+        across = np.stack([np.cos(about), np.sin(about)], axis=-1)
+        return float(np.max(_jerk(model, step, config, before, after, share, off, across)))
 
     return once("jerk", search)
 
@@ -75,21 +75,21 @@ class _JerkProblem(SearchProblem):
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Returns |d³(n·𝔭)/dt³| (m, 1) of motions x (m, 3(6+n)), of ū only for when and how far."""
         pose, before, share = np.split(x, 3, axis=-1)
-        after, aside = error[..., : self.size], error[..., self.size: self.size + 2]
+        after, across = error[..., : self.size], error[..., self.size: self.size + 2]
         return _jerk(self.model, self.step, self.config(pose), before, after,
                      0.5 * (1.0 + share[..., :1]), self.tool_angle * np.abs(share[..., 1]),
-                     aside)[..., None]
+                     across)[..., None]
 
 
 def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarray,
-          after: np.ndarray, share: np.ndarray, off: np.ndarray, aside: np.ndarray) -> np.ndarray:
+          after: np.ndarray, share: np.ndarray, off: np.ndarray, across: np.ndarray) -> np.ndarray:
     """Returns |d³(n·𝔭)/dt³| (m,) a `share` (m, 1) of the way from one knot's ζ to the next one's.
 
-    n is `off` (m,) the tip's x-axis [rad], towards the direction `aside` (m, 2).
+    n is `off` (m,) the tip's x-axis [rad], towards the direction `across` (m, 2).
     """
     rate = (after - before) / step
     zeta = before + share * (after - before)
-    n_E = np.concatenate([np.cos(off)[:, None], np.sin(off)[:, None] * aside], axis=-1)
+    n_E = np.concatenate([np.cos(off)[:, None], np.sin(off)[:, None] * across], axis=-1)
     n = times(model.kinematics(config).A_E[:, :3, :3], n_E)
 
     def speed(time: float) -> np.ndarray:

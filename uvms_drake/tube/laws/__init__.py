@@ -1,1 +1,1 @@
-"""The tube of each ancillary law, one a file."""
+"""Tubes of the ancillary laws, one a file."""

@@ -1,8 +1,9 @@
-"""The tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃.
+"""Tubes of the ancillary laws on the dynamics ζ̇ = f(𝔮, ζ) + u + d, ‖Ŵ⁻¹d‖₂ ≤ d̃.
 
-Ŵ is diagonal with a largest entry of 1: ‖d‖₂ ≤ d̃, and what is proven for this ball holds.
+Ŵ is diagonal with a largest entry of 1: ‖d‖₂ ≤ d̃, and a proof for this ball holds.
 A law has a certificate if it is in `DYNAMIC_TUBES`, by its exact type: a proof for one law is none
-for a law that is derived from it.
+for a law that is derived from it. Theorems: tube/theory.md#tube-of-the-law-resolved,
+tube/theory.md#tube-of-the-law-transpose, tube/theory.md#tube-of-the-law-tip-first.
 """
 
 from collections.abc import Callable
@@ -35,11 +36,11 @@ ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
 """Radii of `resolved` that rest on estimates in a ball of disturbances."""
 TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
 TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
-"""The constants of `transpose`, see `lemma_constants`."""
+"""Constants of `transpose`, see `lemma_constants`."""
 
 
 def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
-    """Returns the constants of the paper's Lemma, Lipschitz constants in χ with the joints held.
+    """Returns the constants of the paper's Lemma, Lipschitz constants in χ with q constant.
 
     With `joints`, those of J_x in y = (χ, q), of which 𝔮 is a function.
     """
@@ -65,10 +66,11 @@ def transpose_task_radius(law: Transpose, basis: Basis) -> float:
 
 
 def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
-    """Returns the tube of the law `resolved`; see `tubes.resolved_tube` and `tube_image`.
+    """Returns the tube of the law `resolved`; see `resolved_tube` and `tube_image`.
 
-    With a felt contact, d and the sensor's errors push the rows together: their parts add up.
+    With a sensed contact, the effects of d and of the sensor's errors add up.
     """
+    # The rows under d alone, and the additional effect of the force sensor.
     k, sigma, d, settings = law.k, law.sigma, basis.d_bound, basis.settings
     gains = basis.row_norm("position"), basis.row_norm("orientation")
     position, orientation = (resolved_tube(k, sigma, d, each).e for each in gains)
@@ -78,21 +80,28 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     image = tube_image(
         basis.model, basis.declared, basis.u_limit, d_bound=d, weights=basis.weights, gains=gains,
         k=k, sigma=sigma, samples=settings.tube_samples, safety_factor=settings.safety_factor,
-        seed=settings.seed, sensor_effect=sensor_effect, largest_rate=basis.largest_rate, forces=basis.forces)
+        seed=settings.seed, sensor_effect=sensor_effect, largest_rate=basis.largest_rate,
+        forces=basis.forces)
+
+    # Both parts of each radius add up; along n the sensor's part is smaller than in all directions.
     tip_speed = 2.0 * sigma * position
-    pushed = float(np.linalg.norm([sensor_effect.position, sensor_effect.orientation, sensor_effect.p[2]]))
+    sensor_norm = float(np.linalg.norm(
+        [sensor_effect.position, sensor_effect.orientation, sensor_effect.p[2]]))
     tube = TubeRadii(
-        e=resolved_task_radius(law, basis) + pushed, position=position + sensor_effect.position,
+        e=resolved_task_radius(law, basis) + sensor_norm, position=position + sensor_effect.position,
         orientation=orientation + sensor_effect.orientation,
         joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
         + float(sensor_effect.p[2]),
         z=float(np.linalg.norm([image.nu1, image.nu2, image.qdot])), nu1=image.nu1, nu2=image.nu2,
-        qdot=image.qdot, tip_speed=tip_speed + sensor_effect.tip_speed, roll=image.roll, pitch=image.pitch,
-        u=image.u, tau=image.tau)
+        qdot=image.qdot, tip_speed=tip_speed + sensor_effect.tip_speed, roll=image.roll,
+        pitch=image.pitch, u=image.u, tau=image.tau)
     if basis.contact is not None:
-        tube = replace(tube, depth=position + sensor_effect.depth, depth_speed=tip_speed + sensor_effect.depth_speed)
+        tube = replace(tube, depth=position + sensor_effect.depth,
+                       depth_speed=tip_speed + sensor_effect.depth_speed)
     by_d = {"depth": position, "depth_speed": tip_speed, "position": position}
     budget = {name: {"d": by_d[name], **parts} for name, parts in sensor_effect.budget.items()}
+
+    # Radii that are searched for, besides those with a proof.
     condition = Condition("σ, above ω = sup‖J_x⁻¹J̇_x‖", sigma, ">", image.omega,
                           theorem="tube/theory.md#image-of-the-tube-under-the-law-resolved")
     estimated: tuple[str, ...] = ESTIMATED
@@ -105,9 +114,9 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
 
 
 def transpose_law_tube(law: Transpose, basis: Basis) -> LawTube:
-    """Returns the tube of the law `transpose`; see `tubes.transpose_tube`; of the ball, for any Ŵ.
+    """Returns the tube of the law `transpose`, see `transpose_tube`; of the ball, for any Ŵ.
 
-    In χ alone, the joints are not in this tube: for an arm with self-motion it is void.
+    In χ alone, the joints are not in this tube: an arm with self-motion is not certified.
     """
     model, lemma = basis.model, lemma_constants(basis.constants, joints=law.joints)
     found = transpose_tube(lemma, law.k, law.sigma, basis.d_bound)
@@ -133,13 +142,13 @@ DYNAMIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
 TASK_RADII: dict[type[AncillaryLaw], Callable[..., float]] = {
     Resolved: resolved_task_radius, Transpose: transpose_task_radius}
 """Functions from a law and a `Basis` to the radius [m, rad] of the error that the law feeds back,
-which takes no search; by the law's exact type."""
+without a search; by the law's exact type."""
 
 
 def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
     """Returns the radii of the paper's Lemma for the same constants, gains and d̃, to compare.
 
-    None of a law whose rows have gains of their own.
+    Empty for a law whose rows have gains of their own.
     """
     if np.isnan(law.k):
         return {}

@@ -1,24 +1,11 @@
-"""The tube of the kinematic model χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
+"""Tube of the kinematic model χ̇ = J(𝔮)ζ + w, ‖w‖₂ ≤ w̃, whose input is ζ.
 
-The law `resolved`, ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y], leaves 𝔢̇_y = −σ𝔢_y + (w, 0) whatever ζ̄(t)
-does: from zero, the joints stay where the plan has them and ‖𝔢‖ ≤ w̃(1 − e^{−σt})/σ. That needs no
-constant (`conditions.kinematic_tubes`). The rest is algebra, with 𝔮 = 𝔮(ȳ + (𝔢, 0)).
+The radii of 𝔢 are in closed form, the attitude of the vehicle is proven by `attitude_radii`. Under
+`resolved`, with J = [J_v J_a] of vehicle and arm, ζ = (ν, q̇) and 𝔮 = 𝔮(ȳ + (𝔢, 0)),
 
-*Attitude of the vehicle*, proven: see `tubes.attitude_radii`.
+    q̇ = q̄̇,    ν − ν̄ = J_v(𝔮)⁻¹[J(𝔮̄)ζ̄ − J_a(𝔮)q̄̇ − σ𝔢] − ν̄,                                   (1)
 
-*Velocities*, estimated: with J = [J_v J_a] of vehicle and arm and ζ = (ν, q̇),
-
-    q̇ = q̄̇,    ν − ν̄ = J_v(𝔮)⁻¹[J(𝔮̄)ζ̄ − J_a(𝔮)q̄̇ − σ𝔢] − ν̄.                                   (1)
-
-The largest ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖ over the ball and the nominal states are searched for: in 𝔢
-by steps to the point of the ball that is furthest up the gradient, from both ends of the leading
-direction of the linearisation; in (𝔮̄, ζ̄) by samples, and by nonlinear programs from the worst of
-them. A declared safety factor multiplies the largest. The nominal states are those of the
-declared set, but for the end-effector's pitch, of which the tube is taken first: its radius is
-known, and near the singularity of the Euler angles it decides.
-
-Limits hold at the knots of a plan. In between, joints and velocities keep theirs, since ζ̄ is
-constant; angles and depth can bulge out by h²/8 times their second derivative.
+whose suprema are searched for. See tube/theory.md#kinematic-tubes.
 """
 
 from collections.abc import Callable
@@ -45,14 +32,14 @@ from uvms_drake.tube.search.search_problem import SearchProblem
 from uvms_drake.tube.search.second_search import second_search
 
 CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
-"""The constants of the law `transpose`, in χ and in y; `resolved` needs none."""
+"""Constants of the law `transpose`, in χ and in y; `resolved` needs none."""
 STEPS = 4
 """Ascent steps of the search for the worst error 𝔢."""
 _BLOCKS = (slice(0, 3), slice(3, 6))
 
 
 def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
-    """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it takes nothing."""
+    """Returns the tube of ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y]; it needs no constant."""
     settings, e = basis.settings, basis.d_bound / law.sigma
     nu1, nu2 = velocity_radii(
         basis.model, basis.declared, radius=e, sigma=law.sigma, samples=settings.tube_samples,
@@ -66,7 +53,7 @@ def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
 
 
 def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
-    """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; joints that χ leaves free void it."""
+    """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; χ has to determine the joints."""
     names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
     J_min, J_max, L_c = (basis.value(name) for name in names)
     found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma, basis.d_bound)
@@ -88,7 +75,7 @@ KINEMATIC_TUBES: dict[type[AncillaryLaw], Callable[..., LawTube]] = {
 
 
 def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
-    """Returns that no joint is out of the reach of the tube of the law `transpose`."""
+    """Returns the condition that the tube of the law `transpose` has all joints in it."""
     free = 0 if law.joints else model.num_joints
     return Condition("n, joints that χ does not determine (the tube is in χ alone)",
                      float(free), "<=", 0.0, theorem="tube/theory.md#tube-of-the-law-transpose")
@@ -103,8 +90,8 @@ def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
             "smallest σ": L_c / J_min if J_min > 0.0 else np.inf}
 
 
-def velocity_deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray, error: np.ndarray,
-              sigma: float) -> np.ndarray:
+def velocity_deviation(model: ContactModel, config: np.ndarray, zeta: np.ndarray,
+                       error: np.ndarray, sigma: float) -> np.ndarray:
     """Returns ν − ν̄ of (1) (..., 6).
 
     Args:
@@ -154,11 +141,11 @@ def worst_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, bloc
 
 def velocity_radii(model: ContactModel, declared: ConstraintSet, *, radius: float, sigma: float,
                    samples: int, safety_factor: float, seed: int) -> tuple[float, float]:
-    """Returns bounds of ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖; infinite if the tube leaves nothing to sample.
+    """Returns bounds of ‖ν₁ − ν̄₁‖ and ‖ν₂ − ν̄₂‖; infinite if no nominal state remains.
 
     Args:
         model: The prediction model.
-        declared: Where the real state is.
+        declared: Set of the real state.
         radius: ‖𝔢‖ ≤ w̃/σ.
         sigma: σ [1/s].
         samples: Nominal states from which the searches start.
@@ -191,18 +178,18 @@ class _VelocityProblem(SearchProblem):
 
     @property
     def channels(self) -> list[slice]:
-        """Those of ν₁ and ν₂."""
+        """Channels of ν₁ and ν₂."""
         return list(_BLOCKS)
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns ν − ν̄ (..., 6) of motions (..., 3(6+n)) and errors, 𝔢 and nothing else."""
+        """Returns ν − ν̄ (..., 6) of motions (..., 3(6+n)) and errors 𝔢."""
         pose, zeta, _ = np.split(x, 3, axis=-1)
         return velocity_deviation(self.model, self.config(pose), zeta, error[..., :6], self.sigma)
 
 
 def _second_velocities(model: ContactModel, declared: ConstraintSet, radius: float, sigma: float,
                        claims: tuple[float, float], seed: int) -> tuple[Estimate, ...]:
-    """Returns the estimates that `velocity_radii` are."""
+    """Returns the estimates of `velocity_radii`."""
     nominal = replace(declared, tip_pitch=declared.tip_pitch - radius)
     part = np.eye(2 * model.size)[:, :6], radius
     found = second_search(_VelocityProblem(model, nominal, [part], sigma), np.arange(2),
@@ -213,7 +200,7 @@ def _second_velocities(model: ContactModel, declared: ConstraintSet, radius: flo
 
 def _largest(model: ContactModel, block: slice, radius: float, sigma: float, config: np.ndarray,
              zeta: np.ndarray) -> tuple[float, np.ndarray]:
-    """Returns the largest norm over 𝔢 and its derivative by (𝔮̄, ζ̄); the worst 𝔢 can be held."""
+    """Returns the largest norm over 𝔢 and its derivative by (𝔮̄, ζ̄), at a constant worst 𝔢."""
     value, error = worst_errors(model, config[None], zeta[None], block, radius, sigma)
     steps = DIFFERENCE * np.eye(2 * model.size)
     x = np.concatenate([config, zeta])

@@ -1,4 +1,4 @@
-"""From the law's command to what acts: the clocks, dead times and lags in between."""
+"""Clocks, dead times and lags from the command of a law to the robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,64 +8,64 @@ import numpy as np
 from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay, CommandPath
 
 SAME = 1e-6
-"""Part of a period by which times differ that are meant to be the same."""
+"""Tolerance of equal times, over a period."""
 KNOTS_CHECKED = 10_000
-"""Knots at which a clock is to tick at the very same number of seconds: half an hour of 0.2 s.
-Nobody looks at a run that lasts longer."""
+"""Knots at which a clock has to tick at the very same number of seconds: half an hour of 0.2 s."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """G of `tube.loops.row_loop`: a command is held, comes late, and is followed by a lag."""
+    """G of `tube.loops.row_loop`: a hold, a dead time and a first-order lag."""
 
     period: float = 0.0
     """h [s]; zero for a continuous feedback."""
     dead_time: float = 0.0
-    """From a tick to where its command comes to the actuator [s]."""
+    """Delay from a tick to the arrival of its command at the actuator [s]."""
     lag: float = 0.0
     """T [s]."""
-    ahead: float = 0.0
-    """ℓ, by how much the plan's forces are asked for ahead [s], see
+    preview: float = 0.0
+    """ℓ, time by which the plan's forces are commanded earlier [s], see
     `control.feedback.feedforward_preview`."""
 
     @property
     def age(self) -> float:
-        """Largest mean age of what acts [s]: |(G − 1)f| ≤ age · sup|ḟ|."""
+        """Largest mean age of the acting command [s]: |(G − 1)f| ≤ age · sup|ḟ|."""
         return self.period + self.dead_time + self.lag
 
 
 @dataclass(frozen=True)
 class Actuators:
-    """The two paths, of the vehicle's wrench and of the joints' torques."""
+    """Paths of the vehicle's wrench and of the joints' torques."""
 
     vehicle: Path = Path()
     joints: Path = Path()
     thrusters: bool = False
-    """Whether the law is told what the thrusters give now."""
+    """True if the law is told the present wrench of the thrusters."""
     off: np.ndarray = field(default_factory=lambda: np.zeros((6, 0)))
-    """The wrench that each thruster may be off by, its model being wrong (6, m) [N, N m]."""
+    """Wrench error of each thruster by its model (6, m) [N, N m]."""
     undriven: tuple[int, ...] = ()
-    """Axes of the vehicle that no thruster drives."""
+    """Axes of the vehicle without thrusters."""
     unknown: tuple[str, ...] = ()
-    """What nobody has a path for."""
+    """Effects without a path."""
 
     @property
-    def late(self) -> bool:
-        """Whether anything is."""
+    def delayed(self) -> bool:
+        """True if either path has a delay."""
         return self.vehicle.age > 0.0 or self.joints.age > 0.0
 
 
-def actuators_of(paths: Sequence[CommandPath | None], ahead: ActuationDelay = ON_TIME) -> Actuators:
+def actuators_of(paths: Sequence[CommandPath | None], preview: ActuationDelay = ON_TIME
+                 ) -> Actuators:
     """Returns the actuators of a chain: thrusters behind a clock, either of them or none.
 
     Thrusters are sampled by a clock of their own. A command that goes out at δ after a tick meets
-    the first sample after δ, which is always as late if the period is a multiple of theirs.
+    the first sample after δ, at a constant delay if the period is a multiple of theirs.
     """
     out = Actuators()
     for path in paths:
         if path is None:
-            return Actuators(unknown=("a part that says nothing of how late it is",))
-        if path.whole and not out.late:
+            return Actuators(unknown=("a part without a known delay",))
+        if path.whole and not out.delayed:
             both = Path(path.period, path.delay, path.lag)
             out = Actuators(both, both, unknown=path.unknown)
         elif not path.whole and not out.thrusters:
@@ -80,8 +80,8 @@ def actuators_of(paths: Sequence[CommandPath | None], ahead: ActuationDelay = ON
                             path.off, path.undriven, unknown)
         else:
             return Actuators(unknown=("another order of parts than a clock and then thrusters",))
-    return replace(out, vehicle=replace(out.vehicle, ahead=ahead.vehicle),
-                   joints=replace(out.joints, ahead=ahead.joints))
+    return replace(out, vehicle=replace(out.vehicle, preview=preview.vehicle),
+                   joints=replace(out.joints, preview=preview.joints))
 
 
 def at_ticks(time_step: float, period: float) -> bool:
@@ -91,17 +91,17 @@ def at_ticks(time_step: float, period: float) -> bool:
 
 
 def lagged_alone(actuators: Actuators, time_step: float) -> bool:
-    """Returns whether there are thrusters that are late, on all axes and as known, and no more.
+    """Returns whether there are delayed thrusters, on all axes and as known, and no more.
 
-    Then `tube.actuation.lagged_wrench` has a proof, if no plan is asked for ahead and its knots
+    Then `tube.actuation.lagged_wrench` has a proof, if no plan is commanded ahead and its knots
     are ticks.
 
     Args:
-        actuators: What is between the law and what acts.
-        time_step: Of a plan [s].
+        actuators: The actuators.
+        time_step: Time step of a plan [s].
     """
     vehicle = actuators.vehicle
-    return (actuators.thrusters and vehicle.period > 0.0 and vehicle.ahead == 0.0
+    return (actuators.thrusters and vehicle.period > 0.0 and vehicle.preview == 0.0
             and actuators.joints == Path() and not np.any(actuators.off)
             and not actuators.undriven and not actuators.unknown
             and at_ticks(time_step, vehicle.period))

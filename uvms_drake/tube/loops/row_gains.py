@@ -1,27 +1,12 @@
-"""How far one row of the law `resolved` is pushed: peak-to-peak gains of an LTI loop.
+"""Peak-to-peak gains of one row of the law `resolved`, an LTI loop, also to a force behind a sensor.
 
 Every constant combination of rows of 𝔯̇ = −k𝔯 + δ, 𝔢̇ = −σ𝔢 + 𝔯 obeys ë + (k + σ)ė + kσe = δ, so that
 
     e = δ/((s + k)(s + σ)),   ė = sδ/(...),   u − ū = −((k + σ)s + kσ)δ/(...),   𝔯 = δ/(s + k).
 
-A filter with the impulse response g(t) takes |δ| ≤ 1 to at most ‖g‖₁ = ∫|g|, which the worst δ
-attains. So `Gains` are these four norms: of what is known of δ at every instant (`instant_gains`),
-and of what a sensor misses (`lagged_gains`).
-
-*What a sensor misses.* A force F goes through a first-order lag T and is sampled and held over a
-period h: F̂ = HF, at s in [tₖ, tₖ₊₁)
-
-    (HF)(s) = ∫_{−∞}^{tₖ} e^{−(tₖ−u)/T} F(u) du/T.
-
-A law that takes F̂ for F leaves δ = F̂ − F. However fast F changes, the row is pushed to
-
-    e(t) = −∫ K(t, u) F(u) du,   K(t, u) = g(t − u) − e^{−(t_j−u)/T} Σ_{k≥j} e^{−(tₖ−t_j)/T} I_k/T,
-
-t_j the first sample not before u, I_k = ∫g(t − s)ds over the k-th interval up to t: by at most
-sup_t ∫|K(t, u)|du for |F| ≤ 1. For h short beside T and T beside 1/k it is about (T + h/2)‖ġ‖₁, far
-less than the 2‖g‖₁ of somebody who knows of F̂ − F only how large it can be; a lag forgives a push
-that it sees, if late. The longer h is beside T, the more a force in step with the samples hides
-between them. A constant F leaves nothing.
+`Gains` are the L₁ norms of these four impulse responses: of any δ (`instant_gains`), and of the
+error δ = F̂ − F of a measurement F̂ with a first-order lag T, sampled and held over a period h
+(`lagged_gains`). See tube/loops/theory.md#error-of-a-held-and-lagged-measurement.
 """
 
 import math
@@ -34,26 +19,26 @@ from uvms_drake.tube.resolved.bounds import joint_rate_radius
 from uvms_drake.tube.resolved.image import input_gain
 
 MOMENT_POINTS, MOMENT_SPAN = 20_001, 40.0
-"""Points of the quadrature of a moment for each of its time constants, and its length in them."""
+"""Points of the quadrature of a moment for each time constant, and its length in them."""
 FINENESS = 400
-"""Points of the quadrature of |K| in each of its time constants."""
+"""Points of the quadrature of |K| in each time constant."""
 
 
 class Gains(NamedTuple):
     """Largest values by |δ| ≤ 1."""
 
     position: float
-    """Of e [s²]."""
+    """Gain to e [s²]."""
     velocity: float
-    """Of ė [s]."""
+    """Gain to ė [s]."""
     input: float
-    """Of u − ū [1]."""
+    """Gain to u − ū [1]."""
     error: float
-    """Of 𝔯 [s]."""
+    """Gain to 𝔯 [s]."""
 
 
 def instant_gains(k: float, sigma: float) -> Gains:
-    """Returns the gains from a δ that may be anything, in closed form.
+    """Returns the gains from any δ, in closed form.
 
     Args:
         k: Velocity gain [1/s].
@@ -65,8 +50,8 @@ def instant_gains(k: float, sigma: float) -> Gains:
 def moments(k: float, sigma: float) -> Gains:
     """Returns the first moments ∫t|g(t)|dt of the impulse responses, by quadrature.
 
-    Times a rate they bound what is lost by taking a factor of δ that changes at that rate out of
-    the convolution: |∫g(τ)(J(t − τ) − J(t))δ(t − τ)dτ| ≤ sup‖J̇‖ ∫τ|g(τ)|dτ sup|δ|.
+    Times a rate they bound the loss of taking a factor of δ that changes at that rate out of the
+    convolution: |∫g(τ)(J(t − τ) − J(t))δ(t − τ)dτ| ≤ sup‖J̇‖ ∫τ|g(τ)|dτ sup|δ|.
 
     Args:
         k: Velocity gain [1/s].
@@ -83,7 +68,7 @@ def moments(k: float, sigma: float) -> Gains:
 
 
 def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
-    """Returns the gains from a force to what a sensor misses of it; see `PeriodicLoop`.
+    """Returns the gains from a force by the error of its measurement; see `PeriodicLoop`.
 
     Args:
         k: Velocity gain [1/s].
@@ -93,7 +78,7 @@ def lagged_gains(k: float, sigma: float, lag: float, period: float) -> Gains:
     """
     if lag == 0.0:
         return Gains(*(2.0 * gain for gain in instant_gains(k, sigma)))
-    # The states are e, ė, the lagged force, and what is held of it.
+    # The states are e, ė, the lagged force, and its held sample.
     A = np.array([[0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 1.0],
                   [0.0, 0.0, -1.0 / lag, 0.0], [0.0, 0.0, 0.0, 0.0]])
     C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-k * sigma, -(k + sigma), 0.0, 0.0],

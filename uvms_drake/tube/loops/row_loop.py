@@ -1,65 +1,19 @@
-"""How far a row of the law `tip first` is pushed by each source: its loop, lagged, sampled, late.
+"""Loop of one row of the law `tip first`, behind its actuator and clock: gains by source.
 
-A row obeys ÿ = Gv + (G − 1)h + c + δ. v is what the law asks for; G is what actuators and clocks
-make of it (a lag T, a dead time, a hold; 1 for a constant); h is the rest of what the forces have
-to carry, δ = (J_y d)ᵢ, and c comes of what changes meanwhile, see below. With
-v = ÿ̄ − (k + σ)ė − kσe − δ̂,
+A row obeys ÿ = Gv + (G − 1)h + c + δ. v is the commanded acceleration, G that of actuators and
+clocks (a lag T, a dead time, a hold; 1 for a constant), h the remaining part of the forces,
+δ = (J_y d)ᵢ, and c comes of changes within the delays. With v = ÿ̄ − (k + σ)ė − kσe − δ̂,
 
-    ë = −G[(k + σ)ė + kσe + δ̂] + δ + c + (G − 1) f,    f = ÿ̄ + h.                              (1)
+    ë = −G[(k + σ)ė + kσe + δ̂] + δ + c + (G − 1) f,    f = ÿ̄ + h,                              (1)
 
-For a first-order lag, with Δ(s) = Ts³ + s² + (k + σ)s + kσ and an observer λ,
+and for a first-order lag, with Δ(s) = Ts³ + s² + (k + σ)s + kσ and an observer λ,
 
-    e = s(Ts + 1 + λT)/((s + λ)Δ) δ − (Ts/Δ) f,                                               (2)
+    e = s(Ts + 1 + λT)/((s + λ)Δ) δ − (Ts/Δ) f,    stable iff Tkσ < k + σ.                      (2)
 
-stable if and only if Tkσ < k + σ, by Routh's criterion. Without lag and observer that is
-δ/((s + k)(s + σ)), whose impulse response is positive: a gain of exactly 1/(kσ). An observer does
-nothing about f, which it knows of.
-
-*Where (1) comes from, for the vehicle.* The tip's rows give q̈ from ν̇, so the vehicle obeys
-M*ν̇ = τ_v − β with M* = M_vv − M_vq J_sq⁻¹J_sv, β = b_v + (Jᵀ𝔉)_v + M_vq J_sq⁻¹(v_s − J̇_sζ). That is
-η̈ = Aτ_v − h + δ with A = J_ηv M*⁻¹, h = Aβ − J̇_ηv ν, and (L) commands τ_c = A⁻¹(v + h). With
-τ_v = Gτ_c it is η̈ = Gv + (G − 1)h + c + δ, where c = (AG − GA)τ_c. For a lag,
-T(Aτ_v)˙ + Aτ_v = Aτ_c + TȦτ_v, so that c = G[TȦτ_v]. ∎
-
-*And for the tip.* s̈ = Bτ_q − h + δ with B = J_s M⁻¹[0; 1], h = −J_s M⁻¹((τ_v, 0) − b) − J̇_sζ, and
-(A) commands τ_q = B⁻¹(v + h). So (1) holds, with hold and delay only in G; τ_v is in its h.
-
-*What is known in advance.* With the plan's forces τ̄ asked for ℓ ahead, see
-`control.feedback.feedforward_preview`, the
-command is τ_c = A⁻¹(v + h) + (e^{sℓ} − 1)τ̄, and Gv + (G − 1)h + c becomes
-
-    Gv + (G − 1)(h − Aτ̄) + A(G e^{sℓ} − 1)τ̄ + c,    c = (AG − GA)(τ_c − e^{sℓ}τ̄).              (3)
-
-So f is parted in f̄ = Aτ̄, and f − f̄, which is nothing on the plan and as small as the tube is. The
-first enters (1) by G e^{sℓ} − 1, but for what A changes within the delays. For a lag and ℓ = T
-
-    e = (e^{sT} − 1 − Ts)/Δ f̄,    at most T²/2 times ‖s²/Δ‖₁ sup|f̄|, ‖s/Δ‖₁ sup|f̄˙|, ‖1/Δ‖₁ sup|f̄¨|,
-
-since e^{sT} − 1 − Ts = s²∫₀ᵀ(T − u)e^{su}du, with half the range of f̄ for sup|f̄|. A force that
-grows linearly leaves nothing. If the lag is not ℓ but ℓ − ΔT, ΔT s/Δ f̄ comes to it: an error of
-10 % brings 10 % of (2) back. ∎
-
-*These are all sources of a row*, in its own unit [m/s², rad/s²]:
-
-- `disturbance`: δ that may be anything, at most ‖(J_yW)ᵢ‖ d̃. In it are M⁻¹Jᵀ(𝔉_s − 𝔉) of a force
-  sensor, M⁻¹(ε, 0) of thrusters that give τ_v + ε, and c.
-- `feed_forward`: f, if it changes at ticks only, where there are any. A constant leaves nothing: f
-  may be taken less any constant, so half of its range counts. It is not only weight and drag: of
-  what the vehicle carries A M_vq J_sq⁻¹w_s is what the arm needs to hold the tip, which no δ of the
-  vehicle's own rows contains. Behind a lag of 0.15 s with an observer a push on all rows moves yaw
-  by 3.3 % and surge by 1.7 % more for it, 2.9 % and 1.4 % beyond the line of `disturbance`.
-- `free_feed_forward`: f that may be anything, at a tick and beside it.
-- `feed_forward_rate`: ḟ. A plan that jumps, and h, which is smooth, are one part each of f.
-- `planned`, `planned_rate`: likewise of f̄, the part of f that is asked for `ahead`. What
-  `feed_forward` and its rate then move a row by is f − f̄; without it there is no difference. In a
-  sampled loop `planned_rate` is a bound: that of f̄ held from tick to tick, and of the rest.
-
-Their parts add up to the radius of a row, with what is left of the error at the start. Rows of the
-same gains share a kernel, which is a scalar: bounds of the norm of their δ give one of the norm of
-their e. The command to a δ whose level and rate are known is bounded by the smaller of the two.
-
-*What is not linear* is that A, B and h follow the robot: within the delays of G that is c, and the
-observer's ÿ_pred, if it has a sampled state, is off likewise.
+With the plan's forces τ̄ commanded ℓ earlier, f̄ = Aτ̄ enters by G e^{sℓ} − 1 instead (3). Sources are
+`disturbance`, `feed_forward`, `feed_forward_rate`, `free_feed_forward`, `planned`, `planned_rate`;
+their parts add up to the radius of a row. Definitions and proofs:
+tube/loops/theory.md#row-loop-behind-an-actuator, tube/loops/theory.md#feedforward-preview.
 """
 
 import math
@@ -74,24 +28,24 @@ from uvms_drake.tube.loops.row_gains import Gains, instant_gains, moments
 from uvms_drake.tube.loops.sampled_loop import PeriodicLoop, Stretch, absolute_integral, exponential
 
 EXACT = 1e-6
-"""Part of a period by which times differ that are meant to be the same."""
+"""Tolerance of equal times, over a period."""
 FRACTION = 0.1
 """Length of a period of a loop without clocks, by its fastest rate: for the quadrature only."""
 PREVIEW_POINTS = 256
-"""Intervals of the quadrature over the time by which f̄ is asked for ahead."""
-E, RATE = 0, 1
-"""The first two states: e and ė."""
+"""Intervals of the quadrature over the preview of f̄."""
+E, RATE, W, ACCELERATION = range(4)
+"""Columns of gains and bounds of e, ė, w and ë; e and ė are the first two states, too."""
 
 
 class Peak(NamedTuple):
-    """Largest values by a source of size 1, one for each row that has these gains."""
+    """Largest values by a source of size 1, for each row of these gains."""
 
     position: float
-    """Of e."""
+    """Gain to e."""
     velocity: float
-    """Of ė."""
+    """Gain to ė."""
     command: float
-    """Of the feedback −(k + σ)ė − kσe − δ̂."""
+    """Gain to the feedback −(k + σ)ė − kσe − δ̂."""
 
 
 @dataclass(frozen=True)
@@ -109,17 +63,17 @@ class RowLoop:
     period: float = 0.0
     """h, time between two commands [s]; zero for a continuous feedback."""
     dead_time: float = 0.0
-    """From a tick to where the command comes to the actuator [s], of a sampled feedback."""
-    ahead: float = 0.0
-    """ℓ, by how much f̄ is asked for ahead [s]: lag, dead time, half a period."""
+    """Delay from a tick to the arrival of its command at the actuator [s], of a sampled feedback."""
+    preview: float = 0.0
+    """ℓ, time by which f̄ is commanded earlier [s]: lag, dead time, half a period."""
     drag: float = 0.0
-    """κ, by which a row slows itself, −κė, and the sampled command, κė of its tick, makes up for it
-    [1/s]: a part of h that is linear."""
+    """κ of the linear part −κė of a row, which the sampled command compensates by κė of its tick
+    [1/s]."""
 
     def __post_init__(self) -> None:
         for key in ("k", "sigma"):
             require(0.0 < getattr(self, key) < np.inf, key, getattr(self, key), "positive")
-        for key in ("observer", "lag", "period", "dead_time", "ahead", "drag"):
+        for key in ("observer", "lag", "period", "dead_time", "preview", "drag"):
             require(0.0 <= getattr(self, key) < np.inf, key, getattr(self, key), "zero or positive")
         for key in ("dead_time", "drag"):
             require(getattr(self, key) == 0.0 or self.period > 0.0, key, getattr(self, key),
@@ -127,17 +81,17 @@ class RowLoop:
 
     @property
     def stable(self) -> bool:
-        """Whether the loop is stable."""
+        """True if the loop is stable."""
         return bool(np.isfinite(self._system.loop.periods))
 
     @cached_property
     def gains(self) -> dict[str, Peak]:
-        """The gains by source, all inf if the loop is unstable."""
+        """Gains by source, all inf if the loop is unstable."""
         system = self._system
         loop, delta, f, f_sampled = system.loop, system.delta, system.f, system.f_sampled
         gains = {
             "disturbance": self._exact or loop.flow_gain(delta),
-            "feed_forward": (loop.held_gain(f, f_sampled) if self.period > 0.0
+            "feed_forward": (loop.zoh_gain(f, f_sampled) if self.period > 0.0
                              else loop.flow_gain(f)),
             "feed_forward_rate": loop.rate_gain(f, f_sampled),
             "free_feed_forward": loop.flow_gain(f) + loop.sample_gain(f_sampled)}
@@ -146,34 +100,34 @@ class RowLoop:
 
     @property
     def at_once(self) -> bool:
-        """Whether there is nothing but the row and its gains."""
+        """True if there is nothing but the row and its gains."""
         return not (self.observer or self.lag or self.period)
 
     @property
     def _exact(self) -> Gains | None:
-        """The gains of δ in closed form, if there is one."""
+        """Gains of δ in closed form, if there is one."""
         return instant_gains(self.k, self.sigma) if self.at_once else None
 
     @cached_property
     def moment(self) -> Peak:
-        """A bound of ∫t|g|dt of the answers to an impulse of δ, for what changes meanwhile."""
+        """Bound of ∫t|g|dt of the impulse responses to δ, for changes within the loop's memory."""
         found = moments(self.k, self.sigma) if self.at_once else (
             self._system.loop.flow_moment(self._system.delta))
         return Peak(*map(float, found[:3]))
 
-    def _planned(self, late: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Returns the gains from f̄, given those from an f that is not asked for ahead."""
-        if self.ahead == 0.0 or not self.stable:
-            return {name: late[name.replace("planned", "feed_forward")]
+    def _planned(self, gains: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Returns the gains from f̄, given those from an f without preview."""
+        if self.preview == 0.0 or not self.stable:
+            return {name: gains[name.replace("planned", "feed_forward")]
                     for name in ("planned", "planned_rate")}
         loop, f, f_sampled, h = (
             self._system.loop, self._system.f, self._system.f_sampled, self.period)
         if h == 0.0:
-            return _by_early_flow(loop, f, self._system.asked, self.ahead)
-        early = math.ceil(self.ahead / h - EXACT) - 1
-        within = self.ahead - early * h  # From a tick to the sample that is held from there.
+            return _by_early_flow(loop, f, self._system.asked, self.preview)
+        early = math.ceil(self.preview / h - EXACT) - 1
+        within = self.preview - early * h  # From a tick to the sample that is held then.
         return {
-            "planned": loop.held_gain(f, f_sampled, early),
+            "planned": loop.zoh_gain(f, f_sampled, early),
             "planned_rate": h * loop.step_gain(f, f_sampled, early) + (
                 max(within, h - within) * loop.flow_gain(f))}
 
@@ -182,25 +136,26 @@ class RowLoop:
         at_once = np.array([0.0, 0.0, 0.0, 1.0])
         return self._grown(growth).flow_gain(self._system.delta, at_once)
 
-    def held(self, growth: float = 0.0, *, pulses: int = 0, until: float = 0.0) -> np.ndarray:
-        """Returns the gains (4,) of what happens since the sample whose command acts.
+    def zoh_gains(self, growth: float = 0.0, *, pulses: int = 0, until: float = 0.0) -> np.ndarray:
+        """Returns the gains (4,) of changes since the sample of the present command.
 
-        That is a δ of at most its age; or with `pulses` of at most 1 from every so manieth tick
+        That is a δ of at most its age; or, with `pulses`, of at most 1 from each of these ticks
         until a time after it.
 
         Args:
             growth: As of `grown` [1/s].
-            pulses: Number of ticks.
-            until: Where a stretch between ticks and commands ends [s].
+            pulses: Number of ticks from one pulse to the next.
+            until: Time after the tick, at which a stretch ends [s].
         """
-        loop, h, late = self._grown(growth), self.period, self.dead_time
+        loop, h, dead_time = self._grown(growth), self.period, self.dead_time
         loop = loop.repeated(max(pulses, 1))
         ends = loop.times.max(axis=1, keepdims=True)  # of stretches
         if pulses:
             weight = 1.0 * (ends <= until + EXACT * h) + 0.0 * loop.times
         else:
-            whole = int(late / h + EXACT)
-            waits = (ends <= late - whole * h + EXACT * h) & (late > (whole + EXACT) * h)
+            whole = int(dead_time / h + EXACT)
+            waits = (ends <= dead_time - whole * h + EXACT * h) & (
+                dead_time > (whole + EXACT) * h)
             weight = loop.times + h * (whole + waits)
         at_once = np.array([0.0, 0.0, 0.0, np.max(weight)])
         return loop.flow_gain(self._system.delta, at_once, weight)
@@ -214,7 +169,7 @@ class RowLoop:
     def wave(self, omega: float) -> Peak:
         """Returns the amplitudes by δ = sin(ωt + φ) of any φ, once they have settled.
 
-        Far less than those of a δ that may be anything, if ω [rad/s] is: waves, of one period.
+        Far less than those of an arbitrary δ, if ω [rad/s] is: waves, of one period.
         """
         system = self._system
         return Peak(*map(float, system.loop.wave_gain(system.delta, omega)))
@@ -225,17 +180,17 @@ class RowLoop:
 
 
 class _System(NamedTuple):
-    """A loop, and how sources enter it."""
+    """A loop with its input vectors by source."""
 
     loop: PeriodicLoop
     delta: np.ndarray
-    """δ, into the flow (m,)."""
+    """Input vector of δ, into the flow (m,)."""
     f: np.ndarray
-    """f, into the flow (m,)."""
+    """Input vector of f, into the flow (m,)."""
     f_sampled: np.ndarray
-    """f, at a tick (m,)."""
+    """Input vector of f, at a tick (m,)."""
     asked: np.ndarray
-    """What is asked for in f (m,), a part of `f` or `f_sampled`."""
+    """Commanded part of f (m,), a part of `f` or `f_sampled`."""
 
 
 def _feedback(row: RowLoop, m: int, estimate: int | None) -> np.ndarray:
@@ -271,19 +226,19 @@ def _continuous(row: RowLoop) -> _System:
     return _System(loop, delta, asked - np.eye(m)[RATE], np.zeros(m), asked)
 
 
-def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, ahead: float
+def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, preview: float
                    ) -> dict[str, np.ndarray]:
     """Returns the gains (o,) from f̄ and its rate, in continuous time.
 
-    An impulse of f̄, or of its rate, comes by what is asked for, and `ahead` later by the rest.
+    An impulse of f̄, or of its rate, enters by the command, and `preview` later by the remainder.
 
     Args:
         loop: The row.
-        f: How f enters (m,).
-        asked: The part of it that is asked for.
-        ahead: ℓ [s].
+        f: Input vector of f (m,).
+        asked: Its commanded part.
+        preview: ℓ [s].
     """
-    m, step = len(f), ahead / PREVIEW_POINTS
+    m, step = len(f), preview / PREVIEW_POINTS
     flow = np.zeros((m + 1, m + 1))
     flow[:m, :m], flow[:m, m] = loop.A, asked
     advance = exponential(step * flow)
@@ -302,27 +257,29 @@ def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, ahead: 
 def _sampled(row: RowLoop) -> _System:
     """Returns the loop of a held feedback.
 
-    The states are e and ė; a, if there is a lag; the command w that acts; those that are under way,
+    The states are e and ė; a, if there is a lag; the present command w; those that are under way,
     the youngest first; and of an observer δ̂, the last ė that it has seen, and ∫(ÿ_pred − ÿ̄) since
     the last tick. At a tick the law has the estimate of the tick before.
     """
+    # Commands under way: whole periods of the dead time, and its remainder.
     h = row.period
     whole = int(row.dead_time / h + EXACT)
-    rest = row.dead_time - whole * h
-    rest = rest if rest > EXACT * h else 0.0
-    waiting = whole + (rest > 0.0)
+    remainder = row.dead_time - whole * h
+    remainder = remainder if remainder > EXACT * h else 0.0
+    waiting = whole + (remainder > 0.0)
     names = ["e", "rate", *["a"] * (row.lag > 0.0), "w", *(f"q{i}" for i in range(waiting)),
              *["estimate", "seen", "predicted"] * (row.observer > 0.0)]
     at, m = {name: i for i, name in enumerate(names)}, len(names)
     unit = np.eye(m)
-    pushed = unit[at["a"] if "a" in at else at["w"]]
+    driven = unit[at["a"] if "a" in at else at["w"]]
 
+    # The flow between ticks.
     A, f, delta = np.zeros((m, m)), np.zeros(m), unit[RATE]
-    A[E, RATE], A[RATE], f[RATE] = 1.0, pushed - row.drag * unit[RATE], -1.0
+    A[E, RATE], A[RATE], f[RATE] = 1.0, driven - row.drag * unit[RATE], -1.0
     if row.lag > 0.0:
         A[at["a"]] = (unit[at["w"]] - unit[at["a"]]) / row.lag
 
-    # A tick: what is measured, commanded and estimated.
+    # A tick: measurement, command and estimate.
     jump, f_sampled = unit.copy(), np.zeros(m)
     estimate = at.get("estimate")
     v = _feedback(row, m, estimate)
@@ -330,19 +287,20 @@ def _sampled(row: RowLoop) -> _System:
     jump[first], f_sampled[first] = v + row.drag * unit[RATE], 1.0
     for i in range(1, waiting):
         jump[at[f"q{i}"]] = unit[at[f"q{i - 1}"]]
-    if waiting and not rest:
+    if waiting and not remainder:
         jump[at["w"]] = unit[at[f"q{waiting - 1}"]]
     if estimate is not None:
         share = -np.expm1(-row.observer * h)
-        A[at["predicted"]], f[at["predicted"]] = pushed, -1.0
+        A[at["predicted"]], f[at["predicted"]] = driven, -1.0
         mean = (unit[RATE] - unit[at["seen"]] - unit[at["predicted"]]) / h
         jump[estimate] = (1.0 - share) * unit[estimate] + share * mean
         jump[at["seen"]], jump[at["predicted"]] = unit[RATE], 0.0
 
+    # A command that arrives between two ticks splits the period.
     stretches: tuple[Stretch, ...] = (Stretch(h, jump),)
-    if rest:
+    if remainder:
         arrives = unit.copy()
         arrives[at["w"]] = unit[at[f"q{waiting - 1}"]]
-        stretches = (Stretch(rest, arrives), Stretch(h - rest, jump))
+        stretches = (Stretch(remainder, arrives), Stretch(h - remainder, jump))
     C = np.array([unit[E], unit[RATE], v])
     return _System(PeriodicLoop(A, C, stretches), delta, f, f_sampled, f_sampled)

@@ -4,19 +4,8 @@
 
 z = C x + D w. An input |w(t)| ≤ 1 moves z at the time t by at most ∫|K(t, u)|du + |D|, K the
 response to an impulse at u, and the worst w does so; samples |v| ≤ 1 by at most the sum of |K|. The
-largest over a period is taken, since a held command leaves a ripple between its ticks. It is
-computed at phases of it.
-
-*Between two phases* a and b = a + Δ of a stretch, at t = a + λΔ, with x(u) what an impulse at u < a
-is at a: K(t, u) = Ce^{A(t−a)}x(u) is off the line from K(a, u) to K(b, u) by Δ²/8 times the largest
-|CA²e^{As}x(u)|, 0 ≤ s ≤ Δ, which is likewise off a line by Δ²/8 times |CA⁴|e^{|A|Δ}|x(u)|. An
-impulse since a, of age s, is F(s) = Ce^{As}B, and ∫|F| up to λΔ is off λ of that up to Δ by at most
-Δ(max|F| − min|F|)/4. So a gain is at most the larger one at the two phases and these terms, with
-gains to CA²x and to all states in place of |CA²e^{As}x(u)| and |x(u)|. They are counted.
-
-*Left out* are a response where `TAIL` of it is left, what |K| may be above both ends of a step of
-the quadrature, which is of second order in the step and less than what the other steps count too
-much, and rounding.
+largest over a period is computed at phases of it, with bounds between them: see
+tube/loops/theory.md#peak-to-peak-gains-of-a-sampled-loop.
 """
 
 import math
@@ -28,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 PHASES = 16
-"""Intervals of a stretch at whose ends the gain is computed."""
+"""Intervals of a stretch, at the ends of which the gain is computed."""
 TAIL = 1e-7
-"""Part of a response at which it is over."""
+"""Fraction of a response at which it is over."""
 AT_ONCE = 16
-"""Periods that are computed at once."""
+"""Periods computed at once."""
 STABLE = 1e-9
 """Distance of a stable loop's eigenvalues from the unit circle."""
 
@@ -72,7 +61,7 @@ class PeriodicLoop:
 
     @cached_property
     def cycle(self) -> np.ndarray:
-        """Φ (m, m), what a period makes of the state after a tick."""
+        """Φ (m, m), map of the state after a tick to that after the next."""
         cycle = np.eye(len(self.A))
         for stretch, flow in zip(self.stretches, self._flows, strict=True):
             cycle = stretch.jump @ flow[-1] @ cycle
@@ -88,12 +77,12 @@ class PeriodicLoop:
 
     def flow_gain(self, B: np.ndarray, D: np.ndarray | float = 0.0,
                   weight: np.ndarray | None = None) -> np.ndarray:
-        """Returns the largest |z| (o,) by an input |w(t)| ≤ 1 that may be anything; inf: unstable.
+        """Returns the largest |z| (o,) by any input |w(t)| ≤ 1; inf: unstable.
 
         Args:
-            B: How w enters the flow (m,).
-            D: How it enters the outputs at once (o,).
-            weight: What |w| is at most instead of 1, see `times` (stretches, points + 1).
+            B: Input vector of w into the flow (m,).
+            D: Its direct feedthrough to the outputs (o,).
+            weight: Bound of |w| instead of 1, see `times` (stretches, points + 1).
         """
         return _largest(self._by_flow(B, self.periods, weight=weight)) + np.abs(D)
 
@@ -101,7 +90,7 @@ class PeriodicLoop:
         """Returns a bound of ∫(t − u)|K(t, u)|du (o,): of |K| by its age, up to two periods more.
 
         Args:
-            B: How w enters the flow (m,).
+            B: Input vector of w into the flow (m,).
         """
         return _largest(self._by_flow(B, self.periods, by_age=True))
 
@@ -119,21 +108,21 @@ class PeriodicLoop:
         return replace(self, stretches=count * self.stretches)
 
     def sample_gain(self, N: np.ndarray, D: np.ndarray | float = 0.0) -> np.ndarray:
-        """Returns the largest |z| (o,) by samples |v| ≤ 1 that may be anything; inf: unstable.
+        """Returns the largest |z| (o,) by any samples |v| ≤ 1; inf: unstable.
 
         Args:
-            N: How v enters at a tick (m,).
-            D: How it enters the outputs at once (o,).
+            N: Input vector of v at a tick (m,).
+            D: Its direct feedthrough to the outputs (o,).
         """
         return _largest(self._by_samples(N)) + np.abs(D)
 
-    def held_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
+    def zoh_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
         """Returns the largest |z| (o,) by an input |w| ≤ 1 that changes at ticks only; or inf.
 
         Args:
-            B: How w enters the flow (m,).
-            N: How its new value enters at a tick (m,).
-            early: Number of ticks by which that is before it flows.
+            B: Input vector of w into the flow (m,).
+            N: Input vector of its new value at a tick (m,).
+            early: Number of ticks from then until it flows.
         """
         jumps = [_bordered(stretch.jump, np.zeros(len(B)), 1.0) for stretch in self.stretches]
         jumps[-1][-1, -1] = 0.0
@@ -144,8 +133,8 @@ class PeriodicLoop:
     def step_gain(self, B: np.ndarray, N: np.ndarray, early: int = 0) -> np.ndarray:
         """Returns the largest |z| (o,) by an input that steps at ticks by at most 1; or inf.
 
-        It is of any level, and inf, too, for an output that a constant input moves. The arguments
-        are those of `held_gain`.
+        It is of any level; inf, too, for an output that a constant input moves. The arguments are
+        those of `zoh_gain`.
         """
         if math.isinf(self.periods):
             return np.full(len(self.C), np.inf)
@@ -174,8 +163,8 @@ class PeriodicLoop:
         It is inf, too, for an output that a constant w moves.
 
         Args:
-            B: How w enters the flow (m,).
-            N: How it enters at a tick (m,), as the samples of w.
+            B: Input vector of w into the flow (m,).
+            N: Input vector at a tick (m,), of the samples of w.
         """
         if math.isinf(self.periods):
             return np.full(len(self.C), np.inf)
@@ -189,9 +178,9 @@ class PeriodicLoop:
         They are those at the phases.
 
         Args:
-            B: How w enters the flow (m,).
+            B: Input vector of w into the flow (m,).
             omega: ω [rad/s].
-            N: How it enters at a tick (m,), as the samples of w.
+            N: Input vector at a tick (m,), of the samples of w.
         """
         if math.isinf(self.periods):
             return np.full(len(self.C), np.inf)
@@ -199,7 +188,7 @@ class PeriodicLoop:
 
     def _settled(self, B: np.ndarray, N: np.ndarray | float, rate: complex
                  ) -> tuple["PeriodicLoop", np.ndarray, np.ndarray]:
-        """Returns the loop with w = e^(rate t) as its last state, and where that leads to.
+        """Returns the loop with w = e^(rate t) as its last state, and its settled motion.
 
         That is the state after a tick (m,) by w = 1 there, and the largest |z| (o,).
         """
@@ -221,7 +210,7 @@ class PeriodicLoop:
                   for stretch, jump in zip(self.stretches, jumps, strict=True)), self.points)
 
     def _until(self) -> list[np.ndarray]:
-        """Returns what is made of the state after a tick (m, m), at each phase of each stretch."""
+        """Returns maps of the state after a tick (m, m) to each phase of each stretch."""
         out: list[np.ndarray] = []
         before = np.eye(len(self.A))
         for stretch, flow in zip(self.stretches, self._flows, strict=True):
@@ -244,10 +233,9 @@ class PeriodicLoop:
         return np.concatenate([self.C, self.C @ self.A @ self.A, np.eye(len(self.A))])
 
     def _ends(self, values: np.ndarray) -> np.ndarray:
-        """Returns bounds of what is linear in values at `_rows` between the phases.
+        """Returns bounds of functions of `_rows` between the phases (stretches, `PHASES`, 2, o).
 
-        (stretches, `PHASES`, 2, o): that at either end of each interval, and how far what is
-        between them is off a line.
+        They are the values at either end of each interval, and the deviation from a line between.
         """
         if not np.all(np.isfinite(values)):
             return np.full((len(self.stretches), PHASES, 2, len(self.C)), np.inf)
@@ -266,31 +254,31 @@ class PeriodicLoop:
                  weight: np.ndarray | None = None) -> np.ndarray:
         """Returns the integral of |K|, see `_ends`."""
         steps = [stretch.duration / self.points for stretch in self.stretches]
-        pushed = self._flows @ B  # (stretches, points + 1, m), since an impulse
-        weight = np.ones(pushed.shape[:2]) if weight is None else weight
-        whole = pushed * weight[:, ::-1, None]  # read at the end of the stretch
-        # An impulse in each stretch as it is after the next tick.
+        response = self._flows @ B  # (stretches, points + 1, m), since an impulse
+        weight = np.ones(response.shape[:2]) if weight is None else weight
+        whole = response * weight[:, ::-1, None]  # read at the end of the stretch
+        # The response to an impulse in each stretch, after the next tick.
         to_tick = np.eye(len(self.A))
-        late: list[np.ndarray] = []
+        after_tick: list[np.ndarray] = []
         for stretch, flow, states in zip(
                 self.stretches[::-1], self._flows[::-1], whole[::-1], strict=True):
-            late.insert(0, to_tick @ stretch.jump @ states.T)
+            after_tick.insert(0, to_tick @ stretch.jump @ states.T)
             to_tick = to_tick @ stretch.jump @ flow[-1]
 
         def integral(rows: np.ndarray) -> np.ndarray:
             return np.sum([absolute_integral(rows @ states, step)
-                           for states, step in zip(late, steps, strict=True)], axis=0)
+                           for states, step in zip(after_tick, steps, strict=True)], axis=0)
 
         total = self._sum(self._rows, integral, periods, by_age=by_age)
-        # Impulses in the period that the output is read in.
+        # Impulses in the same period as the output.
         within = [self._within(
-            i, j, pushed[i, : j + 1] * weight[i, : j + 1][::-1, None], whole, steps)
+            i, j, response[i, : j + 1] * weight[i, : j + 1][::-1, None], whole, steps)
             for i in range(len(steps)) for j in range(0, self.points + 1, self.points // PHASES)]
         scale = self._period if by_age else 1.0
         bound = self._ends(total + scale * np.concatenate(within))
-        # What impulses since the phase before may be off by, by their age and by their weight.
+        # Deviation by impulses since the phase before, by their age and by their weight.
         each = self.points // PHASES
-        fresh = pushed[:, : each + 1] @ self.C.T  # (stretches, ages, o)
+        fresh = response[:, : each + 1] @ self.C.T  # (stretches, ages, o)
         whole = np.array([absolute_integral(part.T, step)
                           for part, step in zip(fresh, steps, strict=True)])
         uneven = 0.25 * each * np.array(steps)[:, None] * np.ptp(np.abs(fresh), axis=1)
@@ -303,22 +291,22 @@ class PeriodicLoop:
     def _period(self) -> float:
         return sum(stretch.duration for stretch in self.stretches)
 
-    def _within(self, i: int, j: int, newest: np.ndarray, pushed: np.ndarray, steps: list[float]
+    def _within(self, i: int, j: int, newest: np.ndarray, response: np.ndarray, steps: list[float]
                 ) -> np.ndarray:
         """Returns ∫|K| (2 o + m,) of impulses since the last tick, read at point j of stretch i.
 
         Args:
             i: The stretch.
             j: The point.
-            newest: What impulses in it are (j + 1, m), by their age.
-            pushed: Those in each stretch at its end (stretches, points + 1, m), likewise.
-            steps: Between two points of each stretch [s].
+            newest: Responses to impulses in it (j + 1, m), by their age.
+            response: Those to impulses in each stretch at its end (stretches, points + 1, m).
+            steps: Time between two points of each stretch [s].
         """
         total = absolute_integral(self._read @ newest.T, steps[i])
         rows = self._read @ self._flows[i, j]
         for before in range(i - 1, -1, -1):
             rows = rows @ self.stretches[before].jump
-            total = total + absolute_integral(rows @ pushed[before].T, steps[before])
+            total = total + absolute_integral(rows @ response[before].T, steps[before])
             rows = rows @ self._flows[before, -1]
         return total
 

@@ -95,7 +95,7 @@ class _Errors:
         axes = np.diag(np.concatenate([np.ones(6), self.weights[6:], self.weights]))
         blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
         return _filled([*zip((axes[:, block] for block in blocks), self.radii, strict=True),
-                        *self._pushed((0.0, 0.0, float(self.sensor_effect.p[2])))])
+                        *self._sensor_parts((0.0, 0.0, float(self.sensor_effect.p[2])))])
 
     def of_preimage(self) -> list[Part]:
         """Returns those of (𝔭, 𝔯): of 𝔭₀, δ and Ŵ⁻¹𝔯."""
@@ -104,9 +104,9 @@ class _Errors:
         eye = np.eye(2 * size)
         axes = eye * np.tile(self.weights, 2)
         return _filled([(axes[:, :size], radius), (eye[:, :6], self.shift), (axes[:, size:], r),
-                        *self._pushed(tuple(self.sensor_effect.p))])
+                        *self._sensor_parts(tuple(self.sensor_effect.p))])
 
-    def _pushed(self, p: tuple[float, ...]) -> list[Part]:
+    def _sensor_parts(self, p: tuple[float, ...]) -> list[Part]:
         """Returns balls in the blocks of 𝔢_y or 𝔭, and of 𝔯, of the radii `p` and the push's."""
         size = len(self.weights)
         eye, blocks = np.eye(2 * size), _blocks(size)
@@ -132,8 +132,8 @@ def input_gain(k: float, sigma: float) -> float:
     """
     if abs(k - sigma) < 1e-6 * k:
         sigma = k * (1.0 - 1e-6)
-    late = 2.0 * np.log(k / sigma) / (k - sigma)
-    part = (k * (1.0 - np.exp(-k * late)) - sigma * (1.0 - np.exp(-sigma * late))) / (k - sigma)
+    t_star = 2.0 * np.log(k / sigma) / (k - sigma)
+    part = (k * (1.0 - np.exp(-k * t_star)) - sigma * (1.0 - np.exp(-sigma * t_star))) / (k - sigma)
     return float(2.0 * part - 1.0)
 
 

@@ -47,11 +47,11 @@ def remainders(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np
     zeta_ref_dot = times(inverse, y_ddot - sigma * e_dot - jacobian_rate_times(
         real, zeta, zeta_ref))
     f, M = drift_and_inertia(model, real, zeta)
-    u_rest = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
+    u_remainder = zeta_ref_dot - f + sigma * r - sigma**2 * p - nominal_u
     # Less the linear parts of (1).
     attitude = wrap_angle(config[..., 3:5] - nominal_config[..., 3:5])
-    return np.concatenate([seen - nominal_zeta, attitude, u_rest,
-                           times(M, u_rest + nominal_u) - times(M_bar, nominal_u)], axis=-1)
+    return np.concatenate([seen - nominal_zeta, attitude, u_remainder,
+                           times(M, u_remainder + nominal_u) - times(M_bar, nominal_u)], axis=-1)
 
 
 def jacobian_rate_times(kinematics: Kinematics, zeta: np.ndarray, w: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ class LoopGains(NamedTuple):
 
     known: np.ndarray
     """From any δ."""
-    late: np.ndarray
+    missed: np.ndarray
     """From a force to what comes of its being felt late."""
     moment: np.ndarray
     """∫t|g|."""
@@ -46,10 +46,10 @@ def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
     # ë is what the feedback does, behind what is late, and what pushes.
     gains, moment, contact = loop.gains["disturbance"], loop.moment, basis.contact
     known = np.array([*gains, 1.0 + gains.command])
-    late = 2.0 * known
+    missed = 2.0 * known
     if contact is not None and loop.at_once:
-        late[:3] = lagged_gains(loop.k, loop.sigma, contact.lag, contact.period)[:3]
-    return LoopGains(known, late, np.array([*moment, moment.command + age * gains.command]), age)
+        missed[:3] = lagged_gains(loop.k, loop.sigma, contact.lag, contact.period)[:3]
+    return LoopGains(known, missed, np.array([*moment, moment.command + age * gains.command]), age)
 
 
 def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
@@ -117,17 +117,17 @@ class DisturbanceInputs:
             name: Of the block.
         """
         by_d = {"d": self._basis.d_bound * norm * loop.known}
-        return by_d if self._found is None else by_d | self.felt(loop, *self._rows[name])
+        return by_d if self._found is None else by_d | self.sensor_parts(loop, *self._rows[name])
 
-    def felt(self, loop: LoopGains, A: OperatorNorms, turned: float = 0.0) -> Parts:
+    def sensor_parts(self, loop: LoopGains, A: OperatorNorms, turned: float = 0.0) -> Parts:
         """Returns what the sensor's errors make of rows with suprema A, by source."""
         contact, basis = self._basis.contact, self._basis
         assert contact is not None
         contact = replace(contact, lag=contact.lag + loop.age)
         terms = np.array([
-            by_source(contact, A, known, late, turning=self.turning, qdot=basis.declared.qdot,
+            by_source(contact, A, known, missed, turning=self.turning, qdot=basis.declared.qdot,
                       turned=turned)
-            for known, late in zip(loop.known, loop.late, strict=True)])
+            for known, missed in zip(loop.known, loop.missed, strict=True)])
         return dict(zip(SOURCES, terms.T, strict=True))
 
 
@@ -140,8 +140,8 @@ def in_joints(basis: Basis, arm: Arm, tip: LoopGains, inputs: DisturbanceInputs)
                                  + lost)}
     if basis.contact is None:
         return out
-    own, moved = (inputs.felt(tip, inputs.zeta(blocks)) for blocks in ([2], [0, 1]))
-    whole = inputs.felt(tip._replace(known=np.ones(4), late=np.full(4, 2.0)),
+    own, moved = (inputs.sensor_parts(tip, inputs.zeta(blocks)) for blocks in ([2], [0, 1]))
+    whole = inputs.sensor_parts(tip._replace(known=np.ones(4), missed=np.full(4, 2.0)),
                         inputs.zeta([0, 1, 2]))
     return out | {source: own[source] + arm.carried * moved[source] + lost * whole[source]
                   for source in SOURCES}

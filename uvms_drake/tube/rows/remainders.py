@@ -51,11 +51,11 @@ def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal_config: 
     zeta = times(inverse, y_dot + e_dot)
     zeta_dot = times(inverse, y_ddot - output_bias(config, real, zeta, rows))
     f, M = drift_and_inertia(model, real, zeta)
-    u_rest = zeta_dot - f - nominal_u
+    u_remainder = zeta_dot - f - nominal_u
     turned = pose_difference(real.chi, nominal.chi + 0.0 * real.chi)[..., 3:]
     return np.concatenate([
-        zeta - nominal_zeta, config[..., 6:] - nominal_config[..., 6:], turned, u_rest,
-        times(M, u_rest + nominal_u) - times(M_bar, nominal_u)], axis=-1)
+        zeta - nominal_zeta, config[..., 6:] - nominal_config[..., 6:], turned, u_remainder,
+        times(M, u_remainder + nominal_u) - times(M_bar, nominal_u)], axis=-1)
 
 
 def output_jacobian(model: ContactModel, config: np.ndarray, kinematics: Kinematics,

@@ -1,16 +1,15 @@
-"""The largest values of a `SearchProblem`, searched for by ascent from samples.
+"""Largest values of a `SearchProblem`, searched for by ascent from samples.
 
-The rests of `tube_image` are functions of where the nominal motion is, 𝔮̄ by the tip's position, the
-vehicle's attitude and the joints; of ζ̄, in balls; of ū, in a box; and of the errors, sums of
+Remainders are functions of the pose, of ζ̄, in balls, of ū, in a box, and of the errors, sums of
 ellipsoids. In ū they are affine, in ζ̄ and the errors nearly linear or quadratic: there the point
-of the set that is furthest up the gradient is soon the maximum. So a step goes some of the way to
-that point, and in 𝔮̄ some way along the gradient, in units of the set's widths, bent along limits
-of tip pitch and contact that are active, with and without some of the last step's direction.
-Several lengths are tried at once, the best counts, if it is better. All climbers, a few for each
-channel from the worst samples, go side by side in one batch, and the better of them go on.
+of the set that is furthest up the gradient is soon the maximum. So a step goes part of the way to
+that point, and in 𝔮̄ part of the way along the gradient, in units of the set's widths, bent along
+active limits of tip pitch and contact, with and without some of the last step's direction. Several
+lengths are tried at once, the best counts, if it is better. All climbers, a few for each channel
+from the worst samples, go in parallel in one batch, and the better of them go on.
 
 A value that is found is reached, so it is a bound from below; `second_search` looks for the same by
-other means.
+other means. See tube/theory.md#estimates-and-second-searches.
 """
 
 from itertools import product
@@ -18,12 +17,12 @@ from itertools import product
 import numpy as np
 
 from uvms_drake.model.frames.euler import COMPLEX_STEP
-from uvms_drake.tube.search.search_memo import held
+from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.search.search_problem import SearchProblem
 
 LEADERS, ROUNDS, STEPS = 8, 3, 4
-"""Climbers for each channel, from its worst samples; rounds, after each of which the better half of
-them goes on; and steps in a round."""
+"""Climbers for each channel, from its worst samples; rounds, after each of which the better half goes
+on; and steps in a round."""
 BATCH = 400
 """States evaluated at a time."""
 REACHES = (1.0, 0.3, 0.1, 0.0)
@@ -31,13 +30,13 @@ REACHES = (1.0, 0.3, 0.1, 0.0)
 JUMPS = (1.0, 0.3)
 """Fractions of the way in ζ̄, ū and the errors that are tried."""
 MOMENTUM = 0.7
-"""Share of the last step's direction that is tried in the next one, too: ridges are bent."""
+"""Share of the last step's direction that is tried in the next one: ridges are bent."""
 WIDENED, NARROWED = 2.5, 0.3
 """Factors of a climber's reach after its best step and after none."""
 ACTIVE = 0.97
-"""Share of a bound from which on it bends a step."""
+"""Fraction of a bound from which on it bends a step."""
 DIFFERENCE = 1e-6
-"""Step of the differences of what is bounded."""
+"""Step of the finite differences of bounded values."""
 PULLS = 5
 """Halvings of a step that leaves the set."""
 EDGE = 1e-9
@@ -69,12 +68,11 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
     """Returns the largest values that were found, by channel; zero where there are no errors.
 
     Args:
-        problem: What to search.
+        problem: The problem.
         x: Samples of motions (m, 3(6+n)).
-        values: What `first_order` makes of them, but for channels that are not wanted (m, c);
-            those are zero.
-        patience: How many times as many steps the climbers take.
-        leaders: How many climbers there are for each channel; `LEADERS`, if left out.
+        values: Their `first_order`; zero for channels that are not wanted (m, c).
+        patience: Factor of the number of steps.
+        leaders: Number of climbers for each channel; None: `LEADERS`.
     """
     def search() -> tuple[np.ndarray, np.ndarray]:
         return _search(problem, x, values, patience, leaders or LEADERS)
@@ -84,20 +82,20 @@ def supremum(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience
         first = np.max(first_order(problem, where), axis=0, initial=0.0)
         return best, where, best / np.maximum(first, 1e-300)
 
-    searches = held()
+    searches = active_memo()
     if searches is None:
         return search()[0]
     (best, where, beyond), new = searches.get("ascent", search_to_hold)
     if new or len(where) == 0:
         return best
-    # At the same motions, with errors that may be others: to first order, and by as much beyond.
+    # At the same motions, with other errors: to first order, times the former excess.
     again: np.ndarray = beyond * np.max(first_order(problem, where), axis=0)
     return again
 
 
 def _search(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience: int, leaders: int
             ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the largest values (c,), and the motions where those that are wanted are."""
+    """Returns the largest values (c,), and the motions of the wanted ones."""
     out = np.max(values, axis=0)
     wanted = np.nonzero(out > 0.0)[0]
     if len(wanted) == 0:
@@ -118,12 +116,12 @@ def _search(problem: SearchProblem, x: np.ndarray, values: np.ndarray, patience:
 
 
 class Climb:
-    """Climbers side by side, each for one channel.
+    """Climbers in parallel, each for one channel.
 
     Args:
-        problem: What to search.
-        x: Where they start, motions of the set (m, 3(6+n)).
-        channels: What each climbs for.
+        problem: The problem.
+        x: Initial motions of the set (m, 3(6+n)).
+        channels: Channel of each.
     """
 
     def __init__(self, problem: SearchProblem, x: np.ndarray, channels: list[slice]):
@@ -152,19 +150,22 @@ class Climb:
 
     def step(self) -> None:
         """Takes one step."""
+        # Points and directions up the gradients.
         by_x, by_error = self._gradients()
         size = self._problem.size
         toward = self._furthest_motion(by_x), self._furthest_error(by_error)
-        pose, toward_pose = self.x[:, :size], self._way(by_x[:, :size])
-        ways = (toward_pose, toward_pose + MOMENTUM * self._last)
+        pose, toward_pose = self.x[:, :size], self._uphill(by_x[:, :size])
+        directions = (toward_pose, toward_pose + MOMENTUM * self._last)
+        # Candidates of several lengths.
         tried = []
         for reach in REACHES:
-            for jump, way in product(JUMPS, ways if reach > 0.0 else ways[:1]):
+            for jump, direction in product(JUMPS, directions if reach > 0.0 else directions[:1]):
                 x = self.x + jump * (toward[0] - self.x)
-                x[:, :size] = self._kept(pose + (reach * self._reach)[:, None] * way)
+                x[:, :size] = self._kept(pose + (reach * self._reach)[:, None] * direction)
                 error = self.error + jump * (toward[1] - self.error)
                 tried.append((self._values(x, error), x, error, np.full(len(x), reach)))
         values, motions, errors, reaches = (np.stack(each) for each in zip(*tried, strict=True))
+        # The best of them, if it is better, and the reach of the next step.
         best = np.argmax(values, axis=0), np.arange(len(self.x))
         better = values[best] > self.value
         self.value = np.where(better, values[best], self.value)
@@ -221,8 +222,8 @@ class Climb:
             out += radius * _unit(gradient @ matrix, 0.0) @ matrix.T
         return out
 
-    def _way(self, gradient: np.ndarray) -> np.ndarray:
-        """Returns the poses' way up (m, 6+n), its largest part as long as the set is wide."""
+    def _uphill(self, gradient: np.ndarray) -> np.ndarray:
+        """Returns the poses' direction up (m, 6+n), as long as the set is wide in its largest part."""
         pose, scale = self.x[:, : self._problem.size], self._scale
         up = gradient * scale
         up[:, 3:] = np.where(((pose >= self._box[1]) & (up > 0.0)
@@ -241,7 +242,7 @@ class Climb:
         return scale * up / np.maximum(np.max(np.abs(up), axis=1, keepdims=True), 1e-300)
 
     def _kept(self, pose: np.ndarray) -> np.ndarray:
-        """Returns poses (m, 6+n), pulled towards where the climbers are until they are inside."""
+        """Returns poses (m, 6+n), pulled towards the climbers until they are inside."""
         pose = np.clip(pose, *self._box)
         here = self.x[:, : self._problem.size]
         low, high = np.zeros((len(pose), 1)), np.ones((len(pose), 1))

@@ -1,11 +1,10 @@
-"""The declared constraint set: the states over which the certificate's constants are suprema.
+"""Declared constraint set: the states over which the certificate's constants are suprema.
 
-It is what the limits of a run allow the real robot, as plain numbers: joint angles in a box, roll
-and pitch of the vehicle, pitch of the end-effector (the Euler angles are singular at π/2), norms
-of ν₁, ν₂ and q̇, and how hard the surface may be touched, which the surface says itself
-(`Surface.contact_measure`): for a plane by the depth of the tip, for a spring, which holds on
-everywhere, by its force. Where the robot is along a plane makes no difference to anything and is
-not limited.
+It has the limits of the real robot as plain numbers: joint angles in a box, roll and pitch of the
+vehicle, pitch of the end-effector (the Euler angles are singular at π/2), norms of ν₁, ν₂ and q̇,
+and a measure of the contact by the surface itself (`Surface.contact_measure`): for a plane the depth
+of the tip, for a spring, which acts everywhere, its force. The position along a plane makes no
+difference and is not limited.
 """
 
 from dataclasses import dataclass
@@ -20,13 +19,13 @@ from uvms_drake.model.frames.spatial import in_ball
 BOUND_SHARE = 0.2
 """Probability with which a sampled coordinate is put on one of its two bounds."""
 FACE_SHARE = 0.25
-"""Share of the samples that are moved onto |tip pitch| = tip_pitch, where that bound is active."""
+"""Share of the samples that are moved onto |tip pitch| = tip_pitch, if that bound is active."""
 BISECTIONS = 12
 """Halvings of a segment from a feasible to an infeasible sample: less than 1 mrad remains."""
 BATCH = 2048
-"""Candidates drawn at a time."""
+"""Number of candidates drawn at a time."""
 MAX_ATTEMPTS = 200
-"""Batches of candidates without one feasible sample until the set counts as empty."""
+"""Number of batches without a feasible sample until the set counts as empty."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class ConstraintSet:
             np.full(3, self.nu1), np.full(3, self.nu2), np.full(model.num_joints, self.qdot)])
 
     def normalised(self, model: ContactModel, config: np.ndarray, zeta: np.ndarray) -> np.ndarray:
-        """Returns (m, 5) what is bounded beyond `box`; a state is feasible iff all in [−1, 1].
+        """Returns the bounded values besides `box` (m, 5); a state is feasible iff all in [−1, 1].
 
         Tip pitch over its bound; `Surface.contact_measure`; ‖ν₁‖², ‖ν₂‖², ‖q̇‖² over the squares of
         theirs.
@@ -105,8 +104,8 @@ class ConstraintSet:
         lower, upper = self.box
         x = config[:, 3:]
         inside = np.all((x >= lower - tolerance) & (x <= upper + tolerance), axis=1)
-        rest = np.abs(self.normalised(model, config, zeta))
-        return inside & np.all(rest <= 1.0 + tolerance, axis=1)
+        values = np.abs(self.normalised(model, config, zeta))
+        return inside & np.all(values <= 1.0 + tolerance, axis=1)
 
     def sample(self, model: ContactModel, count: int,
                rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +162,7 @@ class ConstraintSet:
 
     def _positions(self, model: ContactModel, config: np.ndarray,
                    rng: np.random.Generator) -> np.ndarray:
-        """Returns positions of the vehicle (m, 3) that put the tip where the contact wants it."""
+        """Returns positions of the vehicle (m, 3) for tips at random contacts."""
         kinematics = model.kinematics(config)
         tip = model.surface.sample_contact(kinematics.chi, self.force_max, rng)
         arm = rotation_matrix(config[:, 3:6]) @ kinematics.p_BL[:, -1, :, None]

@@ -1,9 +1,9 @@
-"""Numbers of a certificate that are estimated, and the condition that nobody found them too small.
+"""Estimated numbers of a certificate, and the condition that no second search refutes them.
 
-A claim is what the certificate uses for a supremum: the largest value that one search found, times
-a declared factor. Another search, which does not start from what the first found, looks for the
-same. If it finds more than is claimed, the claim was wrong and the certificate is void; if it does
-not, the claim is still an estimate.
+A claim is the number in the certificate for a supremum: the largest value that one search found,
+times a declared factor. Another search, independent of the first, looks for the same. If it finds
+more, the claim was wrong and nothing is certified; if it does not, the claim is still an estimate.
+See tube/theory.md#estimates-and-second-searches.
 """
 
 from collections.abc import Callable
@@ -20,9 +20,9 @@ class Estimate:
 
     name: str
     claim: float
-    """What the certificate uses."""
+    """Number in the certificate."""
     second: float
-    """The largest value that the second search found."""
+    """Largest value that the second search found."""
 
     @property
     def ratio(self) -> float:
@@ -33,8 +33,8 @@ class Estimate:
 
 
 Check = Callable[[], tuple[Estimate, ...]]
-"""Makes the second search, which takes as long as the first: it is for a certificate, not for a
-study of many tubes."""
+"""Function that makes the second search, as long as the first: for a certificate, not for a study of
+many tubes."""
 
 
 def no_estimates() -> tuple[Estimate, ...]:
@@ -43,14 +43,14 @@ def no_estimates() -> tuple[Estimate, ...]:
 
 
 def together(*checks: Check) -> Check:
-    """Returns the check that makes several."""
+    """Returns the check of several."""
     return lambda: tuple(estimate for check in checks for estimate in check())
 
 
 def largest_of(name: str, claim: np.ndarray, second: np.ndarray) -> Estimate:
-    """Returns the one of several claims (c,) that the second search comes closest to.
+    """Returns the one of several claims (c,) with the largest ratio.
 
-    Its name says which, counted from 0 like the components of u.
+    Its name has the index, counted from 0 like the components of u.
     """
     each = [Estimate(f"{name} [{i}]" if len(claim) > 1 else name, float(a), float(b))
             for i, (a, b) in enumerate(zip(claim, second, strict=True))]

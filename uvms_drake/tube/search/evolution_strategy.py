@@ -10,20 +10,21 @@ from collections.abc import Callable
 import numpy as np
 
 EIGEN_EVERY = 5
-"""Generations between two decompositions of C, which changes slowly."""
+"""Number of generations between two decompositions of C, which changes slowly."""
 
 
 def evolve(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray, generations: int,
            rng: np.random.Generator, step: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the largest values (r,) that r searches found, and where (r, d).
+    """Returns the largest values (r,) of r searches, and their places (r, d).
 
     Args:
         function: Values (r, λ) of candidates (r, λ, d), one row for each search.
-        start: Where they start (r, d), in coordinates of about equal range.
+        start: Initial means (r, d), in coordinates of about equal range.
         generations: Number of generations.
         rng: Source of the candidates.
         step: First standard deviation, in these coordinates.
     """
+    # Parameters of the tutorial.
     runs, d = start.shape
     count = 4 + int(3.0 * np.log(d))
     half = count // 2
@@ -37,12 +38,14 @@ def evolve(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray, gene
     c_many = min(1.0 - c_one, 2.0 * (mass - 2.0 + 1.0 / mass) / ((d + 2.0) ** 2 + mass))
     usual = np.sqrt(d) * (1.0 - 1.0 / (4.0 * d) + 1.0 / (21.0 * d**2))
 
+    # Mean, step, covariance and paths.
     mean, size = start.copy(), np.full(runs, step)
     C = np.tile(np.eye(d), (runs, 1, 1))
     basis, axes = C.copy(), np.ones((runs, d))
     step_path, path = np.zeros((runs, d)), np.zeros((runs, d))
     best, where, run = np.full(runs, -np.inf), start.copy(), np.arange(runs)
     for generation in range(generations):
+        # Candidates, and the best so far.
         normal = rng.normal(size=(runs, count, d)) * axes[:, None]
         moves = normal @ basis.swapaxes(-1, -2)
         tried = mean[:, None] + size[:, None, None] * moves
@@ -53,6 +56,7 @@ def evolve(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray, gene
         best = np.where(better, values[run, top], best)
         where = np.where(better[:, None], tried[run, top], where)
 
+        # Mean, paths and covariance of the next generation.
         chosen = moves[run[:, None], order[:, :half]]
         move = weights @ chosen
         mean = mean + size[:, None] * move

@@ -1,20 +1,20 @@
-"""The largest values of functions of the joint angles, by two searches."""
+"""Largest values of functions of the joint angles, by two searches."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from uvms_drake.tube.search.search_memo import held
+from uvms_drake.tube.search.search_memo import active_memo
 
 GRID_POINTS = 6000
-"""Number of points of the grid, about."""
+"""Approximate number of points of the grid."""
 MOST_AXES = 13
-"""Axes of a grid; with more of them random points are in its place."""
+"""Largest number of axes of a grid; with more, points are random."""
 ROUNDS, ROUND_POINTS, SHRINK = 12, 600, 0.6
-"""Rounds of random points about the worst ones, points in each, and each round's size over the last
-one's."""
+"""Rounds of random points about the worst ones, points in each, and ratio of the sizes of two
+rounds."""
 CHECKS = 3000
-"""Random points of the second search."""
+"""Number of random points of the second search."""
 BOUND_SHARE = 0.3
 """Probability with which a coordinate of these is on a bound."""
 
@@ -22,21 +22,21 @@ BOUND_SHARE = 0.3
 def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray,
                          upper: np.ndarray, seed: int = 0, *, points: int | None = None,
                          rounds: int | None = None) -> np.ndarray:
-    """Returns the largest values (c,) of a function that were found in a box of joint angles.
+    """Returns the largest values (c,) of a function that are found in a box of joint angles.
 
     Args:
         function: Values (m, c) at m sets of joint angles (m, n).
         lower: Corner of the box (n,) [rad].
         upper: The opposite corner (n,) [rad].
         seed: Seed of the random points.
-        points: Of the grid, or random ones; see `GRID_POINTS` and `MOST_AXES`.
-        rounds: See `ROUNDS`.
+        points: Number of points, see `GRID_POINTS` and `MOST_AXES`.
+        rounds: Number of rounds, see `ROUNDS`.
     """
     def search() -> tuple[np.ndarray, np.ndarray]:
         return _search(function, lower, upper, seed, points or GRID_POINTS,
                        ROUNDS if rounds is None else rounds)
 
-    searches = held()
+    searches = active_memo()
     if searches is None:
         return search()[0]
     (_, where), _ = searches.get("joints", search)
@@ -46,7 +46,8 @@ def supremum_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np
 
 def _search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upper: np.ndarray,
             seed: int, points: int, rounds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the largest values (c,), and where in the unit cube they are (c, n)."""
+    """Returns the largest values (c,), and their places in the unit cube (c, n)."""
+    # A grid, or random points.
     size, rng = len(lower), np.random.default_rng(seed)
     if size == 0:  # A robot without joints: there is one point.
         best = function(np.zeros((1, 0)))[0]
@@ -58,6 +59,7 @@ def _search(function: Callable[[np.ndarray], np.ndarray], lower: np.ndarray, upp
         axes = [np.linspace(0.0, 1.0, along)] * size
         unit = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, size)
     values = function(lower + unit * (upper - lower))
+    # Random points closer and closer to the worst ones.
     worst = np.argmax(values, axis=0)
     best, where = values.max(axis=0), unit[worst]
     each, reach = max(8, ROUND_POINTS // len(best)), 1.0 / (along - 1)
@@ -76,7 +78,7 @@ def second_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.n
                        upper: np.ndarray, seed: int = 0, points: int | None = None) -> np.ndarray:
     """Returns the largest values (c,) at random points, many of them on faces and edges of the box.
 
-    While searches are held nobody asks for a second one, and it is made at one point only.
+    With an active memo a second search is not needed, and it is made at one point only.
 
     Args:
         function: As of `supremum_over_joints`, as are the others.
@@ -85,7 +87,7 @@ def second_over_joints(function: Callable[[np.ndarray], np.ndarray], lower: np.n
         seed: Seed of the points.
         points: Number of them.
     """
-    if held() is not None:
+    if active_memo() is not None:
         points = 1
     unit = _points(points or CHECKS, len(lower), np.random.default_rng([seed, 1]))
     return np.max(function(lower + unit * (upper - lower)), axis=0)

@@ -10,12 +10,12 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 
 DIFFERENCE = 1e-6
-"""Step of the central differences; all of them are one batch."""
+"""Step of the central differences, all in one batch."""
 MARGIN = 1e-5
 """Distance that SNOPT keeps from the normalised bounds, so that it ends at a feasible point."""
 SETTINGS = {"Major iterations limit": 60, "Major optimality tolerance": 1e-4,
             "Major feasibility tolerance": 1e-6}
-"""Settings of SNOPT. A search that stops early is used as far as it got."""
+"""Settings of SNOPT; a search may stop early."""
 
 ValueAndGradient = Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray]]
 
@@ -66,7 +66,7 @@ def climb(function: ValueAndGradient, model: ContactModel, constraint_set: Const
     Args:
         function: Maps 𝔮, ζ (6+n,) to a value and its gradient in (𝔮, ζ) (2(6+n),).
         model: The controller's model.
-        constraint_set: Where to stay.
+        constraint_set: The set.
         config: 𝔮 (6+n,) of the start, a state of the set.
         zeta: ζ (6+n,) of the start.
     """

@@ -1,4 +1,4 @@
-"""What is searched for its largest values: functions of a nominal motion and of errors.
+"""Problems of a search for largest values: functions of a nominal motion and of errors.
 
 A motion x is a pose (the tip's position, the vehicle's attitude, the joints), ζ̄ and ū over its
 limits; an error is in a sum of ellipsoids. `ascent` and `second_search` look for the largest value
@@ -19,12 +19,12 @@ Part = tuple[np.ndarray, float]
 
 @dataclass(frozen=True)
 class SearchProblem(ABC):
-    """The sets; a derived class has the function."""
+    """Sets of motions and errors; a derived class has the function."""
 
     model: ContactModel
     declared: ConstraintSet
     parts: list[Part]
-    """The errors (errors,), a sum."""
+    """Summands of the errors (errors,)."""
 
     @property
     def size(self) -> int:
@@ -33,13 +33,13 @@ class SearchProblem(ABC):
 
     @property
     def errors(self) -> int:
-        """Number of components of the errors, 2(6+n) if it is not another one."""
+        """Number of components of the errors, 2(6+n) by default."""
         return 2 * self.size
 
     @property
     @abstractmethod
     def channels(self) -> list[slice]:
-        """Components of the values whose norm is looked at."""
+        """Components of the values, whose norms are maximised."""
 
     @abstractmethod
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -69,9 +69,9 @@ class SearchProblem(ABC):
         return config
 
     def bounded(self, pose: np.ndarray) -> np.ndarray:
-        """Returns what has to be in [−1, 1] of poses (m, 6+n) beside their box (m, 3).
+        """Returns values of poses (m, 6+n) that have to be in [−1, 1], besides their box (m, 3).
 
-        Tip pitch, contact, and how near the attitude is to where the contact's law jumps.
+        Tip pitch, contact, and the attitude over that at which the contact's law jumps.
         """
         config, still = self.config(pose), np.zeros((len(pose), self.size))
         chi = self.model.task_pose(config)[:, :6]
@@ -81,15 +81,15 @@ class SearchProblem(ABC):
 
 
 NEAREST_TO_A_JUMP = 0.9
-"""Share of the angle at which a contact's law jumps up to which attitudes count."""
+"""Largest attitude over the angle at which a contact's law jumps."""
 
 
 def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, share: np.ndarray,
                  u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
     """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both.
 
-    A share of the looser one alone, cut to the tighter, is the same set; but of the light joints,
-    whose ζ̄̇ is cut long before, a search would have no slope to climb by.
+    A share of the looser one alone, cut to the tighter, is the same set; but for light joints, whose
+    ζ̄̇ is cut long before, a search would have no slope.
     """
     rates = largest_rate * np.ones(model.size)
     slow = rates < u_limits

@@ -1,8 +1,8 @@
-"""A second search for what is estimated: without gradients, samples or climbers of the first.
+"""Second search for estimated suprema, without gradients, samples or climbers of the first.
 
-An evolution strategy (`evolution`) for the suprema that `ascent` finds with gradients: in one
-vector of about normal numbers, of which the pose is a linear function, ζ̄ and ū are projected on
-their sets, and the errors are furthest along a direction in theirs. See `estimate` for its use.
+An evolution strategy for the suprema that `ascent` finds with gradients: in one vector of about
+normal numbers, of which the pose is a linear function, ζ̄ and ū are projected on their sets, and the
+errors are furthest along a direction in theirs. See tube/theory.md#estimates-and-second-searches.
 """
 
 import numpy as np
@@ -11,20 +11,21 @@ from uvms_drake.tube.search.evolution_strategy import evolve
 from uvms_drake.tube.search.search_problem import SearchProblem
 
 GENERATIONS = 120
-"""Generations of the evolution strategy."""
+"""Number of generations of the evolution strategy."""
 BATCH = 400
-"""States evaluated at a time."""
+"""Number of states evaluated at a time."""
 
 
 def second_search(problem: SearchProblem, wanted: np.ndarray, rng: np.random.Generator
                   ) -> np.ndarray:
-    """Returns the largest values that it found of the wanted channels (number of `wanted`,).
+    """Returns the largest values found of the wanted channels (number of `wanted`,).
 
     Args:
-        problem: What to search.
+        problem: The problem.
         wanted: Indices of channels.
         rng: Source of random numbers.
     """
+    # One run for each channel, from random poses.
     size, declared, runs = problem.size, problem.declared, len(wanted)
     lower, upper = declared.box
     scale = declared.scale(problem.model)[:size]

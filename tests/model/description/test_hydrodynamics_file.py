@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.model.robot_folder.hydrodynamics_file`."""
+"""Tests of `uvms_drake.model.description.hydrodynamics_file`."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.robot_folder.hydrodynamics_file import (
+from uvms_drake.model.description.hydrodynamics_file import (
     AddedMass,
     BodyHydrodynamics,
     Drag,

@@ -1,4 +1,4 @@
-"""Tests of `tube.actuation.held_command_rates`."""
+"""Tests of `tube.actuation.zoh_command_rates`."""
 
 from dataclasses import replace
 
@@ -12,12 +12,12 @@ from uvms_drake.control.laws.tip_rows import tip_rows
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
-from uvms_drake.tube.actuation.held_command_rates import (
-    HeldCommandProblem,
+from uvms_drake.tube.actuation.zoh_command_rates import (
+    ZohCommandProblem,
     PlanProblem,
-    held_command_rates,
+    zoh_command_rates,
     jumping_plan,
-    late_plan,
+    zoh_plan_rate,
     plan_rates,
     turning_task,
 )
@@ -63,7 +63,7 @@ def _body(config, rate):
 
 
 def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_else(free):
-    """(1) of `held_rows` on a motion that is given, by the law itself: d is what it takes."""
+    """(1) of `zoh_command_tube` on a motion that is given, by the law itself: d is what it takes."""
     model, rows, rng = free, tip_rows(free), np.random.default_rng(0)
     s, t, knot = 0.1, 0.125, 0.112
     jump = np.repeat([0.05, 0.3], [6, 4])
@@ -105,7 +105,7 @@ def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_els
             -1].T @ read - model.inverse_dynamics(kinematics, zeta, np.zeros(10)))
         off = J @ free_fall + output_bias(config, kinematics, zeta, rows)
         before = (acceleration(plan, time + 1e-5) - acceleration(plan, time - 1e-5)) / 2e-5
-        return held_command_rates(model, rows, config, zeta, zeta_dot, off, read) - before
+        return zoh_command_rates(model, rows, config, zeta, zeta_dot, off, read) - before
 
     nodes, weights = np.polynomial.legendre.leggauss(4)
     rho = sum(0.5 * (end - start) * weight * leaves(0.5 * (start + end) + 0.5 * (end - start) * x)
@@ -123,7 +123,7 @@ def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_els
 
 @pytest.fixture(scope="module")
 def problem(free):
-    return HeldCommandProblem(free, BOUNDS, [], tip_rows(free), LIMITS, 3.0)
+    return ZohCommandProblem(free, BOUNDS, [], tip_rows(free), LIMITS, 3.0)
 
 
 def test_errors_make_of_a_plan_what_the_robot_does_where_they_put_it(problem):
@@ -144,9 +144,9 @@ def test_errors_make_of_a_plan_what_the_robot_does_where_they_put_it(problem):
         return np.append(each[:6], J[6:, 6:] @ each[6:])
 
     bias = output_bias(config, kinematics, zeta, rows)
-    real = held_command_rates(model, rows, config, zeta, np.linalg.solve(
+    real = zoh_command_rates(model, rows, config, zeta, np.linalg.solve(
         J, y_ddot + of_outputs(moved) - bias), y_ddot + of_outputs(off), wrench) - jerk
-    late = held_command_rates(
+    late = zoh_command_rates(
         model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
     expected = np.concatenate([real - late, np.linalg.solve(J[6:, 6:], real[6:])
                                - np.linalg.solve(J_bar[6:, 6:], late[6:])])
@@ -164,7 +164,7 @@ def test_a_plan_that_is_held_lags_by_its_forces(free, problem):
     one = [(np.eye(1), 1.0)]
     fields = vars(problem) | {"parts": one}
     held, jumps, turns = (PlanProblem(**fields, of=of) for of in (
-        late_plan, jumping_plan, turning_task))
+        zoh_plan_rate, jumping_plan, turning_task))
     config, zeta, zeta_dot = (each[0] for each in problem.plan(x))
 
     def at(step):

@@ -1,41 +1,14 @@
-"""What a command that is sampled, held and late makes of the rows of `tip first`, with a proof.
+"""Effect of a sampled command under zero-order hold, with delay, on the rows of `tip first`.
 
-A law that runs at ticks s and whose command τ_c(s), of vehicle and joints, acts from s + D to
-s + D + h asks for a(𝔮, ζ; τ_c − J_EᵀF̂) = ÿ̄ + w at s, with the a of `held_rests`, F̂ the force as it
-is read and w = −(K + Σ)ė − KΣe. At t the robot does ÿ = a(𝔮, ζ; τ_c) − J_yM⁻¹J_EᵀF + J_yd. So
+A law that runs at ticks s and whose command acts from s + D to s + D + h has, at t,
 
     ë(t) = w(s) + ∫ₛᵗ ρ dr − Σ [ÿ̄] + J_yM⁻¹J_Eᵀ(F̂(s) − F(t)) + J_yd(t),                        (1)
 
-ρ by (2) of `held_rests`, [ÿ̄] = J̄_y[ζ̄̇] of the knots of a plan in (s, t], and t − s ≤ h + D. ∎ The
-first term is the loop of `row_loop`; the last two are counted by `tip_first`, with a reading that
-is older by h + D. What is left are three sources:
-
-- *the plan*, ρ of errors that are zero;
-- *its knots*: where they are ticks to the last digit, [ÿ̄] counts from a knot until that tick's own
-  command acts, D, since Drake makes the plan before a sample of the same time. If they are not, the
-  tick may come before its knot, and it is D + h. Besides, ë and α have [ÿ̄] in them as long, and
-  with them ρ, which is affine in both: that makes no more than as long times what it then is, on
-  any command that reaches back to there;
-- *meanwhile*, the rest of ρ.
-
-*ρ depends on errors, and errors on ρ.* Let R_b be what the blocks of ρ are assumed to be at most.
-They give the errors e, ė and ë by gains, and w. And a(τ_c − J_EᵀF̂) − ÿ̄ = α of (2) begins as w(s)
-and goes by ρ, but for [ÿ̄]: |α| ≤ |w| + (h + D)|ρ|. In joint angles J_sq⁻¹ turns meanwhile, at no
-more than Ω = sup‖J_sq⁻¹J̇_sq‖, and |α_q| ≤ e^{Ω(h + D)}(|w_q| + (h + D)|ρ_q|). Where R bounds
-ρ + κë, see below, |ρ| ≤ R + κ|ë|, all of ë. If the supremum of ρ
-over all errors within these bounds is no more than R, then R was right: errors that obey it until
-some time obey it a moment longer, since they come of what was before. R is found to first order,
-enlarged, and then checked by `ascent`.
-
-*In joint angles*, x_q = J_sq⁻¹(t)∫K(t, r)J_sq(r)δ_q(r)dr ≤ ∫|K|e^{Ω(t − r)}|δ_q|dr for a δ_s that
-is J_sqδ_q, the gain of a loop whose states grow by e^{Ωt}; δ_q itself, J_sq⁻¹∫J_sqρ_q over an age,
-is at most e^{Ω(h + D)} times that age times |ρ_q|. [ÿ̄_s] is J_sq of the plan's posture
-times something, and counts ‖J_sq⁻¹‖ times as much.
-
-*The joints' drag* makes most of ρ. So the tip's rows have a κ that their loop knows, see `RowLoop`,
-and ρ + κë counts in place of ρ; position and joints, each bounded by itself, have their own.
-
-All suprema are estimates: searched, multiplied by the declared factor, and searched for again.
+w the feedback, ρ by (2) of `zoh_command_rates`, [ÿ̄] the jumps at the knots of a plan in (s, t].
+Three sources are left: ρ of the plan, its knots, and the drift between samples, the remainder of ρ.
+ρ depends on errors, and errors on ρ: bounds R of its blocks are found to first order, enlarged, and
+then checked by `ascent`: if the errors that follow from R make no more than R, R was right. All
+suprema are estimates. Proof: tube/actuation/theory.md#command-under-zero-order-hold.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -45,17 +18,17 @@ import numpy as np
 
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.frames.euler import COMPLEX_STEP
-from uvms_drake.tube.actuation.held_command_rates import (
-    HeldCommandProblem,
+from uvms_drake.tube.actuation.zoh_command_rates import (
     PlanProblem,
+    ZohCommandProblem,
     jumping_plan,
-    late_plan,
     turning_task,
+    zoh_plan_rate,
 )
 from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.loops.actuator_path import at_ticks
-from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.loops.row_loop import ACCELERATION, RATE, E, RowLoop, W
 from uvms_drake.tube.rows.remainders import output_jacobian
 from uvms_drake.tube.search.ascent import by_part, first_order, supremum
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -64,48 +37,53 @@ from uvms_drake.tube.search.search_problem import Part
 from uvms_drake.tube.search.second_search import second_search
 from uvms_drake.tube.settings import CertificateSettings
 
-PLAN, KNOTS, MEANWHILE = ("the plan, held", "its knots", "what moves meanwhile")
-"""Sources of the rows' errors by a command that is held."""
+PLAN, KNOTS, DRIFT = ("plan under hold", "jumps at knots", "drift between samples")
+"""Sources of the rows' errors by a command under zero-order hold."""
 BLOCKS = ("vehicle", "attitude", "position", "joints")
 """Blocks by their names in the table."""
+VEHICLE_ROWS, ATTITUDE_ROWS, TIP_ROWS, JOINTS_ROWS = range(4)
+"""Indices of the blocks."""
+ERRORS = [VEHICLE_ROWS, ATTITUDE_ROWS, JOINTS_ROWS]
+"""Blocks of the errors of `ZohCommandProblem`."""
 ENLARGED, TRIES = 1.05, 4
-"""Factor of R to first order, and how often it is enlarged by what was found."""
+"""Factor of R to first order, and number of its enlargements by the values found."""
 Of = Callable[[PlanProblem, np.ndarray], np.ndarray]
-"""What a plan makes of rows."""
+"""Function of a plan."""
 FIXED_POINT = 300
-"""Rounds in which errors and ρ converge to first order, or do not."""
+"""Rounds in which errors and ρ converge to first order, or never."""
 Parts = dict[str, np.ndarray]
 """Bounds (4,) of e, ė, w and ë by source."""
 
 
-class HeldCommandTube:
-    """The sources, and the table of blocks with them.
+class ZohCommandTube:
+    """Sources of a command under zero-order hold, and the table of blocks with them.
 
     Args:
         basis: The data.
         rows: The tip's task in (χ, q) (n,).
-        loops: Of the vehicle's rows, of the tip's, and these with the joints' drag; of one clock.
+        loops: Loops of the vehicle's rows, the tip's, and these with the joints' drag, of one clock.
         table: Parts of the blocks without these sources, by block and by source.
-        slower: What a plan may do at most, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
+        slower: Speed limits of plans, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
         turning: Ω [1/s].
         regular: Smallest singular value of J_sq.
         reading: Bounds of ‖F̂‖, force and torque [N, N m].
     """
 
     table: dict[str, Parts]
-    """All parts; those of what is late are infinite if no R was found."""
+    """All parts; those of these sources are infinite if no R was found."""
     condition: Condition
-    """That errors do not make more of ρ than was counted with."""
+    """Condition that the errors make no more of ρ than its bound."""
     check: Check
     """Makes the second searches."""
-    beside = 0.0
-    """What is to be added to the tube in u and τ: nothing."""
+    extra_input = 0.0
+    """Addition to the tube in u and τ: nothing."""
 
     def __init__(self, basis: Basis, rows: np.ndarray, loops: Sequence[RowLoop],
                  table: Mapping[str, Parts], slower: np.ndarray, turning: float,
                  regular: float, reading: tuple[float, float]):
         self._basis, self._rows, self._known, self._reading = basis, rows, dict(table), reading
         self._turning, self._drags = turning, (loops[1].drag, loops[2].drag)
+        # Plans are slower than the robot by the tube, and so are their accelerations.
         model, settings, path = basis.model, basis.settings, basis.actuators.vehicle
         self._factor, self._age = settings.safety_factor, path.period + path.dead_time
         planned = replace(basis.declared, nu1=float(slower[0]), nu2=float(slower[1]),
@@ -116,84 +94,88 @@ class HeldCommandTube:
         checks: list[Check] = []
 
         def plan_of(name: str, of: Of) -> np.ndarray:
-            """Returns the claim (4,) of something that a plan does by itself."""
+            """Returns the claim (4,) of a function of the plan alone."""
             claim, check = _claim_of(name, PlanProblem(
                 model, planned, [(np.eye(1), 1.0)], rows, basis.u_limit, self._rate, of=of),
                 settings)
             checks.append(check)
             return claim
 
-        level = plan_of("the plan's forces, held", late_plan)
+        # ρ of the plan, and the jumps at its knots; J_sq turns while ρ is integrated, too.
+        level = plan_of("the plan's forces under hold", zoh_plan_rate)
         self._jump = 2.0 * plan_of("accelerations of plans", jumping_plan)
-        self._jump[3] /= regular
+        self._jump[JOINTS_ROWS] /= regular
         self._turns = np.array([1.0, 1.0, 1.0, np.exp(turning * self._age)])
         self._gains = self._of_blocks(loops)
-        self._gains[3] *= self._turns[3]  # J_sq turns while ρ is integrated, too.
+        self._gains[JOINTS_ROWS] *= self._turns[JOINTS_ROWS]
+        # A jump counts until the command of its tick acts, and so does its effect on ρ.
         ticks = round(basis.time_step / path.period)
         until = path.dead_time + (0.0 if at_ticks(basis.time_step, path.period) else path.period)
         self._jump *= until > 0.0
         knots = self._of_blocks(loops, ticks, until) * self._jump[:, None]
-        self._made = np.zeros(4)  # ∫ρ of what jumps turn into.
+        self._made = np.zeros(4)  # ∫ρ by jumps.
         if until > 0.0:
             known = [loops[i].grown(0.0) for i in (0, 0, 1)] + [loops[2].grown(turning)]
             self._made = until * self._by_knots(checks)
             knots += np.array(known) * (self._turns * self._made)[:, None]
-            self._made[3] += until * self._drags[1] * self._jump[3]
+            self._made[JOINTS_ROWS] += until * self._drags[1] * self._jump[JOINTS_ROWS]
         self._level = level
         self._of_plan = {PLAN: self._gains * level[:, None], KNOTS: knots}
 
+        # The drift between samples, by a fixed point of errors and ρ.
         found, ratio = self._fixed_point(checks)
         self.table = self._table(found)
         self.condition = Condition(
-            "held command, what moves meanwhile over what is counted with", ratio, "<=", 1.0,
-            theorem="tube/actuation/theory.md#held-command")
+            "zero-order hold, drift between samples over its bound", ratio, "<=", 1.0,
+            theorem="tube/actuation/theory.md#command-under-zero-order-hold")
         self.check = together(*checks)
 
     def _of_blocks(self, loops: Sequence[RowLoop], pulses: int = 0, until: float = 0.0
                    ) -> np.ndarray:
-        """Returns gains to e, ė, w and ë of the blocks (4, 4); see `RowLoop.held`."""
-        vehicle, tip, joints = (loop.held(growth, pulses=pulses, until=until) for loop, growth in
+        """Returns gains to e, ė, w and ë of the blocks (4, 4); see `RowLoop.zoh_gains`."""
+        vehicle, tip, joints = (loop.zoh_gains(growth, pulses=pulses, until=until) for loop, growth in
                                 zip(loops, (0.0, 0.0, self._turning), strict=True))
         return np.array([vehicle, vehicle, tip, joints])
 
-    def _table(self, rest: np.ndarray) -> dict[str, Parts]:
+    def _table(self, remainder: np.ndarray) -> dict[str, Parts]:
         """Returns the table with ρ (4,) in its blocks; the row of the depth is the tip's."""
-        sources = self._of_plan | {MEANWHILE: self._gains * rest[:, None]}
+        sources = self._of_plan | {DRIFT: self._gains * remainder[:, None]}
         return {name: parts | {source: each[BLOCKS.index(
             name if name in BLOCKS else "position")] for source, each in sources.items()}
             for name, parts in self._known.items()}
 
-    def _radii(self, rest: np.ndarray) -> np.ndarray:
-        """Returns the radii of the errors of `HeldCommandProblem` by part (14,)."""
-        table = self._table(rest)
+    def _radii(self, remainder: np.ndarray) -> np.ndarray:
+        """Returns the radii of the errors of `ZohCommandProblem` by part (14,)."""
+        table = self._table(remainder)
         sums = np.array([np.sum(list(table[name].values()), axis=0) for name in BLOCKS])
-        off = self._turns * (sums[:, 2] + self._age * (rest + self._level) + self._made)
-        off[3] += self._turns[3] * self._age * self._drags[1] * sums[3, 3]
-        sums[:, 3] -= self._jump
-        by_block = np.column_stack([sums[:, [0, 1, 3]], off])[[0, 1, 3]]
+        off = self._turns * (sums[:, W] + self._age * (remainder + self._level) + self._made)
+        off[JOINTS_ROWS] += (self._turns[JOINTS_ROWS] * self._age * self._drags[1]
+                             * sums[JOINTS_ROWS, ACCELERATION])
+        sums[:, ACCELERATION] -= self._jump
+        by_block = np.column_stack([sums[:, [E, RATE, ACCELERATION]], off])[ERRORS]
         return np.append(by_block.T.ravel(), self._reading)
 
     def _by_knots(self, checks: list[Check]) -> np.ndarray:
-        """Returns what [ÿ̄] in ë and in α makes of ρ (4,)."""
+        """Returns the ρ of [ÿ̄] in ë and in α (4,)."""
         radii = np.zeros((4, 3))
-        radii[2:] = (self._turns * self._jump)[[0, 1, 3]]
+        radii[2:] = (self._turns * self._jump)[ERRORS]
         problem = replace(self._problem(np.append(radii, [0.0, 0.0])),
                           declared=self._basis.declared)
-        claim, check = _claim_of("what jumps of a plan turn into", problem, self._basis.settings)
+        claim, check = _claim_of("rates by jumps of a plan", problem, self._basis.settings)
         checks.append(check)
         return claim
 
-    def _problem(self, radii: np.ndarray) -> HeldCommandProblem:
+    def _problem(self, radii: np.ndarray) -> ZohCommandProblem:
         size = self._basis.model.size
         eye, blocks = np.eye(4 * size + 6), np.split(np.arange(size), [3, 6])
         columns = [eye[:, block + i * size] for i in range(4) for block in blocks]
         columns += [eye[:, 4 * size: 4 * size + 3], eye[:, 4 * size + 3:]]
         parts: list[Part] = list(zip(columns, map(float, radii), strict=True))
-        return HeldCommandProblem(self._basis.model, self._planned, parts, self._rows,
-                           self._basis.u_limit, self._rate, self._drags)
+        return ZohCommandProblem(self._basis.model, self._planned, parts, self._rows,
+                                 self._basis.u_limit, self._rate, self._drags)
 
     def _fixed_point(self, checks: list[Check]) -> tuple[np.ndarray, float]:
-        """Returns R (4,), and how much of it is found of errors within its bounds."""
+        """Returns R (4,), and the ratio of ρ over errors within its bounds to it."""
         settings = self._basis.settings
         problem = self._problem(np.ones(14))
         x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 2]))
@@ -201,34 +183,34 @@ class HeldCommandTube:
         more = np.full(4, self._factor * ENLARGED)
         ratio = np.inf
         for _ in range(TRIES):
-            rest = self._first_order(slopes, more)
-            if not np.isfinite(rest).all():
-                return rest, np.inf
-            radii = self._radii(rest)
+            remainder = self._first_order(slopes, more)
+            if not np.isfinite(remainder).all():
+                return remainder, np.inf
+            radii = self._radii(remainder)
             problem = self._problem(radii)
             claim = self._factor * supremum(problem, x, slopes @ radii)
-            ratio = float(np.max(claim / rest))
+            ratio = float(np.max(claim / remainder))
             if ratio <= 1.0:
-                checks.append(_check(problem, "what moves while a command is held", rest,
+                checks.append(_check(problem, "drift between samples", remainder,
                                      settings.seed))
-                return rest, ratio
-            more = more * ENLARGED * np.maximum(claim / rest, 1.0)
-        return rest, ratio
+                return remainder, ratio
+            more = more * ENLARGED * np.maximum(claim / remainder, 1.0)
+        return remainder, ratio
 
     def _first_order(self, slopes: np.ndarray, more: np.ndarray) -> np.ndarray:
         """Returns the least R (4,) by slopes (m, 4, parts) at samples; inf if there is none."""
-        rest = np.zeros(4)
+        remainder = np.zeros(4)
         for _ in range(FIXED_POINT):
-            last, rest = rest, more * np.max(slopes @ self._radii(rest), axis=0)
-            if np.all(rest <= 1.001 * last):
-                return rest
-            if np.max(rest) > 1e6:
+            last, remainder = remainder, more * np.max(slopes @ self._radii(remainder), axis=0)
+            if np.all(remainder <= 1.001 * last):
+                return remainder
+            if np.max(remainder) > 1e6:
                 break
         return np.full(4, np.inf)
 
 
 def turning_of(basis: Basis, rows: np.ndarray) -> tuple[float, Check]:
-    """Returns Ω = sup‖J_sq⁻¹J̇_sq‖ over the declared set [1/s], and what searches for it again."""
+    """Returns Ω = sup‖J_sq⁻¹J̇_sq‖ over the declared set [1/s], and its second search."""
     unit = np.eye(basis.model.num_joints)
     claim, check = _claim_of("‖J_sq⁻¹J̇_sq‖", PlanProblem(
         basis.model, basis.declared, [(unit, 1.0)], rows, basis.u_limit, of=turning_task),
@@ -238,10 +220,10 @@ def turning_of(basis: Basis, rows: np.ndarray) -> tuple[float, Check]:
 
 def drags_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray
              ) -> tuple[float, float]:
-    """Returns the κ of `RowLoop` that the tip's position and its joints are near to [1/s].
+    """Returns the approximate κ of `RowLoop` of the tip's position and of its joints [1/s].
 
-    In the middle of the declared set and at rest: what the robot is off them is in ρ. No proof
-    depends on them, and each block of rows may have its own.
+    They are those in the middle of the declared set and at rest; the difference of the robot is in
+    ρ. No proof depends on them, and each block of rows may have its own.
     """
     n, size = model.num_joints, model.size
     config = np.append(np.zeros(6), 0.5 * (declared.q_lower + declared.q_upper))
@@ -257,7 +239,7 @@ def drags_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray
     return max(0.0, float(of_tip)), max(0.0, 0.5 * float(np.max(each) + np.min(each)))
 
 
-def _claim_of(name: str, problem: HeldCommandProblem, settings: CertificateSettings
+def _claim_of(name: str, problem: ZohCommandProblem, settings: CertificateSettings
               ) -> tuple[np.ndarray, Check]:
     """Returns the claim for a problem (4,), and the second search."""
     x = problem.draw(settings.tube_samples, np.random.default_rng([settings.seed, 2]))
@@ -265,7 +247,7 @@ def _claim_of(name: str, problem: HeldCommandProblem, settings: CertificateSetti
     return claim, _check(problem, name, claim, settings.seed)
 
 
-def _check(problem: HeldCommandProblem, name: str, claim: np.ndarray, seed: int) -> Check:
+def _check(problem: ZohCommandProblem, name: str, claim: np.ndarray, seed: int) -> Check:
     """Returns the second search for claims (4,)."""
     wanted = np.flatnonzero(claim > 0.0)
 

@@ -1,4 +1,4 @@
-"""Tests of `model.robot_folder.thruster_file`: what a file may say, and the thrust map."""
+"""Tests of `model.description.thruster_file`: what a file may say, and the thrust map."""
 
 from dataclasses import replace
 
@@ -10,14 +10,14 @@ from pydrake.systems.framework import DiagramBuilder
 from support.thrusters import eight_thrusters, t200
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.robot_folder.thruster_file import (
+from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
     check_thrusters,
     load_thrusters,
     thrust_map,
 )
+from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from uvms_drake.common.errors import require, symmetric_matrix, vector, within
+from uvms_drake.model.description.yaml_file import load_robot_file
 from uvms_drake.model.frames.spatial import skew
-from uvms_drake.model.robot_folder.yaml_file import load_robot_file
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""What a command that is held makes of the rows of `tip first`: how fast they leave their course.
+"""Rates of the rows of `tip first` under a held command.
 
 With forces F of the contact apart, the rows of outputs y = (η, s) obey ÿ = a(𝔮, ζ; τ) + δ,
 
@@ -9,9 +9,9 @@ While a torque τ_c is held, and with it in thought a wrench F̂ on the tip in i
 
     ρ = d/dt a(𝔮, ζ; τ_c − J_Eᵀ F̂) − d/dt ÿ̄,    τ_c and F̂ constant,                            (2)
 
-where the nominal motion and errors give the rest: x, ẋ, ẍ the errors of outputs as in
-`tip_first_remainders`, the tip's in joint angles; α = a(𝔮, ζ; τ_c − J_EᵀF̂) − ÿ̄ by how much what is held
-is off now, likewise; and F̂. On the plan all of them are zero, and ρ is −J_yM⁻¹τ̄˙ of its forces.
+a function of the nominal motion, of the errors x, ẋ, ẍ of outputs, the tip's in joint angles, of
+α = a(𝔮, ζ; τ_c − J_EᵀF̂) − ÿ̄, likewise, and of F̂. On the plan it is −J_yM⁻¹τ̄˙. See
+tube/actuation/theory.md#rates-under-zero-order-hold.
 """
 
 from collections.abc import Callable
@@ -31,11 +31,11 @@ from uvms_drake.tube.rows.remainders import (
 from uvms_drake.tube.search.search_problem import SearchProblem, input_within
 
 STEP = 1e-4
-"""Step of a difference along a motion [s]."""
+"""Step of a finite difference along a motion [s]."""
 
 
-def held_command_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
-               zeta_dot: np.ndarray, off: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+def zoh_command_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
+                      zeta_dot: np.ndarray, off: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     """Returns the first term of (2) (..., 6+n), of real or complex arguments.
 
     Args:
@@ -44,7 +44,7 @@ def held_command_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray
         config: 𝔮 (..., 6+n).
         zeta: ζ (..., 6+n).
         zeta_dot: ζ̇ (..., 6+n).
-        off: a(𝔮, ζ; τ_c − J_EᵀF̂) of now (..., 6+n), which says what τ_c is.
+        off: Present a(𝔮, ζ; τ_c − J_EᵀF̂) (..., 6+n), which determines τ_c.
         wrench: F̂ (..., 6).
     """
     J, bias, M, b, J_E = _dynamics(model, rows, config, zeta)
@@ -73,7 +73,7 @@ def _dynamics(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: n
 
 def plan_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: np.ndarray,
                zeta_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns ÿ̄, its rate while ζ̄̇ stands still, and J̄_y (..., 6+n, 6+n)."""
+    """Returns ÿ̄, its rate at a constant ζ̄̇, and J̄_y (..., 6+n, 6+n)."""
     def acceleration(step: float) -> tuple[np.ndarray, np.ndarray]:
         at = config + step * configuration_rate(config, zeta)
         moved, kinematics = zeta + step * zeta_dot, model.kinematics(at)
@@ -85,11 +85,11 @@ def plan_rates(model: ContactModel, rows: np.ndarray, config: np.ndarray, zeta: 
 
 
 @dataclass(frozen=True)
-class HeldCommandProblem(SearchProblem):
-    """ρ less what it is on the plan; errors are (x, ẋ, ẍ, α, F̂).
+class ZohCommandProblem(SearchProblem):
+    """ρ less that of the plan; errors are (x, ẋ, ẍ, α, F̂).
 
     Values are by blocks of rows: the vehicle's position and attitude, the tip's position, and
-    J_sq⁻¹ρ_s, what its task is in joint angles.
+    J_sq⁻¹ρ_s, its task in joint angles.
     """
 
     rows: np.ndarray
@@ -97,7 +97,7 @@ class HeldCommandProblem(SearchProblem):
     u_limits: np.ndarray
     """|ūᵢ| (6+n,)."""
     largest_rate: np.ndarray | float = field(default=np.inf)
-    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+    """|ζ̄̇ᵢ| (6+n,), in addition to the bound by |ūᵢ|."""
     drags: tuple[float, float] = (0.0, 0.0)
     """κ of the tip's rows, see `RowLoop`, and in joint angles: ρ + κë counts in place of ρ [1/s].
     """
@@ -109,7 +109,7 @@ class HeldCommandProblem(SearchProblem):
 
     @property
     def channels(self) -> list[slice]:
-        """Those of the blocks."""
+        """Channels of the blocks."""
         n = self.size - 6
         tip = 6 + int(np.sum(self.rows < 3))
         return [slice(0, 3), slice(3, 6), slice(6, tip), slice(6 + n, 6 + 2 * n)]
@@ -122,11 +122,15 @@ class HeldCommandProblem(SearchProblem):
         return config, zeta, u + self.model.drift(config, zeta)
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns the rests (..., 6 + 2n)."""
+        """Returns the values (..., 6 + 2n)."""
+        # ρ of the plan.
         model, rows, size = self.model, self.rows, self.size
         config_bar, zeta_bar, zeta_dot = self.plan(x)
         y_ddot, jerk, J_bar = plan_rates(model, rows, config_bar, zeta_bar, zeta_dot)
-        late = held_command_rates(model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
+        planned_rate = zoh_command_rates(
+            model, rows, config_bar, zeta_bar, zeta_dot, y_ddot, np.zeros(6)) - jerk
+
+        # The real state and its acceleration, from the errors.
         by_y, wrench = np.split(error, [4 * size], axis=-1)
         by_x, by_rate, by_acceleration, by_off = np.split(by_y, 4, axis=-1)
         config = configuration_of(model, rows, config_bar, model.kinematics(config_bar), by_x)
@@ -144,9 +148,11 @@ class HeldCommandProblem(SearchProblem):
         zeta = solved(times(J_bar, zeta_bar) + of_outputs(by_rate))
         bias = output_bias(config, kinematics, zeta, rows)
         moving = solved(y_ddot + of_outputs(by_acceleration) - bias)
-        real = held_command_rates(model, rows, config, zeta, moving, y_ddot + of_outputs(by_off),
-                          wrench) - jerk
-        out = self.by_block(real, J) - self.by_block(late, J_bar)
+
+        # ρ of the robot, less that of the plan, and with κë where the loop knows a drag.
+        real = zoh_command_rates(
+            model, rows, config, zeta, moving, y_ddot + of_outputs(by_off), wrench) - jerk
+        out = self.by_block(real, J) - self.by_block(planned_rate, J_bar)
         both = of_outputs(by_acceleration)[..., 6:], by_acceleration[..., 6:]
         for of, kappa, each in zip((slice(6, size), slice(size, None)), self.drags, both,
                                    strict=True):
@@ -160,36 +166,36 @@ class HeldCommandProblem(SearchProblem):
 
 
 @dataclass(frozen=True)
-class PlanProblem(HeldCommandProblem):
-    """What a plan alone makes of blocks of rows, times an error of one component, or several."""
+class PlanProblem(ZohCommandProblem):
+    """Function of the plan alone by blocks of rows, times an error of some components."""
 
     of: Callable[["PlanProblem", np.ndarray], np.ndarray] = field(kw_only=True)
-    """The function: values (..., 6+2n, errors) of motions (..., 3(6+n))."""
+    """Function: values (..., 6+2n, errors) of motions (..., 3(6+n))."""
 
     @property
     def errors(self) -> int:
-        """As many as are in the parts."""
+        """Number of components in the parts."""
         return len(self.parts[0][0])
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns what the function gives, times the errors."""
+        """Returns the function, times the errors."""
         out: np.ndarray = (self.of(self, x) @ error[..., None])[..., 0]
         return out
 
 
-def late_plan(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
-    """Returns ρ of a plan, with ζ̄̇ standing still (..., 6+2n, 1)."""
+def zoh_plan_rate(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
+    """Returns ρ of a plan at a constant ζ̄̇ (..., 6+2n, 1)."""
     config, zeta, zeta_dot = problem.plan(x)
     y_ddot, jerk, J = plan_rates(problem.model, problem.rows, config, zeta, zeta_dot)
-    return problem.by_block(held_command_rates(
+    return problem.by_block(zoh_command_rates(
         problem.model, problem.rows, config, zeta, zeta_dot, y_ddot, np.zeros(6)) - jerk, J)[
             ..., None]
 
 
 def jumping_plan(problem: PlanProblem, x: np.ndarray) -> np.ndarray:
-    """Returns J̄_yζ̄̇, half of what ÿ̄ can jump by at a knot (..., 6+2n, 1).
+    """Returns J̄_yζ̄̇, half of the largest jump of ÿ̄ at a knot (..., 6+2n, 1).
 
-    With the rows of the tip's task in place of what they are in joint angles.
+    The rows of the tip's task take the place of those in joint angles.
     """
     config, _, zeta_dot = problem.plan(x)
     J = output_jacobian(problem.model, config, problem.model.kinematics(config), problem.rows)
