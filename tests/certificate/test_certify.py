@@ -155,7 +155,7 @@ def test_a_claim_that_a_second_search_beats_voids_the_certificate(monkeypatch):
     monkeypatch.setattr("uvms_drake.tube.resolved.image.second_search",
                         lambda problem, wanted, rng: np.full(len(wanted), 9.0))
     void = certify(load_scenario("girona500_ideal", FEW))
-    assert void.failed.name.startswith("estimates, second search over claim (rest of ν")
+    assert void.failed.name.startswith("estimates, second search over claim (remainder of ν")
     assert "what would help: a larger certificate.safety_factor" in verdict(void)
     assert (void.tightening, void.proven) == (21, 9)  # Joints, q̇, attitudes and static force.
 

@@ -33,10 +33,10 @@ def test_the_first_failed_condition_is_the_verdict():
 
 
 def test_a_yes_or_no_or_a_count_is_said_without_a_number():
-    given_up = Condition("faults, which the proofs do not cover", 2.0, "<=", 0.0, theorem="t")
-    kept = replace(given_up, left=0.0)
-    assert verdict(replace(EMPTY, conditions=(given_up,))).startswith(f"void: {given_up.name}")
-    assert "does not hold" not in verdict(replace(EMPTY, conditions=(given_up,)))
+    broken_assumptions = Condition("faults, which the proofs do not cover", 2.0, "<=", 0.0, theorem="t")
+    kept = replace(broken_assumptions, left=0.0)
+    assert verdict(replace(EMPTY, conditions=(broken_assumptions,))).startswith(f"void: {broken_assumptions.name}")
+    assert "does not hold" not in verdict(replace(EMPTY, conditions=(broken_assumptions,)))
     row = format_certificate(replace(EMPTY, conditions=(kept,))).splitlines()[5]
     assert row.split() == ["none", "of", "this:", *kept.name.split(), "holds"]
 

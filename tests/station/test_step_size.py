@@ -66,7 +66,7 @@ def test_gains_that_the_step_is_too_long_for_are_refused_with_the_step_that_they
         check_step(scenario, model)
     assert str(caught.value) == (
         "simulator.max_step_size = 0.02: must be at most 0.0055 s with runge_kutta3: the loop has "
-        "a rate of 200 1/s, and longer steps make errors of their own")
+        "a rate of 200 1/s, and longer steps are inaccurate")
     shorter = load_scenario("girona500_ideal", [*gains, "simulator.max_step_size=0.0055"])
     check_step(shorter, model)
 

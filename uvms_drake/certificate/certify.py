@@ -120,7 +120,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
 def assumptions(scenario: Scenario) -> list[Condition]:
     """Returns the assumptions of the proofs that a scenario can give up; 0 where one is kept."""
     mpc = scenario.mpc
-    given_up: list[tuple[str, float]] = [
+    broken_assumptions: list[tuple[str, float]] = [
         ("current, which the controller does not know", float(np.linalg.norm(scenario.current))),
         ("waves, which the controller does not know", largest_speed(scenario.waves)),
         ("model_error, which the controller does not know", scenario.model_error.size),
@@ -130,17 +130,17 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
     if scenario.contact.is_sensed:
-        given_up.append(("contact.tangential_lag, friction that the law is told of late",
+        broken_assumptions.append(("contact.tangential_lag, friction that the law is told of late",
                          sensed_contact(scenario).tangential_lag))
-    given_up += motion_of(scenario).given_up(mpc)
-    given_up += [(f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
+    broken_assumptions += motion_of(scenario).broken_assumptions(mpc)
+    broken_assumptions += [(f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
                  for i, term in enumerate(mpc.terms)]
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
-        given_up += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
+        broken_assumptions += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
                      for i, part in enumerate(parts) if part.assumption() is not None
                      and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
                      and not is_counted(scenario, part)]
-    return [Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE) for name, value in given_up]
+    return [Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE) for name, value in broken_assumptions]
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:

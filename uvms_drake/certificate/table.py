@@ -169,7 +169,7 @@ def _leg_rows(certificate: Certificate) -> list[str]:
         band = "-" if leg.band is None else f"{leg.band:.3g}"
         rows.append(f"  {i:>3} {leg.kind:<10}{leg.force:>12.4g}{band:>10}"
                     f"{leg.least:>10.3g}{leg.most:>8.3g}"
-                    f"{'  void: ' + leg.void if leg.void else ''}")
+                    f"{'  void: ' + leg.unmet if leg.unmet else ''}")
     return rows
 
 

@@ -30,7 +30,7 @@ class Condition:
     """Addition to the command line, `--set key=value`, if it is not met and a value is known; or a
     sentence that begins with `BEYOND`."""
     theorem: str = field(kw_only=True)
-    """Link, below `uvms_drake/`, to the theorem that needs it: `path/theory.md#heading`."""
+    """Link, below `uvms_drake/`, to the theorem that needs it, page and heading."""
 
     @property
     def holds(self) -> bool:

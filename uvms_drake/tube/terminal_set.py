@@ -2,10 +2,10 @@
 
 Under the terminal controller, with V = ‖ξ‖²_P, F needs V(ξ⁺) − V(ξ) ≤ −ℓ(ξ) and all nominal limits:
 see control/theory.md#terminal-set. Conditions that are linear or conic in ξ have a closed form
-(`linear_radius`). The others are checked on the nonlinear map: at samples on the boundary and inside,
-among them the support points of every limit, and at local minima of the margins that a nonlinear
-program finds from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It is a search
-for a counterexample that finds none, not a proof.
+(`linear_radius`). The others are checked on the nonlinear map: at samples on the boundary and
+inside, among them the support points of every limit, and at local minima of the margins that a
+nonlinear program finds from the worst samples; as ξ → 0, by an eigenvalue of the linearisation. It
+is a search for a counterexample that finds none, not a proof.
 """
 
 from dataclasses import dataclass
@@ -151,7 +151,8 @@ class TerminalLoop:
             limit = self.ocp.limits[name]
             values = limit.values(rest)
             distances = np.minimum(limit.upper - values, values - limit.lower)
-            for part, form, free, half in zip(limit.parts, forms, distances, limit.half, strict=True):
+            for part, form, free, half in zip(
+                    limit.parts, forms, distances, limit.half, strict=True):
                 out[part] = (free, self._reach(
                     form.through(self.ocp.state_rows()) @ self._axes.T), half)
         for other in self._others:

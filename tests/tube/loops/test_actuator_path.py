@@ -36,17 +36,17 @@ def test_without_a_clock_thrusters_sample_for_themselves(model):
     assert found.undriven == (3,)
 
 
-def test_what_has_no_path_is_said(model):
+def test_an_effect_without_a_path_is_named(model):
     clock, thrusters = SampledCommand(0.015, 0.0), Thrusters(period=0.01)
     paths = [part.command_path(model) for part in (clock, thrusters)]
     assert "no multiple" in actuators_of(paths).unknown[0]
     assert "order" in actuators_of(paths[::-1]).unknown[0]
-    assert "says nothing" in actuators_of([None, paths[0]]).unknown[0]
+    assert "known delay" in actuators_of([None, paths[0]]).unknown[0]
     assert actuators_of([CommandPath(0.01, 0.0)]).joints.period == 0.01
 
 
 def test_a_wrong_model_is_as_wrong_as_its_forces(model):
-    """The columns bound what each thruster may be off by, whatever its command."""
+    """The columns bound the error of each thruster, for any command."""
     part = Thrusters(error=np.array([0.1, -0.1, 0.05, 0.0, 0.2]))
     off, known, true = part.command_path(model).off, part.known(model), part.true(model)
     rng = np.random.default_rng(0)

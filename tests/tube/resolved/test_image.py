@@ -176,10 +176,10 @@ def test_forces_have_an_image_only_if_they_are_wanted(model, small_set, image):
         model, 200, np.random.default_rng(6))[0]))
     assert forced.tau is not None
     assert np.all(forced.tau > D * np.linalg.norm(M, axis=2).max(axis=0))  # 𝔲 alone makes that.
-    assert "rest of τ[0]" in {estimate.name for estimate in forced.check()}
+    assert "remainder of τ[0]" in {estimate.name for estimate in forced.check()}
 
 
 def test_a_ball_has_a_proven_attitude_and_all_else_an_estimate(images):
     names = [{estimate.name for estimate in image.check()} for image in images]
-    assert names[1] - names[0] == {"α", "rest of φ", "rest of θ"}
-    assert {"ω", "rest of ν₁", "rest of u[9]"} <= names[0]
+    assert names[1] - names[0] == {"α", "remainder of φ", "remainder of θ"}
+    assert {"ω", "remainder of ν₁", "remainder of u[9]"} <= names[0]

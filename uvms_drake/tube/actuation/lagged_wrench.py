@@ -1,16 +1,17 @@
 """Effect of thrusters that lag on the vehicle's rows of `tip first`, with a proof.
 
 The joints go by the present wrench of the thrusters, τ_v, so that the tip's rows are those without
-any lag, and the vehicle's obey, with d' = d + M⁻¹J_Eᵀ(F̂ − F), A as in `row_loop` and τ_c of the law,
+any lag, and the vehicle's obey, with d' = d + M⁻¹J_Eᵀ(F̂ − F), A as in `row_loop` and τ_c that
+of the law,
 
-    η̈ = ÿ̄_η + w_η + A(τ_v − τ_c) + (J_y d')_η,    A = J_ηv M*⁻¹,                                (1)
+    η̈ = ÿ̄_η + w_η + A(τ_v − τ_c) + (J_y d')_η,    A = J_ηv M*⁻¹,                               (1)
     Aτ_c = w_η + A(τ_J + τ_w + τ_φ + J_Evᵀ F̂),    τ_J = (MJ_y⁻¹J̄_yζ̄̇)_v,
-    τ_w = M_vqJ_sq⁻¹w_s,    τ_φ = (MJ_y⁻¹(J̄̇_yζ̄ − J̇_yζ) + b)_v.                                 (2)
+    τ_w = M_vqJ_sq⁻¹w_s,    τ_φ = (MJ_y⁻¹(J̄̇_yζ̄ − J̇_yζ) + b)_v.                                (2)
 
 τ_v is a mean of past commands over ages of a hold h, a dead time D and a lag T. Each part of
-A(τ_v − τ_c) is bounded by its level or its rate, and by the norms K of the blocks of ȦA⁻¹. The parts
-off the plan follow from errors, and errors from them: bounds R are found to first order, enlarged,
-and checked. All suprema are estimates. Proof:
+A(τ_v − τ_c) is bounded by its level or its rate, and by the norms K of the blocks of ȦA⁻¹. The
+parts off the plan follow from errors, and errors from them: bounds R are found to first order,
+enlarged, and checked. All suprema are estimates. Proof:
 tube/actuation/theory.md#vehicle-wrench-with-a-first-order-lag.
 """
 
@@ -51,8 +52,8 @@ PLAN, ARM, OFF, TURNING, CONTACT = (
 BLOCKS = (VEHICLE, ATTITUDE)
 HALVES = slice(0, 3), slice(3, 6)
 ENLARGED, TRIES, ROUNDS = 1.25, 4, 300
-"""Factor of R to first order, number of its enlargements by the values found, and rounds in which it
-converges to first order, or never. The factor covers the excess of another search."""
+"""Factor of R to first order, which covers the excess of another search; number of its enlargements
+by the values found; rounds in which it converges to first order, or never."""
 
 
 class LaggedWrenchTube:
@@ -92,7 +93,8 @@ class LaggedWrenchTube:
         eye6, eye = np.eye(6), np.eye(n + 6)
 
         # Feedforward of plans, rate of A, and maps of arm and readings to the vehicle.
-        plan = self._claim(checks, "delayed forces of plans", planned_feedforward, [np.eye(1)], 3, 6)
+        plan = self._claim(
+            checks, "delayed forces of plans", planned_feedforward, [np.eye(1)], 3, 6)
         self._level, self._level_rate, self._smooth = plan[:, 0].reshape(3, 2)
         K = self._claim(checks, "‖ȦA⁻¹‖", turning_map, [eye6[:, half] for half in HALVES], 3, 2,
                         within=False)
@@ -265,7 +267,8 @@ def means_over_ages(K: np.ndarray, hold_age: float, lag: float) -> tuple[np.ndar
     after_hold = exponential(K * hold_age)
     integral = exponential(hold_age * np.block(
         [[K, np.eye(size)], [np.zeros((size, 2 * size))]]))[:size, size:]
-    return after_hold @ lagged - np.eye(size), integral + lag * after_hold @ lagged - age * np.eye(size)
+    return (after_hold @ lagged - np.eye(size),
+            integral + lag * after_hold @ lagged - age * np.eye(size))
 
 
 def moments_of_ages(K: np.ndarray, hold_age: float, lag: float) -> tuple[np.ndarray, np.ndarray]:

@@ -63,4 +63,5 @@ def row_feedforward(model: ContactModel, config: np.ndarray, zeta: np.ndarray, r
     given = -b
     given[..., :6] += wrench
     return RowFeedforward(A, times(A, carried) - bias[..., :6], by_forces[..., 6:],
-                          -times(by_forces, given) - bias[..., 6:], A @ by_arm, by_forces[..., :6], M, b)
+                          -times(by_forces, given) - bias[..., 6:], A @ by_arm,
+                          by_forces[..., :6], M, b)

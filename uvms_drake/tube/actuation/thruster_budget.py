@@ -1,13 +1,14 @@
 """Error budget of the rows of `tip first` under thrusters with delay: no proof, a budget.
 
-For blocks b of rows with the G, h and A of `row_loop`, f̄ = Aτ̄ of the plan, commanded ℓ ahead, φ the
-remaining feedforward of the robot, w the feedback, ā the mean age, |·|∘ norms of blocks:
+For blocks b of rows with the G, h and A of `row_loop`, f̄ = Aτ̄ of the plan, commanded ℓ ahead, φ
+the remaining feedforward of the robot, w the feedback, ā the mean age, |·|∘ norms of blocks:
 
     δ'_b = (G e^{sℓ} − 1)f̄ + (G − 1)φ + c,
-    |c| ≤ |ȦA⁻¹|∘ (ā(|φ| + |w| + |contact|) + (ā + ℓ)|f̄|).                                       (1)
+    |c| ≤ |ȦA⁻¹|∘ (ā(|φ| + |w| + |contact|) + (ā + ℓ)|f̄|).                                   (1)
 
 Errors make feedforward, and feedforward makes errors: `least_bounds` finds the least fixed point.
-Derivation, and a list of what is not counted: tube/actuation/theory.md#error-budget-under-thrusters.
+Derivation, and a list of what is not counted:
+tube/actuation/theory.md#error-budget-under-thrusters.
 """
 
 from collections.abc import Callable
@@ -61,9 +62,10 @@ class ThrusterBudget:
         paths, loops = (actuators.vehicle, actuators.joints), (vehicle, tip)
         self._age, self._hold, self._preview = _of_blocks(
             [[path.age, path.period, path.preview] for path in paths]).T
-        # Gains to e, ė, w and ë, which is the feedback behind G and the direct effect of the source.
-        self._gains = {name: _of_blocks([[*loop.gains[name], loop.gains[name].command + direct(path)]
-                                         for loop, path in zip(loops, paths, strict=True)])
+        # Gains to e, ė, w and ë, the last of which is the feedback behind G and a direct effect.
+        self._gains = {name: _of_blocks([
+            [*loop.gains[name], loop.gains[name].command + direct(path)]
+            for loop, path in zip(loops, paths, strict=True)])
                        for name, direct in (
                            ("disturbance", lambda path: 1.0),
                            ("feed_forward", lambda path: 2.0 * (path.age > path.period)),

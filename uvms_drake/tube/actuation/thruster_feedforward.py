@@ -3,7 +3,7 @@
 The rows of `tip first` obey ÿ = Gv + (G − 1)h + c + δ, see `row_loop`; f = ÿ̄ + h is delayed. Along
 the plan f is f̄ = (Ā τ̄_v, B̄ τ̄_q) of the plan's own forces τ̄; the real robot has in addition
 
-    φ = h − h̄ − (A − Ā)τ̄,    ‖φ_b‖ ≤ Σ_b' ‖∂φ_b/∂x_b'‖ ‖x_b'‖ + ‖∂φ_b/∂ẋ_b'‖ ‖ẋ_b'‖,             (1)
+    φ = h − h̄ − (A − Ā)τ̄,    ‖φ_b‖ ≤ Σ_b' ‖∂φ_b/∂x_b'‖ ‖x_b'‖ + ‖∂φ_b/∂ẋ_b'‖ ‖ẋ_b'‖,        (1)
 
 x the errors of the outputs, those of the tip in joint angles. All suprema are over the declared set
 and over plans within: estimates. See tube/actuation/theory.md#feedforward-of-the-rows.
@@ -60,8 +60,8 @@ class Plans(NamedTuple):
 class ThrusterFeedforward(NamedTuple):
     """Suprema of the feedforward.
 
-    Blocks of rows are those of `VEHICLE_ROWS` and so on; blocks of errors are the vehicle's position
-    and attitude, x_q, the tip's in joint angles, and the last two blocks of rows.
+    Blocks of rows are those of `VEHICLE_ROWS` and so on; blocks of errors are the vehicle's
+    position and attitude, x_q, the tip's in joint angles, and the last two blocks of rows.
     """
 
     plan: np.ndarray
@@ -276,7 +276,8 @@ def _by_errors(model: ContactModel, config: np.ndarray, zeta: np.ndarray, rows: 
     # By 𝔮 and ζ: a row for each of them.
     of_outputs = np.concatenate([config[..., :6], s, rates], axis=-1).imag / COMPLEX_STEP
     off = np.concatenate([feedforward.vehicle - times(feedforward.vehicle_map, forces[:, None, :6]),
-                          feedforward.tip - times(feedforward.tip_map, forces[:, None, 6:])], axis=-1)
+                          feedforward.tip - times(feedforward.tip_map, forces[:, None, 6:])],
+                         axis=-1)
     of_feedforward = off.imag / COMPLEX_STEP
     both = np.split(np.linalg.solve(of_outputs, of_feedforward).swapaxes(1, 2), 2, axis=2)
     return [each for by_y in both for each in (

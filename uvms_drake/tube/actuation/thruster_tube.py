@@ -1,6 +1,7 @@
 """Effect of delayed actuators on the blocks of `tip first`: thrusters, or a zero-order hold.
 
-See tube/theory.md#tube-of-the-law-tip-first and tube/actuation/theory.md#error-budget-under-thrusters.
+See tube/theory.md#tube-of-the-law-tip-first and
+tube/actuation/theory.md#error-budget-under-thrusters.
 """
 
 from collections.abc import Callable, Mapping
@@ -97,7 +98,8 @@ class ActuationTube:
         vehicle, tip = self._loops
         self._rows = ThrusterBudget(basis.actuators, vehicle, tip, self._feedforward, self._force)
         gains = np.repeat([np.array(loop.gains["disturbance"]) for loop in loops], 2, axis=0)
-        gains = np.column_stack([gains, 1.0 + gains[:, W]])  # ë is the feedback and the disturbance.
+        # ë is the feedback and the disturbance.
+        gains = np.column_stack([gains, 1.0 + gains[:, W]])
         self._by_model = gains * self._feedforward.by_thrusters[:, None]
         self._feedback = np.repeat(
             [[loop.k * loop.sigma, loop.k + loop.sigma] for loop in loops], 2, axis=0)

@@ -61,7 +61,7 @@ class ZohCommandTube:
     Args:
         basis: The data.
         rows: The tip's task in (χ, q) (n,).
-        loops: Loops of the vehicle's rows, the tip's, and these with the joints' drag, of one clock.
+        loops: Loops of the vehicle's rows, the tip's, and these with the joints' drag.
         table: Parts of the blocks without these sources, by block and by source.
         slower: Speed limits of plans, ‖ν̄₁‖, ‖ν̄₂‖ and ‖q̄̇‖ (3,).
         turning: Ω [1/s].
@@ -133,8 +133,9 @@ class ZohCommandTube:
     def _of_blocks(self, loops: Sequence[RowLoop], pulses: int = 0, until: float = 0.0
                    ) -> np.ndarray:
         """Returns gains to e, ė, w and ë of the blocks (4, 4); see `RowLoop.zoh_gains`."""
-        vehicle, tip, joints = (loop.zoh_gains(growth, pulses=pulses, until=until) for loop, growth in
-                                zip(loops, (0.0, 0.0, self._turning), strict=True))
+        vehicle, tip, joints = (
+            loop.zoh_gains(growth, pulses=pulses, until=until)
+            for loop, growth in zip(loops, (0.0, 0.0, self._turning), strict=True))
         return np.array([vehicle, vehicle, tip, joints])
 
     def _table(self, remainder: np.ndarray) -> dict[str, Parts]:

@@ -1,7 +1,7 @@
 """Upper bounds of ‖J Ŵ‖ and of its parts over boxes of configurations.
 
-E' is the frame of the end-effector before its roll, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ in the
-vehicle's frame B. Up to rotations of rows and of columns, with t = tan θ,
+E' is the frame of the end-effector before its roll, aᵢ the joint axes, p the tip, cᵢ = ∂p/∂qᵢ in
+the vehicle's frame B. Up to rotations of rows and of columns, with t = tan θ,
 
     J ~ [ I  −S(p)  c₁ … c_n ]              A(θ) = [ 1  0  t ]
         [ 0  A(θ)C [I  a₁ … a_n] ]                 [ 0  1  0 ]

@@ -3,7 +3,8 @@
 The largest bound over a covering by boxes is a bound over the set at every stage, so that a small
 budget gives a larger bound, never a wrong one; "proven" is up to rounding. With J_x = [J; 0 I],
 D = diag(0, Ŵ_q²) and any λ₀ above its entries, ‖J_x Ŵ‖ ≤ max(√λ₀, ‖J Ŵ(I − D/λ₀)^(−½)‖). Proofs:
-tube/constants/theory.md#branch-and-bound, tube/constants/theory.md#extended-jacobian-by-the-jacobian.
+tube/constants/theory.md#branch-and-bound,
+tube/constants/theory.md#extended-jacobian-by-the-jacobian.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
-"""Enclosures: matrices that are known to be within a radius of a midpoint, entry by entry.
+"""Enclosures: matrices within a radius of a midpoint, entry by entry.
 
 Arithmetic of midpoints and radii (Rump, *Fast and parallel interval arithmetic*, BIT 39, 1999):
-what comes out holds every result that any members of what goes in would give. Rounding is left to
-who uses it, see `covering`.
+a result contains every result of any members of the operands. Rounding is left to the caller, see
+`covering`.
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class Enclosure:
     """All matrices A with |A − mid| ≤ rad, entry by entry; a stack of any leading shape."""
 
     mid: np.ndarray
-    """(..., r, c)."""
+    """Midpoints (..., r, c)."""
     rad: np.ndarray
-    """(..., r, c), not negative; infinite, or not a number, where nothing is known."""
+    """Radii (..., r, c), not negative; infinite, or not a number, where nothing is known."""
 
     def __add__(self, other: "Enclosure") -> "Enclosure":
         return Enclosure(self.mid + other.mid, self.rad + other.rad)
@@ -80,7 +80,7 @@ def sine_and_cosine(centre: np.ndarray, half: np.ndarray) -> tuple[Enclosure, En
     """Returns sin and cos of all angles within `half` of `centre`, of any shape [rad]."""
     sine, cosine = np.sin(centre), np.cos(centre)
     wide = half > 0.5 * np.pi
-    least = np.where(wide, -1.0, np.cos(half))  # Of cos δ, which is 1 at most.
+    least = np.where(wide, -1.0, np.cos(half))  # Of cos δ, at most 1.
     reach = np.where(wide, 1.0, np.sin(half))  # Of |sin δ|.
     middle, spread = 0.5 * (1.0 + least), 0.5 * (1.0 - least)
     return (Enclosure(sine * middle, np.abs(sine) * spread + np.abs(cosine) * reach),
@@ -90,10 +90,8 @@ def sine_and_cosine(centre: np.ndarray, half: np.ndarray) -> tuple[Enclosure, En
 def inverse(A: Enclosure) -> Enclosure:
     """Returns the inverses of square matrices; of unknown radius where one may be singular.
 
-    With R the inverse of the midpoint, A = A_m + Δ and |Δ| ≤ A_r, entry by entry,
-    A⁻¹ − R = Σ_{k ≥ 1} (−RΔ)ᵏ R is at most Z(I − Z)⁻¹|R| with Z = |R|A_r if Z's spectral radius is
-    below 1. Then, and only then, (I − Z)⁻¹ has no negative entry (Berman and Plemmons, *Nonnegative
-    Matrices in the Mathematical Sciences*, 1979, ch. 6).
+    With R the inverse of the midpoint and Z = |R|A_r, |A⁻¹ − R| ≤ Z(I − Z)⁻¹|R| if Z's spectral
+    radius is below 1. Proof: tube/contact/theory.md#inverse-of-an-interval-matrix.
     """
     R = np.linalg.inv(A.mid)
     Z = np.abs(R) @ A.rad

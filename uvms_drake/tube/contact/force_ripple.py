@@ -1,4 +1,4 @@
-"""How much of a signal is left when what changes slowly is taken off."""
+"""Ripple of a signal: its part beyond a slow one."""
 
 import numpy as np
 
@@ -6,9 +6,8 @@ import numpy as np
 def ripple(time: np.ndarray, signal: np.ndarray, rate: float) -> float:
     """Returns the least a ≥ 0 with ‖f(t) − f(s)‖ ≤ 2a + ρ|t − s| for all instants s, t.
 
-    The sum of a function with ‖ṡ‖ ≤ ρ and of one that is at most a has no larger ripple than a. Of
-    one component the converse holds, too: the least majorant, max_s f(s) − ρ|t − s|, less a is a
-    slow part (McShane).
+    It is the least amplitude beside a function with ‖ṡ‖ ≤ ρ, of one component; else a lower bound
+    of it. Proof: tube/contact/theory.md#ripple-and-slow-part.
 
     Args:
         time: Instants (T,), ascending [s].

@@ -1,18 +1,12 @@
 """Enclosures of the links' Jacobians and of M, with two derivatives, over boxes of joints.
 
-For columns of any matrix T in place of ζ, so that ζ = T z: where T makes M the unit matrix at a
-box's centre, what a light joint and a heavy vehicle do together is one column, and radii stay
-small. In axes of link k, twists go from link to link by Xₖ(qₖ), so that
+For columns of any matrix T in place of ζ, ζ = T z, and in axes of link k, Xₖ taking twists from
+link to link, sₖ the screw of joint k in axes of the link before, tₖ its row of T,
 
-    Jₖ = Xₖ(qₖ)(Jₖ₋₁ + sₖ tₖ),
+    Jₖ = Xₖ(qₖ)(Jₖ₋₁ + sₖ tₖ),    ∂Jₖ/∂qᵢ = −cᵢ × Bᵢ,    ∂²Jₖ/∂qᵢ∂qⱼ = cᵢ × (cⱼ × Bⱼ),  j ≤ i,
 
-sₖ the screw of joint k in axes of the link before, tₖ its row of T. A joint i carries along what
-moves without it and the joints beyond, Bᵢ = Xₖ…Xᵢ Jᵢ₋₁, so with its screw cᵢ = Xₖ…Xᵢ sᵢ in axes of
-link k
-
-    ∂Jₖ/∂qᵢ = −cᵢ × Bᵢ,    ∂²Jₖ/∂qᵢ∂qⱼ = cᵢ × (cⱼ × Bⱼ),  j ≤ i,
-
-since joint j moves Bᵢ by −cⱼ × Bⱼ and not cᵢ; see `UvmsModel.task_jacobian_rate`.
+Bᵢ = Xₖ…Xᵢ Jᵢ₋₁, cᵢ = Xₖ…Xᵢ sᵢ. Where T makes M the unit matrix at a box's centre, radii stay small.
+Proof: tube/contact/theory.md#enclosures-of-link-jacobians-and-inertia.
 """
 
 from collections.abc import Iterator
@@ -35,11 +29,11 @@ class Expansion(NamedTuple):
     """A matrix over boxes, with its derivatives by the joints."""
 
     value: Enclosure
-    """(m, r, c)."""
+    """Matrix (m, r, c)."""
     first: Enclosure
-    """∂/∂qᵢ (m, n, r, c)."""
+    """First derivatives ∂/∂qᵢ (m, n, r, c)."""
     second: Enclosure
-    """∂²/∂qᵢ∂qⱼ (m, n, n, r, c)."""
+    """Second derivatives ∂²/∂qᵢ∂qⱼ (m, n, n, r, c)."""
 
     def part(self, rows: slice, columns: slice = slice(None)) -> "Expansion":
         """Returns some rows and columns of it."""
@@ -53,8 +47,8 @@ def link_jacobians(model: UvmsModel, centre: np.ndarray, half: np.ndarray, T: np
     Args:
         model: Any serial arm.
         centre: Joints in the middle of the boxes (m, n) [rad, m].
-        half: How far they are from there at most (m, n) [rad, m].
-        T: (m, 6+n, 6+n).
+        half: Half-widths of the boxes (m, n) [rad, m].
+        T: Columns in place of ζ (m, 6+n, 6+n).
     """
     links, n, count = model.links, model.num_joints, len(centre)
     J = _carry(exactly(np.tile(links.X_BV, (count, 1, 1)))) @ exactly(T[:, :6])
@@ -87,7 +81,7 @@ def inertia_of(model: UvmsModel, links: list[Expansion], T: np.ndarray) -> Expan
 
 
 def _derivatives(screws: Enclosure, carried: Enclosure, n: int) -> tuple[Enclosure, Enclosure]:
-    """Returns those of a link's Jacobian by n joints, of which the first k move it."""
+    """Returns the derivatives of a link's Jacobian by n joints, of which the first k move it."""
     count, k = screws.mid.shape[:2]
     rate = screws.cross_motion(carried)
     twice = screws[:, :, None].cross_motion(rate[:, None])
@@ -102,7 +96,7 @@ def _derivatives(screws: Enclosure, carried: Enclosure, n: int) -> tuple[Enclosu
 
 
 def _step(model: UvmsModel, j: int, centre: np.ndarray, half: np.ndarray) -> Enclosure:
-    """Returns the pose (m, 4, 4) of what joint j moves in the link before."""
+    """Returns the pose (m, 4, 4) of link j + 1 in the link before."""
     fixed, by_sin, by_cos, by_length = model.links.step[:, j]
     middle, reach = centre[:, j, None, None], half[:, j, None, None]
     if model.slides[j]:

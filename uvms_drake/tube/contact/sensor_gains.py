@@ -1,10 +1,10 @@
-"""What the errors of a force sensor are multiplied by: norms of matrices of the joints alone.
+"""Gains of the errors of a force sensor: norms of matrices of the joints alone.
 
 In axes of the tip, J_E the Jacobian of its velocity and M the inertia with added mass, M⁻¹J_Eᵀ
 takes a wrench to the acceleration of the robot and J_EM⁻¹J_Eᵀ to that of its tip. Both are
 functions of q alone, so that their suprema are over a box of joints. They are found on a grid and
 closer and closer to the worst of it, and multiplied by a declared factor, which makes a claim;
-`felt_proof` proves it.
+`sensor_gains_proof` proves it.
 """
 
 from collections.abc import Callable
@@ -22,17 +22,17 @@ class OperatorNorms(NamedTuple):
     """Suprema of norms of matrices A(q), one or several of them."""
 
     force: np.ndarray | float
-    """Of the columns of the force, A_f."""
+    """Norms of the columns of the force, A_f."""
     normal: np.ndarray | float
-    """Of A_f n."""
+    """Norms of A_f n."""
     torque: np.ndarray | float
-    """Of the columns of the torque."""
+    """Norms of the columns of the torque."""
     by_joints: np.ndarray | float
-    """(Σᵢ‖∂A_f/∂qᵢ‖²)^½, which times ‖q̇‖ bounds ‖dA_f/dt‖."""
+    """(Σᵢ‖∂A_f/∂qᵢ‖²)^½; times ‖q̇‖ it bounds ‖dA_f/dt‖."""
 
 
 class Suprema(NamedTuple):
-    """Those of the matrices of (3) of `sensed`."""
+    """Suprema of the matrices of (3) of `sensor_error`."""
 
     turning: float
     """‖J_ω,q‖, of the tip's angular velocity by the joints' rates."""
@@ -45,15 +45,15 @@ class Suprema(NamedTuple):
     angular_by_joints: float
     """(Σᵢ‖∂J_ω/∂qᵢ‖²)^½ in axes of the tip."""
     depth: OperatorNorms
-    """Of n·𝔭̇."""
+    """Norms of the row of n·𝔭̇."""
     position: OperatorNorms
-    """Of the tip's velocity, in its axes."""
+    """Norms of the rows of the tip's velocity, in its axes."""
     rotation: OperatorNorms
-    """Of its angular velocity, likewise."""
+    """Norms of the rows of its angular velocity, likewise."""
     zeta: OperatorNorms
-    """Of ν₁, ν₂ and q̇, (3,) each."""
+    """Norms of the rows of ν₁, ν₂ and q̇, (3,) each."""
     rows: OperatorNorms
-    """Of each row of ζ̇ (6+n,)."""
+    """Norms of each row of ζ̇ (6+n,)."""
 
 
 ALONE = 5
@@ -105,7 +105,7 @@ def norms_over_joints(model: UvmsModel, declared: ConstraintSet, tool_angle: flo
 
 
 def suprema_of(worst: np.ndarray) -> Suprema:
-    """Returns the suprema of `norms_over_joints` by what they are of."""
+    """Returns the suprema of `norms_over_joints` by their names."""
     table = worst[ALONE:].reshape(-1, 4).T
     turning, linear, linear_by_joints, angular, angular_by_joints = map(float, worst[:ALONE])
     return Suprema(turning, linear, linear_by_joints, angular, angular_by_joints, *(
@@ -113,7 +113,7 @@ def suprema_of(worst: np.ndarray) -> Suprema:
 
 
 def in_vehicle(J_E: np.ndarray) -> np.ndarray:
-    """Returns what ∂J_v/∂qᵢ in axes of the vehicle has besides that in axes of the tip.
+    """Returns the difference of ∂J_v/∂qᵢ in axes of the vehicle and of the tip.
 
     (..., n, 3, 6+n): these turn with joint i about its axis aᵢ, so it is aᵢ × J_v, in their axes.
     """

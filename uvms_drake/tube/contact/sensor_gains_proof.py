@@ -1,27 +1,11 @@
-"""Proves what is claimed of the suprema of `felt_sizes`, by branch and bound over boxes of joints.
+"""Proof of claims on the suprema of `sensor_gains`, by branch and bound over boxes of joints.
 
-A claim is proven where the boxes of a covering all have an upper bound that is no larger; boxes
-that have not are halved. "Proven" is up to rounding: the arithmetic is floating-point, and
-`ROUNDING` is added for it.
-
-*Bound.* For A(q), c the centre of a box of half-widths h and δ = q − c in it, by Taylor
-
-    A(q) = A(c) + Σ δᵢ∂ᵢA(c) + ½ΣΣ δᵢδⱼA″ᵢⱼ,    ∂ᵢA(q) = ∂ᵢA(c) + Σ δⱼA″ᵢⱼ,
-
-A″ᵢⱼ means of ∂ᵢ∂ⱼA over the box, and so in its enclosure there. So a norm of A is at most its
-largest value at the corners ε, A(c) + Σ εᵢhᵢ∂ᵢA(c), plus ½ΣΣ hᵢhⱼ‖A″ᵢⱼ‖. With
-G = M⁻¹J_Eᵀ, S = J_EG and J, M of one index or two their derivatives,
-
-    Gᵢ = M⁻¹(Jᵢᵀ − MᵢG),             Gᵢⱼ = M⁻¹(Jᵢⱼᵀ − MᵢⱼG − MᵢGⱼ − MⱼGᵢ),
-    Sᵢ = JᵢG + (JᵢG)ᵀ − GᵀMᵢG,       Sᵢⱼ = JᵢⱼG + JᵢGⱼ + JⱼGᵢ + J_EGᵢⱼ.
-
-M and Mᵢ are enclosed by their own expansions, from the enclosures of Mᵢⱼ: a robot's inertia
-changes far less than its Jacobians.
-
-*Directions.* n, within an angle α of the tip's x-axis, is in the convex hull of x, x + tan(α/2) w
-and cos α x + sin α w, w on a circle, for (1, tan(α/2)) is where the arc's tangents meet; and the
-circle is within a polygon. So what is convex in n has no larger value than at the corners; and nᵀSn
-none than the bilinear n′ᵀSn″ at two of them.
+For A(q), c the centre of a box of half-widths h and δ = q − c in it, a norm of A is at most its
+largest value at the corners ε, A(c) + Σ εᵢhᵢ∂ᵢA(c), plus ½ΣΣ hᵢhⱼ‖A″ᵢⱼ‖, A″ᵢⱼ in the enclosure of
+∂ᵢ∂ⱼA over the box. A claim is proven where all boxes of a covering have such a bound that is no
+larger; others are halved. n, within an angle of the tip's x-axis, is in the convex hull of vectors.
+"Proven" is up to rounding: the arithmetic is floating-point, and `ROUNDING` is added for it. Proof:
+tube/contact/theory.md#operator-norms-over-boxes-of-joints.
 """
 
 from itertools import product
@@ -39,51 +23,51 @@ from uvms_drake.tube.search.joint_search import second_over_joints, supremum_ove
 from uvms_drake.tube.search.search_memo import active_memo
 
 SLOPES_OF_J, SLOPES_OF_A = 1.3, 3.0
-"""How much more is claimed of (Σ‖∂ᵢJ‖²)^½ and (Σ‖∂ᵢA‖²)^½ than of the rest: they count little, and
-to prove less takes far more boxes."""
+"""Additional factors of the claims of (Σ‖∂ᵢJ‖²)^½ and (Σ‖∂ᵢA‖²)^½: they count little, and smaller
+ones need far more boxes."""
 BATCH = 64
-"""Boxes that are looked at at a time."""
+"""Number of boxes evaluated at a time."""
 MOST_WORK = 6_000_000
-"""Boxes times 4ⁿ, after which claims are left unproven."""
+"""Boxes times 4ⁿ, after which claims remain unproven."""
 POLYGON = 12
 """Corners of the polygon about the circle of w."""
 ROUNDING = 1e-9
 """Relative allowance for rounding."""
 PROVABLE = ALONE + 4 * 6
-"""How many of the columns of `norms_over_joints` are proven: all but those of single rows of ζ̇."""
+"""Number of the columns of `norms_over_joints` to prove: all but those of single rows of ζ̇."""
 
 
 class Claimed(NamedTuple):
-    """What is claimed of the suprema."""
+    """Claims for the suprema."""
 
     suprema: Suprema
-    """The claims."""
+    """Claims."""
     proven: bool
-    """Whether those of the tip and of blocks are proven; those of single rows never are."""
+    """True if those of the tip and of blocks are proven; those of single rows never are."""
     check: Check
-    """Returns what is estimated."""
+    """Function that returns the estimates."""
 
 
 class Proof(NamedTuple):
-    """What came of trying."""
+    """Result of an attempt."""
 
     proven: bool
-    """Whether every claim is."""
+    """True if every claim is."""
     boxes: int
-    """How many were looked at."""
+    """Number of boxes evaluated."""
     largest: float
-    """The largest value at a box's centre, over its claim: more than 1 refutes it."""
+    """Largest value at a box's centre, over its claim: more than 1 refutes it."""
 
 
 def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float, *,
                     safety_factor: float, seed: int = 0) -> Claimed:
-    """Returns what was found times a factor, and whether that is proven.
+    """Returns the values found, times a factor, as claims that are proven or not.
 
-    While searches are held nobody asks for a proof, and none is tried.
+    With an active memo no proof is needed, and none is tried.
 
     Args:
         model: The controller's.
-        declared: The set that the suprema are over.
+        declared: The set of the suprema.
         tool_angle: Largest angle of n and the tip's x-axis [rad].
         safety_factor: The factor.
         seed: Seed of the searches.
@@ -99,9 +83,9 @@ def claimed_suprema(model: UvmsModel, declared: ConstraintSet, tool_angle: float
 
     def check() -> tuple[Estimate, ...]:
         second = second_over_joints(sizes, *box, seed)
-        if not proof.proven:  # What a proof has met on its way counts, too.
+        if not proof.proven:  # The values of an attempt count, too.
             second = np.maximum(second, proof.largest * claims)
-        return (largest_of("what M⁻¹J_Eᵀ makes of forces", claims[first:], second[first:]),)
+        return (largest_of("norms of M⁻¹J_Eᵀ", claims[first:], second[first:]),)
 
     return Claimed(suprema_of(claims), proof.proven, check)
 
@@ -110,18 +94,19 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
              claims: np.ndarray, most_work: int) -> Proof:
     """Returns whether the first of the suprema of `norms_over_joints` are at most the claims.
 
-    Nothing is proven of a robot without joints, whose one box has no halves.
+    A robot without joints has one box without halves, and no proof.
 
     Args:
         model: The controller's.
         lower: Smallest joint angles (n,) [rad].
         upper: Largest joint angles (n,) [rad].
         tool_angle: Largest angle of n and the tip's x-axis, below π/2 [rad].
-        claims: Of the first `PROVABLE` columns.
-        most_work: Where it gives up, see `MOST_WORK`.
+        claims: Claims of the first `PROVABLE` columns.
+        most_work: Largest work, see `MOST_WORK`.
     """
     if len(lower) == 0:
         return Proof(False, 0, 0.0)
+    # The whole range of the joints is the first box.
     directions = corners_of_cone(tool_angle)
     todo = [(0.5 * (lower + upper), 0.5 * (upper - lower))]
     boxes, largest, most = 0, 0.0, most_work // 4 ** len(lower)
@@ -133,6 +118,7 @@ def proof_of(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, tool_angle:
         largest = max(largest, float(np.max(_over_claim(found.value, claims))))
         if largest > 1.0:
             break
+        # Boxes above a claim are halved along the coordinate that counts most.
         over = _over_claim(found.upper, claims) * (1.0 + ROUNDING) > 1.0
         for i in np.flatnonzero(np.any(over, axis=1)):
             worth = np.max(_over_claim(found.share[i], claims)[:, over[i]], axis=1)
@@ -159,14 +145,14 @@ def corners_of_cone(angle: float) -> np.ndarray:
 
 
 class Bounds(NamedTuple):
-    """Of norms over m boxes, in the order of the columns of `norms_over_joints`."""
+    """Bounds of norms over m boxes, in the order of the columns of `norms_over_joints`."""
 
     value: np.ndarray
-    """(m, c) at the centres, with n the tip's x-axis."""
+    """Values at the centres, with n the tip's x-axis (m, c)."""
     upper: np.ndarray
-    """(m, c) bounds of all values in the boxes."""
+    """Bounds of all values in the boxes (m, c)."""
     share: np.ndarray
-    """(m, n, c) what each coordinate does to the bounds, about; the largest is worth halving."""
+    """Approximate part of each coordinate in the bounds (m, n, c); the largest is worth halving."""
 
 
 def bounds(model: UvmsModel, centre: np.ndarray, half: np.ndarray, directions: np.ndarray
@@ -260,13 +246,13 @@ def _unit(model: UvmsModel, q: np.ndarray) -> np.ndarray:
 
 
 def _moved(half: np.ndarray, by: Enclosure) -> np.ndarray:
-    """Returns how far what has these derivatives (..., n, r, c) moves within h (..., n)."""
+    """Returns the largest change by derivatives (..., n, r, c) within h (..., n)."""
     out: np.ndarray = np.sum(half[..., None, None] * by.largest, axis=-3)
     return out
 
 
 Sides = tuple[np.ndarray | None, np.ndarray | None]
-"""Vectors (d, 3) that A is multiplied by from the left and from the right, or none."""
+"""Vectors (d, 3) on the left and on the right of A, or none."""
 NEITHER: Sides = (None, None)
 
 
@@ -305,19 +291,19 @@ class _Columns:
         self._found.append(Bounds(value, upper, share))
 
     def _bend(self, A: Expansion) -> np.ndarray:
-        """Returns Σⱼ hⱼ‖A″ᵢⱼ‖ (m, n), how far ∂ᵢA moves at most."""
+        """Returns Σⱼ hⱼ‖A″ᵢⱼ‖ (m, n), the largest change of ∂ᵢA."""
         out: np.ndarray = np.sum(self._half[:, None] * frobenius(A.second.largest), axis=2)
         return out
 
     def bounds(self) -> Bounds:
-        """Returns what was added; infinite where nothing is known."""
+        """Returns the bounds; infinite where nothing is known."""
         value, upper, share = (
             np.stack(each, axis=-1) for each in zip(*self._found, strict=True))
         return Bounds(value, np.where(np.isnan(upper), np.inf, upper), share)
 
 
 def norms(A: np.ndarray, sides: Sides) -> np.ndarray:
-    """Returns the norms (..., k) of matrices (..., r, c), times all that is on either side."""
+    """Returns the norms (..., k) of matrices (..., r, c), times all vectors on either side."""
     left, right = sides
     if left is not None:
         A = left @ A

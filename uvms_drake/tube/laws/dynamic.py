@@ -88,7 +88,8 @@ def resolved_law_tube(law: Resolved, basis: Basis) -> LawTube:
     sensor_norm = float(np.linalg.norm(
         [sensor_effect.position, sensor_effect.orientation, sensor_effect.p[2]]))
     tube = TubeRadii(
-        e=resolved_task_radius(law, basis) + sensor_norm, position=position + sensor_effect.position,
+        e=resolved_task_radius(law, basis) + sensor_norm,
+        position=position + sensor_effect.position,
         orientation=orientation + sensor_effect.orientation,
         joints=resolved_tube(k, sigma, d, float(np.max(basis.weights[6:], initial=0.0))).e
         + float(sensor_effect.p[2]),

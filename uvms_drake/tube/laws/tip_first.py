@@ -8,8 +8,8 @@ Each row obeys ë + (k + σ)ė + kσe = δ, δ = J_y D, and with the gains γ of
 for blocks b of rows with the same gains: the vehicle's position and attitude, the tip's position,
 and the joints. Clocks, dead times and lags have sources of their own: `zoh_command_tube` for a
 command under zero-order hold, `LaggedWrenchTube` for a vehicle's wrench that lags, and
-`ActuationTube` for thrusters behind a clock, without a proof. Each radius is the sum of gain × bound
-of all sources. See tube/theory.md#tube-of-the-law-tip-first.
+`ActuationTube` for thrusters behind a clock, without a proof. Each radius is the sum of gain ×
+bound of all sources. See tube/theory.md#tube-of-the-law-tip-first.
 """
 
 from dataclasses import replace

@@ -1,6 +1,7 @@
-"""Peak-to-peak gains of one row of the law `resolved`, an LTI loop, also to a force behind a sensor.
+"""Peak-to-peak gains of a row of the law `resolved`, also from a force behind a sensor.
 
-Every constant combination of rows of 𝔯̇ = −k𝔯 + δ, 𝔢̇ = −σ𝔢 + 𝔯 obeys ë + (k + σ)ė + kσe = δ, so that
+Every constant combination of rows of 𝔯̇ = −k𝔯 + δ, 𝔢̇ = −σ𝔢 + 𝔯 obeys ë + (k + σ)ė + kσe = δ, so
+that
 
     e = δ/((s + k)(s + σ)),   ė = sδ/(...),   u − ū = −((k + σ)s + kσ)δ/(...),   𝔯 = δ/(s + k).
 

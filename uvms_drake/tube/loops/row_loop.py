@@ -10,9 +10,9 @@ and for a first-order lag, with Δ(s) = Ts³ + s² + (k + σ)s + kσ and an obse
 
     e = s(Ts + 1 + λT)/((s + λ)Δ) δ − (Ts/Δ) f,    stable iff Tkσ < k + σ.                      (2)
 
-With the plan's forces τ̄ commanded ℓ earlier, f̄ = Aτ̄ enters by G e^{sℓ} − 1 instead (3). Sources are
-`disturbance`, `feed_forward`, `feed_forward_rate`, `free_feed_forward`, `planned`, `planned_rate`;
-their parts add up to the radius of a row. Definitions and proofs:
+With the plan's forces τ̄ commanded ℓ earlier, f̄ = Aτ̄ enters by G e^{sℓ} − 1 instead (3). Sources
+are `disturbance`, `feed_forward`, `feed_forward_rate`, `free_feed_forward`, `planned`,
+`planned_rate`; their parts add up to the radius of a row. Definitions and proofs:
 tube/loops/theory.md#row-loop-behind-an-actuator, tube/loops/theory.md#feedforward-preview.
 """
 
@@ -63,7 +63,7 @@ class RowLoop:
     period: float = 0.0
     """h, time between two commands [s]; zero for a continuous feedback."""
     dead_time: float = 0.0
-    """Delay from a tick to the arrival of its command at the actuator [s], of a sampled feedback."""
+    """Delay from a tick to the arrival of its command [s], of a sampled feedback."""
     preview: float = 0.0
     """ℓ, time by which f̄ is commanded earlier [s]: lag, dead time, half a period."""
     drag: float = 0.0

@@ -1,1 +1,1 @@
-"""The tube of the law `resolved` in velocities, attitude and inputs, and its remainder terms."""
+"""Tube of the law `resolved` in velocities, attitude and inputs, and its remainder terms."""

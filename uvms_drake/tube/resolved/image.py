@@ -1,35 +1,15 @@
-"""The tube of the law `resolved` in velocities, attitude, inputs and forces.
+"""Tube of the law `resolved` in velocities, attitude, inputs and forces.
 
-Given a nominal state (𝔮̄, ζ̄), a nominal input ū and errors (𝔢_y, 𝔯), the real state and input follow
-by algebra, with nothing left to integrate:
+Given a nominal state (𝔮̄, ζ̄), a nominal input ū and errors (𝔢_y, 𝔯), the real state and input
+follow by algebra, and with 𝔭 = J_x(𝔮)⁻¹𝔢_y the largest parts are linear,
 
-    𝔮 = 𝔮(ȳ + 𝔢_y),   ζ = J_x(𝔮)⁻¹[J_x(𝔮̄)ζ̄ − σ𝔢_y] + 𝔯,   u = ζ̇_ref − f(𝔮, ζ) − k𝔯.
+    ζ − ζ̄ = 𝔯 − σ𝔭 + remainder,    u − ū = −(k + σ)𝔯 + σ²𝔭 + remainder.                    (1)
 
-With 𝔭 = J_x(𝔮)⁻¹𝔢_y the largest parts are linear,
-
-    ζ − ζ̄ = 𝔯 − σ𝔭 + rest,    u − ū = −(k + σ)𝔯 + σ²𝔭 + rest,                              (1)
-
-and the two terms partly cancel, because both come from the same d: 𝔯̇ = −k𝔯 + d, and from the
-cascade 𝔭̇ = −σ𝔭 + 𝔯 − J_x⁻¹J̇_x𝔭. Were the last term zero, (1) would be d through the filters
-
-    s/((s + k)(s + σ))   and   −((k + σ)s + kσ)/((s + k)(s + σ)),
-
-one channel at a time, whose output is at most the L₁ norm of their impulse responses
-(`tubes.joint_rate_radius`, `input_gain`) times |dᵢ| ≤ Ŵᵢd̃, and in the 2-norm of a block of channels
-times its largest Ŵᵢd̃, for ‖Ŵ⁻¹d‖₂ ≤ d̃. The last term moves 𝔭 from 𝔭₀, which goes without it, by
-δ (`tubes.preimage_shift`), which adds σ‖δ‖ and σ²‖δ‖.
-
-The rests in (1) are small: the nominal motion seen from a slightly different configuration, and
-the drift. Their largest values over the nominal states and the errors are *estimates* of suprema:
-found by ascent from the worst of many samples (`ascent`), multiplied by a declared safety factor,
-and searched for again by other means (`second_search`). So are ω = sup‖J_x⁻¹J̇_x‖ and
-α = sup‖J_x⁻¹J̇_xŴ‖.
-
-Where 𝔢_p, 𝔢_o and 𝔢_q may each be anything in their ball, the vehicle has to make up for what the
-arm is off by. With weights the errors are therefore also taken as 𝔢_y = J_x(𝔮)(𝔭₀ + δ),
-‖Ŵ⁻¹𝔭₀‖ ≤ d̃/(kσ), where joints that are pushed hard leave the vehicle alone. For each channel the
-set of errors counts in which the samples' largest value is smaller. Without weights the vehicle's
-attitude has a bound that is proven, see `tubes.attitude_radii`.
+The linear parts are d through filters, bounded by their L₁ norms (`joint_rate_radius`,
+`input_gain`), for the 𝔭₀ of a constant J_x; `preimage_shift` bounds 𝔭 − 𝔭₀. The remainders, and ω
+and α of that shift, are estimates of suprema: found by `ascent`, multiplied by a declared factor,
+and searched for again by `second_search`. See
+tube/theory.md#image-of-the-tube-under-the-law-resolved.
 """
 
 from dataclasses import dataclass, replace
@@ -49,7 +29,7 @@ from uvms_drake.tube.search.search_problem import Part, SearchProblem
 from uvms_drake.tube.search.second_search import second_search
 
 PATIENCE = 2
-"""How much longer than the rests ω is searched for, which takes less."""
+"""Factor of the steps of the search for ω, which is cheaper than that for remainders."""
 
 
 @dataclass(frozen=True)
@@ -69,28 +49,28 @@ class TubeImage:
     u: np.ndarray
     """Largest |𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
     tau: np.ndarray | None
-    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], τ = M(𝔮)𝔲, if it was asked for."""
+    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], τ = M(𝔮)𝔲; None if it is not needed."""
     omega: float
     """Bound ω of ‖J_x⁻¹J̇_x‖₂ [1/s]."""
     check: Check
-    """Returns what of it is estimated."""
+    """Function that returns its estimates."""
 
 
 @dataclass(frozen=True)
 class _Errors:
-    """The sets that (𝔢_y, 𝔯) are in, as sums of ellipsoids."""
+    """Sets of (𝔢_y, 𝔯), as sums of ellipsoids."""
 
     radii: tuple[float, float, float, float]
-    """Of 𝔢_p, 𝔢_o, Ŵ⁻¹𝔢_q and Ŵ⁻¹𝔯."""
+    """Radii of 𝔢_p, 𝔢_o, Ŵ⁻¹𝔢_q and Ŵ⁻¹𝔯."""
     weights: np.ndarray
     """Diagonal of Ŵ (6+n,)."""
     shift: float
-    """Of 𝔭, in the vehicle's components: in those of the joints, J_x⁻¹J̇_x has no rows."""
+    """Shift of 𝔭, in the vehicle's components: the joints' rows of J_x⁻¹J̇_x are zero."""
     sensor_effect: SensorEffect
-    """What a felt contact adds, beyond 𝔢_p and 𝔢_o."""
+    """Additional effect of a sensed contact, besides 𝔢_p and 𝔢_o."""
 
     def of_blocks(self) -> list[Part]:
-        """Returns those of (𝔢_y, 𝔯): a ball for each block."""
+        """Returns the parts of (𝔢_y, 𝔯): a ball for each block."""
         size = len(self.weights)
         axes = np.diag(np.concatenate([np.ones(6), self.weights[6:], self.weights]))
         blocks = (slice(0, 3), slice(3, 6), slice(6, size), slice(size, 2 * size))
@@ -98,7 +78,7 @@ class _Errors:
                         *self._sensor_parts((0.0, 0.0, float(self.sensor_effect.p[2])))])
 
     def of_preimage(self) -> list[Part]:
-        """Returns those of (𝔭, 𝔯): of 𝔭₀, δ and Ŵ⁻¹𝔯."""
+        """Returns the parts of (𝔭, 𝔯): of 𝔭₀, δ and Ŵ⁻¹𝔯."""
         size = len(self.weights)
         *_, radius, r = self.radii
         eye = np.eye(2 * size)
@@ -107,7 +87,7 @@ class _Errors:
                         *self._sensor_parts(tuple(self.sensor_effect.p))])
 
     def _sensor_parts(self, p: tuple[float, ...]) -> list[Part]:
-        """Returns balls in the blocks of 𝔢_y or 𝔭, and of 𝔯, of the radii `p` and the push's."""
+        """Returns balls in the blocks of 𝔢_y or 𝔭, of radii `p`, and of 𝔯, of the sensor's."""
         size = len(self.weights)
         eye, blocks = np.eye(2 * size), _blocks(size)
         return [*((eye[:, block], float(radius)) for block, radius in zip(blocks, p, strict=True)),
@@ -146,7 +126,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
 
     Args:
         model: The prediction model.
-        constraint_set: Where nominal and real state are.
+        constraint_set: Set of nominal and real states.
         u_limits: |ūᵢ| (6+n,).
         d_bound: d̃ [m/s², rad/s²].
         gains: Bounds of the norms of the position rows and the orientation rows of J_x Ŵ.
@@ -156,9 +136,9 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         safety_factor: Factor of estimated suprema.
         seed: Seed of the searches.
         weights: Diagonal of Ŵ (6+n,), at most 1; 1 for a ball.
-        sensor_effect: What the errors of a force sensor add, if the contact is felt.
-        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,) beside those that |ūᵢ| gives.
-        forces: Whether τ is wanted.
+        sensor_effect: Effect of the errors of a force sensor, if the contact is sensed.
+        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,), in addition to those by |ūᵢ|.
+        forces: True if τ is needed.
     """
     sensor_effect, size = sensor_effect or SensorEffect(), model.size
     weights = weights * np.ones(size)
@@ -169,7 +149,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
 
     def searched(names: list[str], problem: SearchProblem, values: np.ndarray, patience: int = 1
                  ) -> dict[str, float]:
-        """Returns what is claimed of the channels that have any values."""
+        """Returns the claims of the channels with nonzero values."""
         wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
         found = safety_factor * supremum(problem, x, values, patience)
 
@@ -182,7 +162,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
             checks.append(check)
         return {names[i]: float(found[i]) for i in wanted}
 
-    # How fast J_x turns, and so how far 𝔭 is off 𝔭₀.
+    # The growth rate of J_x⁻¹, and so the distance of 𝔭 from 𝔭₀.
     turning = [turning_problem(model, constraint_set, each) for each in (np.ones(size), weights)]
     x = once("draw", lambda: turning[0].draw(samples, np.random.default_rng(seed)))
     omega = alpha = searched(["ω"], turning[0], sampled(turning[0]), PATIENCE).get("ω", 0.0)
@@ -197,15 +177,16 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
         return TubeImage(nu1=np.inf, nu2=np.inf, qdot=np.inf, roll=np.inf, pitch=np.inf, u=none,
                          tau=none if forces else None, omega=omega, check=together(*checks))
 
-    # The rests, each over the set of errors in which it is smaller.
+    # The remainders, each over the set of errors in which it is smaller.
     radius = d_bound / (k * sigma)
-    errors = _Errors((gains[0] * radius + sensor_effect.position, gains[1] * radius + sensor_effect.orientation,
-                      radius, d_bound / k), weights, shift, sensor_effect)
+    errors = _Errors((gains[0] * radius + sensor_effect.position,
+                      gains[1] * radius + sensor_effect.orientation, radius, d_bound / k),
+                     weights, shift, sensor_effect)
     problems = [RemainderProblem(model, constraint_set, errors.of_blocks(), u_limits, k, sigma,
-                            forces=forces, largest_rate=largest_rate)]
+                                 forces=forces, largest_rate=largest_rate)]
     if np.any(weights != 1.0) or np.any(sensor_effect.p):
         problems.append(replace(problems[0], parts=errors.of_preimage(), preimage=True))
-    names = [f"rest of {name}" for name in (
+    names = [f"remainder of {name}" for name in (
         "ν₁", "ν₂", "φ", "θ", *(f"{name}[{i}]" for name in ("u", "τ") for i in range(size)))]
     values = [sampled(problem) for problem in problems]
     if len(problems) == 1:  # Their proven bounds are hardly larger.
@@ -219,7 +200,7 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     roll, pitch = map(float, remainders[2:4]) if len(problems) > 1 else attitude_radii(
         constraint_set, errors.radii[1], errors.radii[2], model.num_joints)
 
-    # The linear parts by their filters, with the shift δ of 𝔭; the rests as they were found.
+    # The linear parts by their filters, with the shift δ of 𝔭; the remainders by search.
     z = np.array([joint_rate_radius(k, sigma, d_bound * float(np.max(weights[block], initial=0.0)))
                   for block in _blocks(size)]) + sensor_effect.z
     u, extra = input_gain(k, sigma) * d_bound, sigma**2 * shift

@@ -1,4 +1,4 @@
-"""What the law `resolved` makes of errors, beyond the linear parts of `tube_image` (1)."""
+"""Remainders of the law `resolved`, beyond the linear parts of (1) of `resolved.image`."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from uvms_drake.model.uvms_model import Kinematics
 
 
 def remainders(model: ContactModel, nominal_config: np.ndarray, nominal_zeta: np.ndarray,
-         nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
-         ) -> np.ndarray:
-    """Returns the rests of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
+               nominal_u: np.ndarray, e_y: np.ndarray, r: np.ndarray, k: float, sigma: float
+               ) -> np.ndarray:
+    """Returns the remainders of ζ and u in (1), of τ = M𝔲, and (φ, θ) − (φ̄, θ̄) (..., 3(6+n) + 2).
 
-    In the order ζ, (φ, θ), u, τ. The rest of τ is τ − τ̄ − M(𝔮)[−(k + σ)𝔯 + σ²𝔭]. Any argument may
-    be complex, for a derivative.
+    In the order ζ, (φ, θ), u, τ. The remainder of τ is τ − τ̄ − M(𝔮)[−(k + σ)𝔯 + σ²𝔭]. Any argument
+    may be complex, for a derivative.
 
     Args:
         model: The prediction model.
@@ -85,7 +85,7 @@ def _rate_of_inverse(rpy: np.ndarray, rate: np.ndarray, w: np.ndarray) -> np.nda
 
 
 def drift_and_inertia(model: ContactModel, kinematics: Kinematics, zeta: np.ndarray
-           ) -> tuple[np.ndarray, np.ndarray]:
+                      ) -> tuple[np.ndarray, np.ndarray]:
     """Returns f and M."""
     M = model.mass_matrix(kinematics)
     bias = model.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta))

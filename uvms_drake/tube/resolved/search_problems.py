@@ -13,27 +13,29 @@ from uvms_drake.tube.search.search_problem import SearchProblem, input_within
 
 @dataclass(frozen=True)
 class RemainderProblem(SearchProblem):
-    """The rests of the law `resolved`; see `remainders`."""
+    """Remainders of the law `resolved`; see `remainders`."""
 
     u_limits: np.ndarray
     """|ūᵢ| (6+n,)."""
     k: float
+    """Velocity gain [1/s]."""
     sigma: float
+    """σ [1/s]."""
     preimage: bool = False
-    """Whether the errors are (𝔭, 𝔯), 𝔢_y = J_x(𝔮)𝔭, instead of (𝔢_y, 𝔯)."""
+    """True if the errors are (𝔭, 𝔯), 𝔢_y = J_x(𝔮)𝔭, instead of (𝔢_y, 𝔯)."""
     forces: bool = False
-    """Whether the rests of τ count, too."""
+    """True if the remainders of τ count, too."""
     largest_rate: np.ndarray | float = field(default=np.inf)
-    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+    """|ζ̄̇ᵢ| (6+n,), in addition to the bound by |ūᵢ|."""
 
     @property
     def channels(self) -> list[slice]:
-        """Those of ν₁, ν₂, φ, θ, uᵢ and τᵢ."""
+        """Channels of ν₁, ν₂, φ, θ, uᵢ and τᵢ."""
         last = (3 if self.forces else 2) * self.size + 2
         return [slice(0, 3), slice(3, 6), *(slice(i, i + 1) for i in range(self.size, last))]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns the rests (..., 3(6+n) + 2)."""
+        """Returns the remainders (..., 3(6+n) + 2)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
         config = self.config(pose)
         u = input_within(self.model, config, zeta, share, self.u_limits, self.largest_rate)
@@ -51,7 +53,7 @@ class TurningProblem(SearchProblem):
 
     @property
     def channels(self) -> list[slice]:
-        """All of it."""
+        """The only channel."""
         return [slice(0, self.size)]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:

@@ -1,20 +1,15 @@
-"""The tube of the law `tip first` in joints, attitude of the tool, velocities, inputs and forces.
+"""Tube of the law `tip first` in joints, attitude of the tool, velocities, inputs and forces.
 
 Given a nominal state, a nominal input and errors e = y − ȳ, ė of the outputs y = (η, s), the real
 state and input follow by algebra:
 
     𝔮 = 𝔮(ȳ + e),   ζ = J_y(𝔮)⁻¹(J_y(𝔮̄)ζ̄ + ė),   u = J_y⁻¹(ÿ̄ + w − J̇_yζ) − f(𝔮, ζ),
-    w = −(K + Σ)ė − KΣe,        u − ū = J_y(𝔮)⁻¹w + rest.                                      (1)
+    w = −(K + Σ)ė − KΣe,        u − ū = J_y(𝔮)⁻¹w + remainder.                             (1)
 
-e, ė and w come from the same δ, row by row: each has a bound of its own, by block of rows that
-share gains (`row_gains`), and the three are taken as if they had nothing to do with each other. The
-joints make up for what the vehicle is off by, δq = J_sq⁻¹(e_s − J_sη e_η) to first order: the price
-of letting the vehicle go.
-
-Joints, tool and velocities are searched whole. Of u and τ the first part of (1) is the largest sum
-of operator norms over the postures, and the rest is searched. Plans are slower than the robot may
-be by the radii of velocities, of which the first-order part at the worst posture that was found is
-known beforehand. All of that is *estimated*, see `ascent` and `estimate`.
+e, ė and w have bounds of their own by block of rows, and are taken as independent. Joints, tool and
+velocities are searched whole; of u and τ the linear part of (1) is the largest sum of operator
+norms over the postures, and the remainder is searched. All of it is estimated. See
+tube/theory.md#image-of-the-tube-under-the-law-tip-first.
 """
 
 from dataclasses import dataclass, field, replace
@@ -34,25 +29,25 @@ from uvms_drake.tube.search.second_search import second_search
 from uvms_drake.tube.settings import CertificateSettings
 
 LEADERS = 12
-"""Climbers for each channel: near a singular posture there are many hills."""
+"""Climbers for each channel: near a singular posture there are many local maxima."""
 
 
 @dataclass(frozen=True)
 class TipFirstProblem(SearchProblem):
-    """What errors (e, ė) make of the rest; see `tip_first_remainders`."""
+    """Remainders by errors (e, ė); see `tip_first_remainders`."""
 
     rows: np.ndarray
     """The tip's task in (χ, q) (n,)."""
     u_limits: np.ndarray
     """|ūᵢ| (6+n,)."""
     forces: bool = False
-    """Whether the rests of τ count, too."""
+    """True if the remainders of τ count, too."""
     largest_rate: np.ndarray | float = field(default=np.inf)
-    """|ζ̄̇ᵢ| (6+n,), beside what |ūᵢ| leaves of it."""
+    """|ζ̄̇ᵢ| (6+n,), in addition to the bound by |ūᵢ|."""
 
     @property
     def channels(self) -> list[slice]:
-        """Those of ν₁, ν₂, q̇, q, 𝔬, uᵢ and τᵢ."""
+        """Channels of ν₁, ν₂, q̇, q, 𝔬, uᵢ and τᵢ."""
         size = self.size
         n, first = size - 6, 2 * size - 3
         return [slice(0, 3), slice(3, 6), slice(6, size), slice(size, size + n),
@@ -60,26 +55,26 @@ class TipFirstProblem(SearchProblem):
                     first, first + (2 if self.forces else 1) * size))]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns the rests (..., 4(6+n) − 3)."""
+        """Returns the remainders (..., 4(6+n) − 3)."""
         pose, zeta, share = np.split(x, 3, axis=-1)
         config = self.config(pose)
         u = input_within(
             self.model, config, zeta, share, self.u_limits, self.largest_rate)
         return tip_first_remainders(self.model, self.rows, config, zeta, u, error[..., : self.size],
-                               error[..., self.size:])
+                                    error[..., self.size:])
 
 
 class BlockBounds(NamedTuple):
-    """Bounds of the 2-norms of a block of e, ė and w, or of what they are in joint angles."""
+    """Bounds of the 2-norms of a block of e, ė and w, or of their values in joint angles."""
 
     rows: np.ndarray
     """Indices in y = (η, s)."""
     e: float
-    """[m, rad]."""
+    """Bound of e [m, rad]."""
     e_dot: float
-    """[m/s, rad/s]."""
+    """Bound of ė [m/s, rad/s]."""
     w: float
-    """[m/s², rad/s²]."""
+    """Bound of w [m/s², rad/s²]."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +94,7 @@ class TipFirstImage:
     u: np.ndarray
     """Largest |𝔲ᵢ − ūᵢ| (6+n,) [m/s² (3), rad/s² (3+n)]."""
     tau: np.ndarray | None
-    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)], if it was asked for."""
+    """Largest |τᵢ − τ̄ᵢ| (6+n,) [N (3), N m (3+n)]; None if it is not needed."""
     check: Check
     """Makes the second search: all of it is estimated."""
 
@@ -112,24 +107,27 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
 
     Args:
         model: The prediction model.
-        declared: Where nominal and real state are.
+        declared: Set of nominal and real states.
         rows: The tip's task in (χ, q) (n,).
         blocks: Bounds of x_η, and of x_q of the tip's rows; see `tip_first_remainders`.
         u_limits: |ūᵢ| (6+n,).
-        settings: How hard to search.
-        forces: Whether τ is wanted.
-        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,) beside those that |ūᵢ| gives.
+        settings: Search effort.
+        forces: True if τ is needed.
+        largest_rate: Bounds of |ζ̄̇ᵢ| (6+n,), in addition to those by |ūᵢ|.
     """
+    # The linear part, and the speeds that remain for a plan.
     size, factor = model.size, settings.safety_factor
     linear, check = _linear(model, declared, rows, blocks, settings)
     least = least_speeds(model, declared, rows, blocks, settings.seed)
     limits = np.array([declared.nu1, declared.nu2, declared.qdot])
-    if np.any(least >= limits):  # Nothing is left to a plan.
+    if np.any(least >= limits):  # No speed remains for a plan.
         none = np.full(size, np.inf)
         return TipFirstImage(
             nu1=float(least[0]), nu2=float(least[1]), qdot=float(least[2]), joints=np.inf,
             orientation=np.inf, u=none, tau=none if forces else None, check=check)
     nu1, nu2, qdot = limits - least
+
+    # The remainders, over plans of these speeds and errors in balls by block.
     declared = replace(declared, nu1=nu1, nu2=nu2, qdot=qdot)
     eye = np.eye(2 * size)
     parts: list[Part] = [(eye[:, block.rows + shift], radius) for block in blocks
@@ -140,7 +138,7 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
         settings.tube_samples, np.random.default_rng(settings.seed)))
     values = once("samples", lambda: first_order(problem, x))
     claim = factor * supremum(problem, x, values, leaders=LEADERS)
-    names = ["ν₁", "ν₂", "q̇", "q", "𝔬", *(f"rest of {name}[{i}]" for name in (
+    names = ["ν₁", "ν₂", "q̇", "q", "𝔬", *(f"remainder of {name}[{i}]" for name in (
         ("u", "τ") if forces else ("u",)) for i in range(size))]
     wanted = np.nonzero(np.any(values > 0.0, axis=0))[0]
     claim[:3] = np.maximum(claim[:3], least)
@@ -159,19 +157,19 @@ def tip_first_image(model: ContactModel, declared: ConstraintSet, rows: np.ndarr
 
 
 class Arm(NamedTuple):
-    """What the arm can do about its tip's task, at its worst over the declared set."""
+    """Authority of the arm over its tip's task, at its worst over the declared set."""
 
     regular: float
     """Smallest singular value of J_sq; not positive if its determinant changes its sign."""
     carried: float
-    """Largest ‖J_sq⁻¹J_sv‖, how the joints have to move with the vehicle [1/m]."""
+    """Largest ‖J_sq⁻¹J_sv‖, gain of the joints by the vehicle [1/m]."""
     check: Check = no_estimates
     """Makes the second search for both."""
 
 
 def arm_of(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
            settings: CertificateSettings) -> Arm:
-    """Returns what the arm can do over the declared set, estimated."""
+    """Returns the authority of the arm over the declared set, estimated."""
     lower, upper = _postures(declared)
     middle = np.linalg.slogdet(_task(model, rows, 0.5 * (lower + upper)[None])[..., 6:])[0]
 
@@ -220,7 +218,7 @@ def free_arm(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
 
 
 def _postures(declared: ConstraintSet) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the box of joint angles, roll and pitch; where a vehicle is makes no difference."""
+    """Returns the box of joint angles, roll and pitch; position and yaw make no difference."""
     return (np.append(declared.q_lower, [-declared.roll, -declared.pitch]),
             np.append(declared.q_upper, [declared.roll, declared.pitch]))
 
@@ -238,8 +236,8 @@ def _task(model: ContactModel, rows: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def least_speeds(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
-                  blocks: list[BlockBounds], seed: int) -> np.ndarray:
-    """Returns deviations of ν₁, ν₂ and q̇ (3,) that there are: those of ė to first order."""
+                 blocks: list[BlockBounds], seed: int) -> np.ndarray:
+    """Returns the least radii of ν₁, ν₂ and q̇ (3,): those by ė to first order."""
     parts = slice(0, 3), slice(3, 6), slice(6, model.size)
 
     def values(x: np.ndarray) -> np.ndarray:

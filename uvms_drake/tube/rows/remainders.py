@@ -1,4 +1,4 @@
-"""What the law `tip first` makes of errors, beyond the linear parts of `tip_first_image` (1)."""
+"""Remainders of the law `tip first`, beyond the linear parts of (1) of `rows.image`."""
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from uvms_drake.model.uvms_model import Kinematics, configuration_rate_matrix
 from uvms_drake.tube.resolved.remainders import drift_and_inertia, jacobian_rate_times
 
 ITERATIONS = 6
-"""Newton's steps to the joint angles of outputs."""
+"""Number of Newton's steps to the joint angles of outputs."""
 
 
 def tip_first_remainders(model: ContactModel, rows: np.ndarray, nominal_config: np.ndarray,
-                    nominal_zeta: np.ndarray, nominal_u: np.ndarray, x: np.ndarray,
-                    x_dot: np.ndarray) -> np.ndarray:
-    """Returns what follows from errors of the outputs y = (η, s) (..., 4(6+n) − 3).
+                         nominal_zeta: np.ndarray, nominal_u: np.ndarray, x: np.ndarray,
+                         x_dot: np.ndarray) -> np.ndarray:
+    """Returns the remainders by errors of the outputs y = (η, s) (..., 4(6+n) − 3).
 
-    The errors are e = (x_η, J_sq x_q) and ė = (x_η', J_sq x_q'), J_sq that of the real robot: what
-    is off in s is said in joint angles. In the order ζ − ζ̄; q − q̄ (n) and 𝔬 − 𝔬̄ of the
-    end-effector; the rests of u and of τ = Mu, u − ū − J_y⁻¹w and τ − τ̄ − MJ_y⁻¹w for the
+    The errors are e = (x_η, J_sq x_q) and ė = (x_η', J_sq x_q'), J_sq that of the real robot: those
+    of s are in joint angles. In the order ζ − ζ̄; q − q̄ (n) and 𝔬 − 𝔬̄ of the end-effector; the
+    remainders of u and of τ = Mu, u − ū − J_y⁻¹w and τ − τ̄ − MJ_y⁻¹w for the
     w = −(K + Σ)ė − KΣe of the law, J_y and M those of the real robot. Any argument may be complex,
     for a derivative.
 

@@ -21,8 +21,8 @@ from uvms_drake.tube.search.search_memo import active_memo
 from uvms_drake.tube.search.search_problem import SearchProblem
 
 LEADERS, ROUNDS, STEPS = 8, 3, 4
-"""Climbers for each channel, from its worst samples; rounds, after each of which the better half goes
-on; and steps in a round."""
+"""Climbers for each channel, from its worst samples; rounds, after each of which the better half
+goes on; and steps in a round."""
 BATCH = 400
 """States evaluated at a time."""
 REACHES = (1.0, 0.3, 0.1, 0.0)
@@ -223,7 +223,7 @@ class Climb:
         return out
 
     def _uphill(self, gradient: np.ndarray) -> np.ndarray:
-        """Returns the poses' direction up (m, 6+n), as long as the set is wide in its largest part."""
+        """Returns the poses' direction up (m, 6+n), scaled by the widths of the set."""
         pose, scale = self.x[:, : self._problem.size], self._scale
         up = gradient * scale
         up[:, 3:] = np.where(((pose >= self._box[1]) & (up > 0.0)

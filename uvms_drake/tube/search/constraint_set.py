@@ -2,9 +2,9 @@
 
 It has the limits of the real robot as plain numbers: joint angles in a box, roll and pitch of the
 vehicle, pitch of the end-effector (the Euler angles are singular at π/2), norms of ν₁, ν₂ and q̇,
-and a measure of the contact by the surface itself (`Surface.contact_measure`): for a plane the depth
-of the tip, for a spring, which acts everywhere, its force. The position along a plane makes no
-difference and is not limited.
+and a measure of the contact by the surface itself (`Surface.contact_measure`): for a plane the
+depth of the tip, for a spring, which acts everywhere, its force. The position along a plane makes
+no difference and is not limited.
 """
 
 from dataclasses import dataclass

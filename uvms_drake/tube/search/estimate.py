@@ -33,8 +33,8 @@ class Estimate:
 
 
 Check = Callable[[], tuple[Estimate, ...]]
-"""Function that makes the second search, as long as the first: for a certificate, not for a study of
-many tubes."""
+"""Function that makes the second search, as long as the first: for a certificate, not for a study
+of many tubes."""
 
 
 def no_estimates() -> tuple[Estimate, ...]:

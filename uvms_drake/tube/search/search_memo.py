@@ -1,10 +1,10 @@
 """Memo of searches: for a study of many tubes that differ little.
 
 A tube takes a dozen searches for suprema, nearly all of its time. With an active memo, a search
-returns to the places where the first one of its name and place in line found its largest values, and
-searches nowhere else. Its result is a value that is reached, from below as of every search, and the
-worst place hardly moves with a disturbance's bound or a gain. So a value found with a memo is good
-for a first answer, and a certificate searches anew.
+returns to the places where the first one of its name and place in line found its largest values,
+and searches nowhere else. Its result is a value that is reached, from below as of every search, and
+the worst place hardly moves with a disturbance's bound or a gain. So a value found with a memo is
+good for a first answer, and a certificate searches anew.
 """
 
 from collections.abc import Callable, Iterator

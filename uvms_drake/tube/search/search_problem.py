@@ -88,8 +88,8 @@ def input_within(model: ContactModel, config: np.ndarray, zeta: np.ndarray, shar
                  u_limits: np.ndarray, largest_rate: np.ndarray | float) -> np.ndarray:
     """Returns ū by a share of the tighter one of its two bounds, |ūᵢ| and |ζ̄̇ᵢ|, within both.
 
-    A share of the looser one alone, cut to the tighter, is the same set; but for light joints, whose
-    ζ̄̇ is cut long before, a search would have no slope.
+    A share of the looser one alone, cut to the tighter, is the same set; but for light joints,
+    whose ζ̄̇ is cut long before, a search would have no slope.
     """
     rates = largest_rate * np.ones(model.size)
     slow = rates < u_limits
