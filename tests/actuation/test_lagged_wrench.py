@@ -82,6 +82,6 @@ def test_a_proof_counts_with_a_lag_that_nobody_foresees_and_nothing_else(part, l
     """The knots of plans are ticks to the last digit, it is as known, no axis is missing."""
     scenario = load_scenario(
         "girona500_sampled", [f"actuation=[!LaggedWrench {{lag: 0.05, {part}}}]", *law])
-    given_up = [item.name for item in assumptions(scenario) if not item.holds]
-    assert given_up == ([] if counted else [
+    broken_assumptions = [item.name for item in assumptions(scenario) if not item.holds]
+    assert broken_assumptions == ([] if counted else [
         "actuation[0], LaggedWrench: the proofs take the vehicle's wrench for given at once"])

@@ -1,4 +1,4 @@
-"""A brake that holds a joint, whatever torque is commanded."""
+"""Brake of a joint, whatever torque is commanded: a fault."""
 
 from dataclasses import dataclass
 
@@ -20,15 +20,16 @@ from uvms_drake.model.uvms_model import UvmsModel
 BRAKE = (400.0, 40.0)
 """Stiffness [1/s²] and damping [1/s] of a brake, per inertia: critical, settled in 0.3 s."""
 
+
 @dataclass
 class StuckJoint(Fault, Part):
-    """A brake, a stiff spring with a damper, holds a joint about where it was at `start`.
+    """Brake, a stiff spring with a damper, on a joint at its angle at `start`.
 
-    In a simulation that begins after it, where it was at the beginning.
+    In a simulation that begins after that, at its angle at the beginning.
     """
 
     place = "actuation"
-    motions = ("dynamic",)  # Without torques there is nothing to hold a joint.
+    motions = ("dynamic",)  # A brake needs torques.
 
     joint: int = 0
     """Index of the joint, from 0."""
@@ -48,11 +49,11 @@ class StuckJoint(Fault, Part):
 
 
 def brake_torque(inertia: float, stretch: float, rate: float) -> float:
-    """Returns the torque [N m] that takes a joint back to where it is held.
+    """Returns the torque [N m] of a brake.
 
     Args:
         inertia: Inertia of the joint alone [kg m²].
-        stretch: Angle from there [rad].
+        stretch: Angle from that of the brake [rad].
         rate: Rate q̇ of the joint [rad/s].
     """
     stiffness, damping = BRAKE
@@ -60,7 +61,7 @@ def brake_torque(inertia: float, stretch: float, rate: float) -> float:
 
 
 class JointBrake(LeafSystem):
-    """Puts a brake in place of a joint's torque.
+    """Brake in place of a joint's torque.
 
     .. pydrake_system::
 
@@ -74,12 +75,12 @@ class JointBrake(LeafSystem):
     - `commanded`, `tau`: τ (6+n), wrench on the vehicle in body axes and joint torques [N, N m].
     - `state`: (𝔮, ζ) (2(6+n)), in the paper's order.
 
-    The discrete state is the angle that is held (1), taken at the fault's start or at a later
+    The discrete state is the angle of the brake (1), taken at the fault's start or at a later
     initialization, and 1 if it has been taken, else 0 (1).
 
     Args:
         model: Supplies the joint's inertia.
-        fault: Which joint, and from when on.
+        fault: Joint and beginning of the fault.
     """
 
     def __init__(self, model: UvmsModel, fault: StuckJoint):
@@ -112,7 +113,9 @@ class JointBrake(LeafSystem):
         if context.get_time() > self._start:
             config, zeta = np.split(self._state_port.Eval(context), 2)
             row = self._row
-            angle = context.get_discrete_state(0).value()[0] if self._taken(context) else config[row]
+            angle = config[row]
+            if self._taken(context):
+                angle = context.get_discrete_state(0).value()[0]
             inertia = self._model.mass_matrix(self._model.kinematics(config))[row, row]
             tau[row] = brake_torque(inertia, config[row] - angle, zeta[row])
         output.SetFromVector(tau)

@@ -1,4 +1,4 @@
-"""A vehicle's wrench on all six axes that lags: thrusters without what they cannot do."""
+"""First-order lag of the vehicle's wrench on all six axes: ideal thrusters with a delay."""
 
 from dataclasses import dataclass
 
@@ -14,26 +14,25 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 @dataclass
 class LaggedWrench(Thrusters):
-    """The vehicle's wrench, on each axis what was asked for, behind a dead time and a lag.
+    """Vehicle's wrench on each axis behind a dead time and a first-order lag.
 
-    As if there were a thruster on each axis, without limit or dead band: what is late of thrusters,
-    and nothing else of them. The robot's own are not looked at.
+    It models the delay of thrusters alone: one on each axis, without limit or dead band. The
+    robot's own thrusters are not read.
     """
 
     lag: float | None = 0.05
     """Time constant of the wrench [s]."""
     dead_time: float | None = 0.0
-    """From a command to the first change of the wrench [s], a multiple of `period`."""
+    """Dead time from a command to the first change of the wrench [s], a multiple of `period`."""
     foreseen: bool = True
-    """Whether a plan's forces are asked for as much ahead as they come late; no proof knows of it.
-    """
+    """Whether a plan's forces are commanded in advance by the delay; no proof covers it."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
         for key in ("lag", "dead_time"):
             require(getattr(self, key) is not None, key, None, "a number")
         require(self.sag == 0.0, "sag", self.sag, "0: there is no voltage")
-        require(not np.any(self.error), "error", self.error, "0: it gives what is asked for")
+        require(not np.any(self.error), "error", self.error, "0: the wrench is exact")
         super().check()
 
     def assumption(self) -> str:

@@ -1,4 +1,4 @@
-"""A controller in a computer: it runs at a clock's ticks, and takes its time."""
+"""Sampled controller: it runs at a clock's ticks, its command acts a delay later."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,22 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 @dataclass
 class SampledCommand(Part):
-    """The feedback runs every `period`; its command goes out `delay` later and is held until then.
+    """Zero-order hold of the command with a computation delay.
 
     At a tick t_k the law reads the measured state, the measured force and the plan of that instant;
-    its command acts from t_k + δ to t_k + h + δ, and in between nobody asks the law. Before the
-    first one goes out it is that of the start: a controller runs before a task begins. What acts on
-    the robot is logged as `zoh_command`; `u` and `tau` of the log are what the law would command.
+    its command acts from t_k + δ to t_k + h + δ. Before the first one acts it is that of the start:
+    a controller runs before a task begins. The applied command is logged as `zoh_command`; `u` and
+    `tau` of the log are those of the law in continuous time.
 
     Vehicles run at 10 Hz (COLA2, of the Girona 500) to 50 or 100 Hz (BlueROV2 with an arm); the
     default delay is half a period. The MPC has a period of its own and takes no time: its plans
-    start at the nominal state, so that they can be made ahead.
+    start at the nominal state, so that they can be computed in advance.
     """
 
     period: float = 0.02
-    """h, time between two ticks [s]."""
+    """Period h of the clock [s]."""
     delay: float = 0.01
-    """δ, from a tick to where its command acts [s]; at most 100 periods."""
+    """Delay δ from a tick to the action of its command [s]; at most 100 periods."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""

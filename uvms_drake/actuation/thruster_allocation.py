@@ -1,4 +1,4 @@
-"""The allocation as a system: from the wrench that a law asks for to commands for the thrusters."""
+"""Thrust allocation as a system: from the commanded wrench to commands for the thrusters."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
@@ -9,7 +9,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 
 class ThrusterAllocation(LeafSystem):
-    """Commands the thrusters to give a wrench; see `Allocation`.
+    """Thruster commands for a wrench; see `Allocation`.
 
     .. pydrake_system::
 
@@ -27,14 +27,14 @@ class ThrusterAllocation(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)), the true one; read by `hover` only, as is the next.
     - `force`: 𝔉 (6), the true one [N, N m].
     - `command` (m): to the thrusters' drivers, in their own unit.
-    - `shortfall` (6): the part of τ_v that is not to be had, at rest [N, N m].
-    - `hover` (m): commands that would hold the robot at rest where it is.
+    - `shortfall` (6): part of τ_v that the thrusters cannot give at rest [N, N m].
+    - `hover` (m): commands of static equilibrium at the present configuration.
 
     It has no state.
 
     Args:
         model: Supplies the wrench of hovering.
-        allocation: To the thrusters as the controller knows them.
+        allocation: Allocation to the thrusters of the controller's model.
     """
 
     def __init__(self, model: UvmsModel, allocation: Allocation):

@@ -1,4 +1,4 @@
-"""Thrusters as a system: from commands to forces, with curves, dead time and lag."""
+"""Thruster dynamics as a system: from commands to forces, with curves, dead time and lag."""
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -17,7 +17,7 @@ from uvms_drake.model.propulsion.thrusters import ThrusterModel
 
 
 class ThrusterDynamics(LeafSystem):
-    """What thrusters give now: their curves, a dead time after the command, behind a lag.
+    """Forces of thrusters: their curves behind a dead time and a first-order lag.
 
     .. pydrake_system::
 
@@ -29,12 +29,12 @@ class ThrusterDynamics(LeafSystem):
         - force
 
     - `command` (m): to the thrusters' drivers, in their own unit; sampled.
-    - `hover` (m): commands that they have been given for long at the start; read there only.
-    - `force` (m): what they give now [N]. Nothing feeds through to it.
+    - `hover` (m): stationary commands before the start; read there only.
+    - `force` (m): present forces [N]; no feedthrough.
 
     The continuous state is the force (m). The discrete state is whether the simulation has started
-    (1), and what the curves make of the samples on their way, the oldest first ((steps + 1) m):
-    it is what the lag follows. The curves have no memory, so they may come before the dead time.
+    (1), and the static forces of the samples within the dead time, the oldest first ((steps + 1)
+    m), which the lag follows. The curves are static, so they may precede the dead time.
 
     Args:
         thrusters: Their curves and lags.
@@ -68,7 +68,7 @@ class ThrusterDynamics(LeafSystem):
         state.set_value(1, np.append(samples[newest.size:], newest))
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
-        """Sets ḟ."""
+        """Sets the derivative ḟ of the forces."""
         force = context.get_continuous_state_vector().CopyToVector()
         followed = context.get_discrete_state(1).value()[: force.size]
         derivatives.SetFromVector((followed - force) / self._thrusters.lag)

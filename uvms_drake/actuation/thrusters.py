@@ -1,4 +1,4 @@
-"""Thrusters: the vehicle's wrench by what its thrusters can give, when they give it.
+"""Thrusters: the vehicle's wrench with their allocation, limits, dead time and lag.
 
 ::
 
@@ -11,8 +11,8 @@
        └─────────────────────────────────────────── (0, τ_q) ─────┘
 
 A force follows its command by Tḟ + f = φ(command a dead time ago), φ its curve, and the torques of
-the joints pass. The model is what the controller knows: the same without sag and error. At the
-start the thrusters hover: they give what holds the robot at rest, as far as they can.
+the joints pass. The controller's model is the same without sag and error. At the start the
+thrusters hover: they hold the robot at rest, as far as they can.
 """
 
 from dataclasses import dataclass, field, replace
@@ -32,11 +32,11 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 @dataclass
 class Thrusters(Part):
-    """The vehicle's thrusters: curves, dead bands, limits, lag, dead time, and what drives no axis.
+    """Thrusters of the vehicle: curves, dead bands, limits, lag, dead time and undriven axes.
 
     They are those of `thrusters.yaml` in the robot's folder. Logged are `thruster_command` and
-    `thruster_force` (m), `vehicle_wrench`, what the thrusters give now by the controller's model of
-    them, and `wrench_shortfall`, what they cannot give of the wrench that is asked for.
+    `thruster_force` (m), `vehicle_wrench`, their present wrench in the controller's model, and
+    `wrench_shortfall`, the undelivered part of the commanded wrench.
     """
 
     motions = ("dynamic",)
@@ -44,14 +44,14 @@ class Thrusters(Part):
     period: float = 0.01
     """Time between two commands to the thrusters [s]."""
     lag: float | None = None
-    """Time constant of all forces [s], if it is another one than the file's."""
+    """Time constant of all forces [s]; by default the file's."""
     dead_time: float | None = None
-    """From a command to the first change of a force [s], if it is another one than the file's; a
-    multiple of `period`, of which up to one more passes until a command is sent."""
+    """Dead time from a command to the first change of a force [s], a multiple of `period`; by
+    default the file's. Up to one period more passes until a command is sent."""
     sag: float = 0.0
-    """By how much the voltage is below the one that the controller counts on [V]."""
+    """Voltage drop below the voltage in the controller's model [V]."""
     error: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    """Share by which each thruster gives more than the controller knows (m,), or (1,) for all."""
+    """Relative error of each thruster's force to the controller's model (m,), or (1,) for all."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -69,7 +69,7 @@ class Thrusters(Part):
         return "the proofs take the vehicle's wrench for given at once and on all six axes"
 
     def command_path(self, model: UvmsModel) -> CommandPath:
-        """Returns their clock, dead time and lag, and what they are off by at any command."""
+        """Returns their clock, dead time and lag, and their largest errors at any command."""
         known, true = self.known(model), self.true(model)
         off = [max(abs(real.force_of(at) - curve.force_of(at))
                    for at in np.union1d(curve.command, real.command))
@@ -86,11 +86,11 @@ class Thrusters(Part):
         return round(steps)
 
     def known(self, model: UvmsModel) -> ThrusterModel:
-        """Returns the thrusters as the controller knows them."""
+        """Returns the thrusters of the controller's model."""
         return self._at(model, 0.0)
 
     def true(self, model: UvmsModel) -> ThrusterModel:
-        """Returns the thrusters as they are."""
+        """Returns the real thrusters."""
         return self._at(model, self.sag).off_by(self.error)
 
     def _at(self, model: UvmsModel, sag: float) -> ThrusterModel:
@@ -104,7 +104,8 @@ class Thrusters(Part):
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, port: OutputPort,
                signals: Signals, seed: int) -> OutputPort:
-        """Adds the systems of this module's picture; see `Part`."""
+        """Adds the systems of the module's diagram; see `Part`."""
+        # The allocation, by the controller's model of the thrusters.
         known = self.known(model)
         allocation = ThrusterAllocation.AddToBuilder(
             builder, model, Allocation.to(known), tau=port, state=signals["state"],
@@ -123,7 +124,8 @@ class Thrusters(Part):
             builder.Connect(of, gain.get_input_port())
             return gain.get_output_port()
 
-        force, believed = add("thrusters", self.true(model)), add("thruster_model", known)
+        # The real thrusters, which exert the wrench, and those of the controller's model.
+        force, modelled = add("thrusters", self.true(model)), add("thruster_model", known)
         exerted = builder.AddNamedSystem("exerted", Adder(num_inputs=2, size=size))
         for i, part in enumerate((
                 add_gain("wrench", np.eye(size, 6) @ known.B, force),
@@ -132,5 +134,5 @@ class Thrusters(Part):
         signals["thruster_command"] = allocation.GetOutputPort("command")
         signals["thruster_force"] = force
         signals["wrench_shortfall"] = allocation.GetOutputPort("shortfall")
-        signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, believed)
+        signals[VEHICLE_WRENCH] = add_gain("wrench_model", known.B, modelled)
         return exerted.get_output_port()

@@ -1,1 +1,1 @@
-"""An inspection job as a list of steps: what is asked for next, by what was felt; no controller."""
+"""Inspection missions as lists of steps: references by time and contact state; no controller."""

@@ -1,29 +1,22 @@
-"""A mission as a state machine: what is asked for, by the time and by what was felt.
-
-A step begins, and ends by one of these; times are those since its begin:
+"""Mission as a state machine: references by time, tip and contact.
 
     Approach   off the wall: at its place, less deep than `deepest`, force 0
-               → looking:     the tip is at the place; `deepest` is `within` ahead of the tip
-               looking: force F, as deep as that takes, up to `deepest`
+               → searching:   the tip is at the place; `deepest` is `within` deeper than the tip
+               searching: force F, as deep as it needs, up to `deepest`
                → done:        a touch, and |F̂ − F| ≤ tolerance during `settle`
     Hold       → done:        a touch, and |F̂ − F| ≤ tolerance during `seconds`
     Slide      → done:        its time is over, and the tip is at the end of the line
-    Retreat    force 0, straight back from where the tip was, `deepest` the distance back
-               → done:        the tip is there. Then comes the next spot, the same, or the end
+    Retreat    force 0, straight back to `deepest`, `distance` less deep than the tip
+               → done:        the tip is there; next is the next spot, the same, or the end
+    any but Retreat → failed: time-out, or operator stop
+    Hold, Slide     → failed: no touch during `patience`, or the force or the state is lost
 
-    any but Retreat → failed: the time-out is over; somebody says stop;
-    Hold, Slide     → failed: no touch during `patience`, or the force is lost; so it is without the
-                      state, which is named then
+A failed step is followed by the Retreat of its spot, and that by `on_failure`, or after a stop by
+the end; a Retreat that times out is the end. An approach waits for a lost force.
 
-What fails goes to the Retreat of its spot, and the steps between are left out. Then comes what
-`on_failure` says; after a stop, the end. A Retreat whose time-out is over is the end, too. An
-approach waits for a force that is lost: the controller stays off the wall as long.
-
-*Every mission ends.* A step lasts no longer than its time-out, and a spot is begun 1 + `retries`
-times at most: after 1 + `retries` times the sum of all time-outs, and of one period of the clock a
-step, all is over, whatever was felt or not. It is `DONE` if every
-step is; else `RETREATED`, if it was stopped, went home or could not get back; else `SKIPPED`. At
-the end the targets are those of the last retreat: off the wall, no force.
+*Every mission ends:* a spot is begun at most 1 + `retries` times, so after 1 + `retries` times the
+sum of all time-outs and one clock period a step all is over. It is `DONE` if every step is; else
+`RETREATED` after a stop, a failure that ends it or a failed retreat; else `SKIPPED`.
 """
 
 import math
@@ -34,93 +27,93 @@ import numpy as np
 from uvms_drake.mission.steps import Approach, Hold, Mission, Pressing, Retreat, Slide
 
 RUNNING, DONE, SKIPPED, RETREATED = range(4)
-"""What becomes of a mission. Of a step: `DONE`, `SKIPPED` if it failed or was left out."""
+"""Outcomes of a mission; of a step `DONE`, or `SKIPPED` if it failed or was left out."""
 
 TIME_OUT, CONTACT_LOST, FORCE_LOST, STOPPED, STATE_LOST = range(1, 6)
-"""Why a step failed."""
+"""Reasons of a failed step."""
 REASONS = {TIME_OUT: "time-out", CONTACT_LOST: "contact lost", FORCE_LOST: "force lost",
            STOPPED: "stopped", STATE_LOST: "state lost"}
 ROUNDING = 1e-9
-"""Part of a second that two sums of periods may differ by [s]."""
+"""Largest difference of two sums of periods [s]."""
 
 
 class Measured(NamedTuple):
-    """What a mission goes by. A tip that is not finite is not seen, a force likewise."""
+    """Measurements of a mission; those that are not finite are missing."""
 
     tip: np.ndarray
     """Depth along n and place (a, b) of the tip (3,) [m]."""
     force: float
-    """F̂, felt along n [N]."""
+    """Measured force F̂ along n [N]."""
     touched: bool
     """Whether the last reading was a touch."""
     lost: bool = False
     """Whether the force is lost."""
     stop: bool = False
-    """Whether somebody says stop."""
+    """Whether the operator stops the mission."""
 
 
 class Due(NamedTuple):
-    """What a mission wants at a time, and asks of the controller `Mission.lead` before."""
+    """References of a mission at a time; the controller gets them `Mission.lead` earlier."""
 
     force: float
     """Desired force along n [N]."""
     place: np.ndarray
     """Place (a, b) (2,) [m]."""
     deepest: float
-    """Largest depth along n to steer for [m]; inf: as deep as the force takes."""
+    """Largest target depth along n [m]; inf: as deep as the force needs."""
 
 
 class State(NamedTuple):
-    """All that a mission remembers."""
+    """State of a mission."""
 
     step: int
-    """Index of the current step; the number of steps: it is over."""
+    """Index of the current step; the number of steps at the end."""
     since: float
-    """When that began [s]."""
+    """Beginning of that step [s]."""
     tip: np.ndarray
-    """Tip as it was seen last (3,) [m]."""
+    """Last measured tip (3,) [m]."""
     place: np.ndarray
-    """Place at which the step began, or to which it goes (2,) [m]."""
+    """Place at which the step began, or its destination (2,) [m]."""
     deepest: float
     """See `Due` [m]."""
-    looking: bool
-    """Whether an approach has left its place off the wall."""
+    searching: bool
+    """Whether an approach searches for the wall."""
     in_band: float
-    """Since when the force is as asked for [s]; NaN: it is not."""
+    """Time since which the force is within its tolerance [s]; NaN while it is not."""
     touch: float
-    """When a touch was felt last [s]."""
+    """Time of the last touch [s]."""
     after: int
     """Index of the step after the next retreat."""
     tries: int
-    """How often the spot was tried again."""
+    """Number of retries of the spot."""
     home: bool
-    """Whether nothing comes after the next retreat, because of a failure or a stop."""
+    """Whether the next retreat is the end, because of a failure or a stop."""
     outcome: int
-    """`RUNNING`, or how the mission ended."""
+    """Outcome of the mission, or `RUNNING`."""
     outcomes: tuple[int, ...]
-    """That of each step; `RUNNING` if it is not over."""
+    """Outcome of each step; `RUNNING` if it is not over."""
     reason: int
-    """Why a step failed last; 0: none did."""
+    """Reason of the last failed step; 0 for none."""
     failures: int
-    """Number of steps that failed so far."""
+    """Number of failed steps."""
 
 
 def begin(mission: Mission, tip: np.ndarray, t: float) -> State:
-    """Returns the state at the start: off the wall, as deep as the tip is.
+    """Returns the state at the start: off the wall, at the depth of the tip.
 
     Args:
         mission: Checked, with one step at least.
         tip: Depth and place (3,) [m].
         t: Now [s].
     """
-    nothing = State(0, t, tip, tip[1:], float(tip[0]), looking=False, in_band=np.nan, touch=t,
+    nothing = State(0, t, tip, tip[1:], float(tip[0]), searching=False, in_band=np.nan, touch=t,
                     after=0, tries=0, home=False, outcome=RUNNING,
                     outcomes=(RUNNING,) * len(mission.steps), reason=0, failures=0)
     return _entered(mission, nothing, 0, t)
 
 
 def due_at(mission: Mission, state: State, t: float) -> Due:
-    """Returns what is due at a time t [s], if the current step goes on till then."""
+    """Returns the references due at a time t [s], if the current step lasts until then."""
     if state.outcome != RUNNING:
         return Due(0.0, state.place, state.deepest)
     step, spent = mission.steps[state.step], t - state.since
@@ -128,21 +121,21 @@ def due_at(mission: Mission, state: State, t: float) -> Due:
     if isinstance(step, Slide):
         force = step.force + step.amplitude * math.sin(math.tau * step.frequency * spent)
         place = place + step.along * min(spent / step.time, 1.0)
-    elif isinstance(step, Hold) or (isinstance(step, Approach) and state.looking):
+    elif isinstance(step, Hold) or (isinstance(step, Approach) and state.searching):
         force = step.force
     return Due(force, place, state.deepest)
 
 
 def advance(mission: Mission, state: State, measured: Measured, t: float
             ) -> tuple[State, Due]:
-    """Returns the state after a look at what is measured, and what is due then.
+    """Returns the state after a measurement, and the references due then.
 
     It makes one transition at most.
 
     Args:
         mission: Checked.
         state: The state so far.
-        measured: What is measured now.
+        measured: Measurements now.
         t: Now [s]; not less than before.
     """
     after = _advanced(mission, state, measured, t)
@@ -167,16 +160,16 @@ def _advanced(mission: Mission, state: State, measured: Measured, t: float) -> S
         return _failed(mission, state, reason, t)
     if _done(mission, state, t):
         return _entered(mission, _marked(state, DONE), state.step + 1, t)
-    if isinstance(step, Approach) and not state.looking and _there(mission, state):
-        return state._replace(looking=True, deepest=float(state.tip[0]) + step.within)
+    if isinstance(step, Approach) and not state.searching and _there(mission, state):
+        return state._replace(searching=True, deepest=float(state.tip[0]) + step.within)
     return state
 
 
 def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State:
-    """Returns the state with what is seen and felt now."""
+    """Returns the state with the measurements of now."""
     step = mission.steps[state.step]
     if np.all(np.isfinite(measured.tip)):
-        first = math.isnan(state.deepest)  # It was not seen at the start.
+        first = math.isnan(state.deepest)  # The tip was not measured at the start.
         state = state._replace(
             tip=measured.tip, deepest=float(measured.tip[0]) if first else state.deepest)
     in_contact = measured.touched and not measured.lost
@@ -188,7 +181,7 @@ def _seen(mission: Mission, state: State, measured: Measured, t: float) -> State
 
 
 def _there(mission: Mission, state: State) -> bool:
-    """Returns whether the tip is where the step goes: back, to a place, or to the end of a line."""
+    """Returns whether the tip is at the step's destination: back, a place, the end of a line."""
     step = mission.steps[state.step]
     if isinstance(step, Retreat):
         return bool(state.tip[0] <= state.deepest + mission.reached)
@@ -204,11 +197,11 @@ def _done(mission: Mission, state: State, t: float) -> bool:
     if isinstance(step, Hold):
         return bool(steady >= step.seconds)
     assert isinstance(step, Approach)
-    return state.looking and bool(steady >= step.settle)
+    return state.searching and bool(steady >= step.settle)
 
 
 def _failure(mission: Mission, state: State, measured: Measured, t: float) -> int:
-    """Returns why a step that is not a retreat has failed; 0 if it has not."""
+    """Returns the reason for which a step other than a retreat has failed; 0 if it has not."""
     step = mission.steps[state.step]
     for reason, holds in (
             (STOPPED, measured.stop),
@@ -243,7 +236,7 @@ def _marked(state: State, outcome: int) -> State:
 
 
 def _entered(mission: Mission, state: State, i: int, t: float) -> State:
-    """Returns the state at the begin of a step, from the one at the end of another."""
+    """Returns the state at the beginning of a step, from the one at the end of another."""
     if i == len(mission.steps):
         return _over(state._replace(step=i))
     if i < state.step:  # The spot once more.
@@ -258,12 +251,12 @@ def _entered(mission: Mission, state: State, i: int, t: float) -> State:
         place, deepest = state.tip[1:], min(deepest, float(state.tip[0]) - step.distance)
     elif isinstance(before, Slide):
         place = place + before.along
-    return state._replace(step=i, since=t, place=place, deepest=deepest, looking=False,
+    return state._replace(step=i, since=t, place=place, deepest=deepest, searching=False,
                           in_band=np.nan, touch=t, after=i + 1, tries=tries)
 
 
 def _over(state: State) -> State:
-    """Returns the state at the end, with the outcome of the mission; what was not begun is left."""
+    """Returns the state at the end, with the outcome of the mission; other steps are skipped."""
     outcomes = tuple(SKIPPED if outcome == RUNNING else outcome for outcome in state.outcomes)
     outcome = (DONE if all(each == DONE for each in outcomes)
                else RETREATED if state.home else SKIPPED)

@@ -1,14 +1,14 @@
-"""The steps of a mission, as they stand in a scenario's file.
+"""Steps of a mission, as in a scenario's file.
 
 *Places* (a, b) are lengths along two directions t₁, t₂ across the declared direction n of a
 contact, from the place of the task: `SurfaceClass.axes`. For n = x of a world whose z points down
-they are down and to port. Depths are along n. A wall's own shape is in neither.
+they are down and to port. Depths are along n. Neither depends on the wall's shape.
 
 *Spots.* A mission is a sequence of spots, each of them
 
     !Approach, then any number of !Hold and !Slide, then !Retreat,
 
-so every contact has an end that is planned: whatever goes wrong at a spot, its retreat is next.
+so every contact has a planned end: after any failure at a spot its retreat is next.
 """
 
 from collections.abc import Sequence
@@ -20,19 +20,19 @@ import numpy as np
 from uvms_drake.common.errors import require, vector, within
 
 FAILURES = ("skip", "retry", "home")
-"""What comes after the retreat from a spot at which a step failed: the next spot; the same again,
-as often as the mission's `retries`, and then the next; or nothing more."""
+"""Continuations after the retreat from a spot with a failed step: the next spot; the same again, at
+most the mission's `retries`, and then the next; or the end."""
 
 
 @dataclass
 class Step:
-    """What all steps have."""
+    """Step of a mission."""
 
     touches: ClassVar[bool] = False
-    """Whether it asks for a contact that was made before."""
+    """Whether it needs a contact made by an earlier step."""
 
     timeout: float = 60.0
-    """Time after which it has failed [s]."""
+    """Time-out [s]."""
 
     def checked(self) -> "Step":
         """Returns the step with arrays, or raises."""
@@ -41,25 +41,25 @@ class Step:
 
     @property
     def strongest(self) -> float:
-        """Largest force that it asks for [N]."""
+        """Largest desired force [N]."""
         return 0.0
 
     @property
     def fastest(self) -> np.ndarray:
-        """Speed along t₁ and along t₂ that it asks for while touching (2,) [m/s]."""
+        """Speed along t₁ and along t₂ in contact (2,) [m/s]."""
         return np.zeros(2)
 
 
 @dataclass
 class Pressing(Step):
-    """A step that presses: the force is asked for along n."""
+    """Step with a desired force along n."""
 
     force: float = 10.0
     """Desired force along n [N]."""
     tolerance: float = 2.0
-    """Distance from it within which the felt force is as asked for [N]."""
+    """Largest deviation of the measured force [N]."""
     on_failure: str = "skip"
-    """What comes after the retreat from a spot at which this step failed: `skip` the rest of the
+    """Continuation after the retreat from a spot at which this step failed: `skip` to the next
     spot, `retry` the spot, or `home`: end the mission."""
 
     def checked(self) -> "Pressing":
@@ -74,23 +74,23 @@ class Pressing(Step):
 
     @property
     def strongest(self) -> float:
-        """Largest force that it asks for [N]."""
+        """Largest desired force [N]."""
         return self.force
 
 
 @dataclass
 class Approach(Pressing):
-    """Swims to a place off the wall, then on along n until it presses.
+    """Motion to a place off the wall, then along n until it presses.
 
-    Done when it has touched, and the force was as asked for during `settle`.
+    Done after a touch and a force within its tolerance during `settle`.
     """
 
     at: np.ndarray = field(default_factory=lambda: np.zeros(2))
     """Place (a, b) [m]."""
     within: float = 0.5
-    """How far along n it looks for the wall [m]."""
+    """Search distance along n [m]."""
     settle: float = 1.0
-    """How long the force is as asked for before it is done [s]."""
+    """Time of the force within its tolerance [s]."""
 
     def checked(self) -> "Approach":
         """Returns the step with arrays, or raises."""
@@ -103,15 +103,15 @@ class Approach(Pressing):
 
 @dataclass
 class Hold(Pressing):
-    """Presses where it is.
+    """Pressing at a place.
 
-    Done when the force was as asked for during `seconds` on end.
+    Done after a force within its tolerance during `seconds` without interruption.
     """
 
     touches: ClassVar[bool] = True
 
     seconds: float = 5.0
-    """How long on end the force is as asked for [s]."""
+    """Time of the force within its tolerance [s]."""
 
     def checked(self) -> "Hold":
         """Returns the step with arrays, or raises."""
@@ -123,22 +123,22 @@ class Hold(Pressing):
 
 @dataclass
 class Slide(Pressing):
-    """Goes along a line while it presses: F(t) = force + amplitude sin(2π frequency t).
+    """Motion along a line with the force F(t) = force + amplitude sin(2π frequency t).
 
-    Done when the line's end was asked for, and the tip is there. The tool keeps its attitude,
-    but for `contact.turn`.
+    Done when the reference and the tip are at the line's end. The tool keeps its attitude, but for
+    `contact.turn`.
     """
 
     touches: ClassVar[bool] = True
 
     along: np.ndarray = field(default_factory=lambda: np.array([0.2, 0.0]))
-    """From begin to end of the line (a, b) [m]."""
+    """Displacement (a, b) from the beginning to the end of the line [m]."""
     speed: float = 0.02
-    """Along the line [m/s]."""
+    """Speed along the line [m/s]."""
     amplitude: float = 0.0
-    """Of a sine that is added to the force [N]."""
+    """Amplitude of a sine that is added to the force [N]."""
     frequency: float = 0.0
-    """Of that sine [Hz]."""
+    """Frequency of that sine [Hz]."""
 
     def checked(self) -> "Slide":
         """Returns the step with arrays, or raises."""
@@ -160,12 +160,12 @@ class Slide(Pressing):
 
     @property
     def time(self) -> float:
-        """Time from begin to end [s]."""
+        """Time from beginning to end [s]."""
         return self.length / self.speed
 
     @property
     def strongest(self) -> float:
-        """Largest force that it asks for [N]."""
+        """Largest desired force [N]."""
         return self.force + self.amplitude
 
     @property
@@ -176,13 +176,13 @@ class Slide(Pressing):
 
 @dataclass
 class Retreat(Step):
-    """Goes straight back along n.
+    """Motion straight back along n.
 
-    Done when the tip is `distance` back from where it began. If it fails, the mission is over.
+    Done when the tip is `distance` less deep. If it fails, the mission is over.
     """
 
     distance: float = 0.1
-    """How far back from where it begins [m]."""
+    """Distance back from the place at its beginning [m]."""
 
     def checked(self) -> "Retreat":
         """Returns the step with arrays, or raises."""
@@ -192,24 +192,23 @@ class Retreat(Step):
 
 
 AnyStep = Approach | Hold | Slide | Retreat
-"""The steps that a scenario's file may name; the first is the one meant without a tag."""
+"""Steps of a scenario's file; the first is the default without a tag."""
 
 
 @dataclass
 class Mission:
-    """A list of steps, and what counts as being somewhere, for all of them."""
+    """List of steps, with the tolerances of all of them."""
 
     steps: list[AnyStep] = field(default_factory=list)
-    """The steps, spot by spot; none: there is no mission."""
+    """Steps, spot by spot; none: there is no mission."""
     retries: int = 1
-    """How often a spot is tried again, if a step of it says so."""
+    """Largest number of retries of a spot whose failed step has `on_failure: retry`."""
     reached: float = 0.01
-    """Distance of the tip from a place at which it is there [m]."""
+    """Largest distance of the tip from a place that is reached [m]."""
     patience: float = 0.5
-    """How long the contact may be lost during a hold or slide before it has failed [s]."""
+    """Largest time of a lost contact during a hold or slide [s]."""
     lead: float = 0.0
-    """How much before they are due places and forces of a slide are asked for: what the tip is
-    behind by otherwise [s]."""
+    """Lead of the references for places and forces of a slide, the lag of the tip [s]."""
 
     def checked(self) -> "Mission":
         """Returns the mission with arrays, or raises."""

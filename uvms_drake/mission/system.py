@@ -1,4 +1,4 @@
-"""A mission as a system: it drives the targets of a controller that feels a wall."""
+"""Mission as a system: references for a controller with a sensed contact."""
 
 from collections.abc import Callable
 
@@ -22,11 +22,11 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 from uvms_drake.model.uvms_model import UvmsModel
 
 PROGRESS = ("step", "outcome", "reason", "failures", "tries")
-"""Entries of the port `progress`: those of `law.State`."""
+"""Entries of the port `progress`: fields of `law.State`."""
 
 
 class MissionControl(LeafSystem):
-    """Looks at what is felt every `period`, and says how hard and where to press.
+    """State machine of a mission, updated every `period`: references of force and place.
 
     .. pydrake_system::
 
@@ -45,26 +45,26 @@ class MissionControl(LeafSystem):
         - due_force
         - progress
 
-    - `state`: (𝔮, ζ) (2(6+n)) measured, for the tip; one that is not finite is not seen.
-    - `force_last_valid`: 𝔉_s (6) [N, N m], as a law takes it.
-    - `touched`, `force_lost` (1): those of an `ContactEstimator`.
+    - `state`: (𝔮, ζ) (2(6+n)) measured, for the tip; missing if it is not finite.
+    - `force_last_valid`: 𝔉_s (6) [N, N m], of a `HoldLastValue`.
+    - `touched`, `force_lost` (1): those of a `ContactEstimator`.
     - `stop` (1): above zero, the mission goes home.
     - `desired_force` (6): 𝔉_des along n [N].
-    - `place` (3): where across n to press, in Σ_I [m]; it moves along a line while it slides.
-    - `deepest` (1): largest depth along n to steer for [m]; inf: any.
-    - `due_place` (3), `due_force` (1): where and how hard to press by now; the ports above are
-      `Mission.lead` ahead of them.
+    - `place` (3): place across n at which to press, in Σ_I [m]; it moves along a line in a slide.
+    - `deepest` (1): largest target depth along n [m]; inf: any.
+    - `due_place` (3), `due_force` (1): references of now; the ports above lead them by
+      `Mission.lead`.
     - `progress` (5): `PROGRESS`.
 
-    The abstract state is `law.State`. Before the first look it is that of the state that is
-    measured, so that a plan can be made at initialization.
+    The abstract state is `law.State`. Before the first update it is that of the measured state, so
+    that a plan can be made at initialization.
 
     Args:
         mission: The steps, one at least.
         model: The controller's model, for the tip.
         surface: The class of walls, for its axes.
         origin: Place of (0, 0), in Σ_I (3,) [m].
-        period: Between two looks [s].
+        period: Time between two updates [s].
     """
 
     def __init__(self, mission: Mission, model: UvmsModel, surface: SurfaceClass,
@@ -80,8 +80,8 @@ class MissionControl(LeafSystem):
         self._lost_port = self.DeclareVectorInputPort("force_lost", 1)
         self._stop_port = self.DeclareVectorInputPort("stop", 1)
         self._memory = self.DeclareAbstractState(Value(object()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
-        # What is felt acts at the next look: no loop through the controller without a state.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        # Forces act at the next update, so there is no algebraic loop through the controller.
         known = {self.all_state_ticket(), self.time_ticket(), self._state_port.ticket()}
         n, across = self._axes[0], self._axes[1:]
         lead = self._mission.lead
@@ -109,7 +109,7 @@ class MissionControl(LeafSystem):
             return remembered
         return begin(self._mission, self._tip(context), context.get_time())
 
-    def _look(self, context: Context, state: ContextState) -> EventStatus:
+    def _update(self, context: Context, state: ContextState) -> EventStatus:
         force, stop = self._force_port.Eval(context), self._stop_port
         measured = Measured(
             self._tip(context), float(self._axes[0] @ force[:3]),
@@ -136,5 +136,5 @@ class MissionControl(LeafSystem):
                      period: float = 0.05, name: str = "mission") -> "MissionControl":
         """Adds the mission and connects its inputs, but for `stop`; see the constructor."""
         system = MissionControl(mission, model, surface, origin, period=period)
-        return added(builder, name, system, state=state, force_last_valid=force_last_valid, touched=touched,
-                     force_lost=force_lost)
+        return added(builder, name, system, state=state, force_last_valid=force_last_valid,
+                     touched=touched, force_lost=force_lost)

@@ -1,7 +1,7 @@
-"""Parts between plant and controller, one a file; they know neither the one nor the other."""
+"""Sensors, their errors and faults, one a file; independent of plant and controller."""
 
 from uvms_drake.sensing.force_sensor import ForceSensor
 from uvms_drake.sensing.navigation import Navigation
 
 AnySensing = Navigation | ForceSensor
-"""The parts that a scenario's file may name; the first is the one meant without a tag."""
+"""Sensors of a scenario's file; the first is the default without a tag."""

@@ -1,4 +1,4 @@
-"""A sensor that for some time measures something else; the faults of that of the state."""
+"""Sensor with a fault of limited duration, and the faults of the state's measurement."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -29,18 +29,18 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 @dataclass
 class SensorFault(Fault, Part):
-    """A fault of the sensor of the state, or of another vector."""
+    """Fault of the sensor of the state, or of another vector."""
 
     place: ClassVar[Literal["sensing", "force"]] = "sensing"
 
     start: float = 0.0
-    """The fault begins just after this instant [s]."""
+    """Beginning of the fault, just after this instant [s]."""
     duration: float = 0.5
     """Duration of the fault [s]."""
 
     @abstractmethod
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
-        """Returns the measurement during the fault, of a vector that was `frozen` at its start."""
+        """Returns the measurement during the fault; `frozen` is the vector at its start."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -54,7 +54,7 @@ class SensorFault(Fault, Part):
 
 @dataclass
 class FrozenState(SensorFault):
-    """The measured state stays what it was at `start`, or where a simulation begins after it."""
+    """Frozen state: that at `start`, or at the beginning of a simulation after it."""
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement at the start."""
@@ -63,10 +63,10 @@ class FrozenState(SensorFault):
 
 @dataclass
 class LostState(SensorFault):
-    """The measured state is not a number."""
+    """Missing state: not a number."""
 
     start: float = 1.0
-    """It begins just after this instant [s]; above 0: the first plan starts at a measured state."""
+    """Beginning, just after this instant [s]; above 0: the first plan needs a measured state."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -80,15 +80,15 @@ class LostState(SensorFault):
 
 
 def sensed(fault: SensorFault, time: float, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
-    """Returns the measurement of a vector: the vector itself, or another during the fault.
+    """Returns the measurement of a vector: itself, or that of the fault while it lasts.
 
-    What is sampled at the fault's start is sampled before it, and a step that ends there is over.
+    A sample at the instant of the fault's start is taken before it, and so is a step's end.
 
     Args:
         fault: The fault and its time.
         time: Present time [s].
         true: The vector.
-        frozen: Its value at the fault's start; not read before.
+        frozen: Vector at the fault's start; not read before.
     """
     if time <= fault.start or not is_active(fault.start, fault.duration, time):
         return true
@@ -96,7 +96,7 @@ def sensed(fault: SensorFault, time: float, true: np.ndarray, frozen: np.ndarray
 
 
 class FaultySensor(LeafSystem):
-    """Passes a vector on as a sensor with a fault measures it.
+    """Sensor of a vector with a fault.
 
     .. pydrake_system::
 
@@ -146,5 +146,5 @@ class FaultySensor(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, fault: SensorFault, *, true: OutputPort,
                      name: str = "faulty_sensor") -> "FaultySensor":
-        """Adds the sensor of the vector that `true` gives."""
+        """Adds the sensor and connects it."""
         return added(builder, name, FaultySensor(true.size(), fault), true=true)

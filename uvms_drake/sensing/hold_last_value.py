@@ -1,4 +1,4 @@
-"""What is done without a measurement: the last one goes on."""
+"""Zero-order hold of the last finite measurement over a gap."""
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -14,10 +14,10 @@ from uvms_drake.common.wiring import added
 
 
 class HoldLastValue(LeafSystem):
-    """Passes a vector on while it is finite, and else the last one that was.
+    """Zero-order hold: a vector while it is finite, and else its last finite value.
 
-    A gap of a sensor is so a longer hold, whose error is what the vector changes by meanwhile. Its
-    age has no bound: nothing for an `ContactEstimator`, which has to know how old a force may be.
+    A gap of a sensor is a longer hold, whose error is the change of the vector meanwhile. The age
+    of the value has no bound, so it is not for a `ContactEstimator`, which needs one.
 
     .. pydrake_system::
 
@@ -29,12 +29,12 @@ class HoldLastValue(LeafSystem):
         - finite
 
     - `measured`, `finite` (size).
-    - `release` (1): in a gap, zeros take the place of the last vector while it is above zero.
+    - `release` (1): while it is above zero, zeros replace the last vector in a gap.
 
     The discrete state is the vector at the beginning of the last step of the simulation at which it
-    was finite (size); NaN before there is one. Of a vector that is sampled and held, as that of a
-    `ForceSensor` in its own axes is, that is the last sample, however long the steps; of one that
-    moves in between, it is older than the gap by up to a step.
+    was finite (size); NaN before the first one. For a sampled and held vector, as of a
+    `ForceSensor`, that is the last sample, however long the steps; for a continuous one it is older
+    than the gap by up to a step.
 
     Args:
         size: Size of the vector.
@@ -65,6 +65,8 @@ class HoldLastValue(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, *, measured: OutputPort,
-                     release: OutputPort | None = None, name: str = "hold_last_value") -> "HoldLastValue":
-        """Adds the system behind the vector that `measured` gives; `release` may be None."""
-        return added(builder, name, HoldLastValue(measured.size()), measured=measured, release=release)
+                     release: OutputPort | None = None, name: str = "hold_last_value"
+                     ) -> "HoldLastValue":
+        """Adds the system and connects it; `release` may be None."""
+        return added(builder, name, HoldLastValue(measured.size()), measured=measured,
+                     release=release)

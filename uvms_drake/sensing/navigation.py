@@ -1,29 +1,22 @@
-"""What a vehicle knows of its own motion: late, sampled, noisy, drifting, and blind now and then.
+"""Error of a navigation filter: delay, sampling, noise, drift, and gaps of the velocity.
 
-Between sensors and controller stands a navigation filter. What is modelled is the error of what it
-says, with a bound for each component. At t_k = k h there is a sample, which the controller has from
-t_k + δ to t_k + h + δ, with h and the latency δ of its channel:
+At t_k = k h there is a sample, which the controller has from t_k + δ to t_k + h + δ, with h and the
+latency δ of its channel:
 
     x̂(t) = x(t_k) + ε(t_k),     ε = noise + (drift of the position) + (error of the velocity).   (1)
 
-A robot at 0.2 m/s is 6 mm further when a sample is 30 ms old. So a filter with inertial sensors is
-asked for the state of now; it goes on from its last sample. Such a channel is *propagated*,
+A filter with inertial sensors predicts from its last sample to the present. Such a channel is
+*propagated*, x̂(t) = x(t) + ε(t_k), and the error of the prediction has to be counted in its noise.
 
-    x̂(t) = x(t) + ε(t_k),                                                                        (2)
+*Noise* is drawn for each sample, Gaussian and cut to a multiple of its σ. The *drift* of each
+component of the position grows at a constant rate from zero and reverses at ± its bound, a
+triangular wave. The *velocity* is measured by a Doppler log (DVL): between its fixes the filter
+integrates accelerometers, whose bias makes the error grow,
 
-and what that adds, accelerations over the age of a sample, has to be counted in its noise.
+    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                     (2)
 
-*Noise* is drawn anew for each sample, Gaussian and cut to a multiple of its σ, so that it is
-bounded. The *drift* of each component of the position grows at a constant rate from zero and turns
-round at ± its bound, as a triangular wave. The *velocity* is known by a Doppler log (DVL): between
-its fixes the filter goes on with what its accelerometers say, whose bias makes the error grow,
-
-    ε(t) = ν_j + a (t − t_j),     t_j the last fix before t.                                     (3)
-
-A fix may be lost, but not for longer than a declared gap. A value that is held over the gap would
-be wrong by what the vehicle accelerates meanwhile, 0.1 m/s² × 0.4 s, and no vehicle with a DVL is
-without accelerometers; so it is propagated. Everything that is drawn is a function of the seed and
-of the time, so that ε needs no state.
+A fix may be lost, but not for longer than a declared gap. All random numbers are functions of the
+seed and of the time, so that ε needs no state.
 """
 
 from dataclasses import dataclass, field
@@ -40,7 +33,7 @@ from uvms_drake.model.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 STREAM = 2
-"""Key of a navigation's random numbers, which keeps them apart from those of others."""
+"""Key of a navigation's random numbers, distinct from those of others."""
 
 
 def _generator(seed: int, *key: int) -> np.random.Generator:
@@ -50,13 +43,13 @@ def _generator(seed: int, *key: int) -> np.random.Generator:
 
 @lru_cache(maxsize=64)
 def _rates(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns what a seed's drift and bias are of their bounds (3,) each, from −1 to 1."""
+    """Returns a seed's drift and bias over their bounds (3,) each, from −1 to 1."""
     drift, bias = _generator(seed, 0).uniform(-1.0, 1.0, (2, 3))
     return drift, bias
 
 
 def triangle(x: np.ndarray) -> np.ndarray:
-    """Returns the wave through 0 that has the slopes ± 1 and turns round at ± 1."""
+    """Returns the triangular wave through 0 with the slopes ± 1 and the bounds ± 1."""
     return 2.0 / np.pi * np.arcsin(np.sin(0.5 * np.pi * x))
 
 
@@ -69,9 +62,9 @@ class Channel:
     noise: float = 0.0
     """Standard deviation σ of a sample, of each component [m, rad, m/s, rad/s]."""
     latency: float = 0.01
-    """δ, from a sample to where the controller has it [s]."""
+    """Latency δ from a sample to the controller [s]."""
     propagated: bool = False
-    """Whether the filter goes on from the last sample to now, instead of holding it."""
+    """Whether the filter predicts from the last sample to now, instead of holding it."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -83,12 +76,12 @@ class Channel:
 
 @dataclass
 class Drift:
-    """A slow error of the position."""
+    """Slow error of the position."""
 
     rate: float = 0.0002
     """Bound of its rate, of each component [m/s]; the rate is drawn by the scenario's seed."""
     bound: float = 0.02
-    """Where each component turns round [m]."""
+    """Bound of each component, at which it reverses [m]."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -104,7 +97,7 @@ class Drift:
 
 @dataclass
 class Dvl:
-    """The Doppler log that corrects the velocity."""
+    """Doppler log that corrects the velocity."""
 
     rate: float = 9.5
     """Fixes per second [Hz]."""
@@ -144,28 +137,28 @@ class Dvl:
         return j
 
 
-class Imperfection(NamedTuple):
-    """What one navigation is off by, within its bounds."""
+class NavigationError(NamedTuple):
+    """Drawn errors of a navigation, within their bounds."""
 
     drift: np.ndarray
-    """Rates (3,) [m/s]."""
+    """Rates of the drift (3,) [m/s]."""
     bias: np.ndarray
-    """a (3,) [m/s²] of the accelerometers."""
+    """Bias a of the accelerometers (3,) [m/s²]."""
 
 
 @dataclass
 class Navigation(Part):
-    """The controller has the state that a navigation filter gives it, with what that is off by.
+    """State of a navigation filter, with its errors.
 
     It is logged as `measured_state`. Noise and rates are those measured on a vehicle in a pool: DVL
     9.5 Hz with gaps up to 0.376 s and 4.1, 3.9, 0.9 mm/s, gyro 1.6 to 2.1 mrad/s at 100 Hz, a
     filter's odometry smooth to 0.5 mm at 25 to 31.5 Hz (sbdMJ/UnderwaterScanningRobot, 2026-08);
     that of the Girona 1000's scenario for Stonefish gives 100 Hz. An arm's joints come at 50 Hz, 10
     ms a packet (Reach Bravo), and the packets of a DVL A50 take 4 ms, 13 ms at most (Water Linked).
-    Nobody has published the others, which are assumed: a position relative to what is worked on,
-    which drifts by centimetres only; an attitude to 1 mrad; a bias of the accelerometers of 2 mg;
-    the noise of the joints. What a filter knows by inertial sensors, pose and velocity, is
-    propagated; gyro and joints are as they were sampled.
+    The others are not published and assumed: a position relative to the workpiece, which drifts by
+    centimetres only; an attitude to 1 mrad; a bias of the accelerometers of 2 mg; the noise of the
+    joints. Pose and velocity, which a filter predicts by inertial sensors, are propagated; gyro and
+    joints are sampled.
     """
 
     motions = ("dynamic",)
@@ -173,11 +166,11 @@ class Navigation(Part):
     position: Channel = field(default_factory=lambda: Channel(50.0, 0.0005, 0.01, True))
     """Position of the vehicle in Σ_I [m]."""
     attitude: Channel = field(default_factory=lambda: Channel(100.0, 0.001, 0.01, True))
-    """Its Euler angles [rad]."""
+    """Euler angles of the vehicle [rad]."""
     velocity: Channel = field(default_factory=lambda: Channel(50.0, 0.0, 0.01, True))
-    """Its velocity in body axes [m/s]; the error of the DVL comes on top of this noise."""
+    """Velocity of the vehicle in body axes [m/s]; the error of the DVL is added to this noise."""
     turning: Channel = field(default_factory=lambda: Channel(100.0, 0.002, 0.01))
-    """Its angular velocity in body axes [rad/s]."""
+    """Angular velocity of the vehicle in body axes [rad/s]."""
     joints: Channel = field(default_factory=lambda: Channel(50.0, 0.0002, 0.01))
     """Joint angles [rad]."""
     joint_rates: Channel = field(default_factory=lambda: Channel(50.0, 0.002, 0.01))
@@ -185,9 +178,9 @@ class Navigation(Part):
     noise_multiple: float = 3.0
     """Multiple of σ to which all noise is cut, so that it is bounded."""
     drift: Drift = field(default_factory=Drift)
-    """Of the position."""
+    """Drift of the position."""
     dvl: Dvl = field(default_factory=Dvl)
-    """What corrects the velocity."""
+    """Doppler log of the velocity."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -201,19 +194,19 @@ class Navigation(Part):
         """Returns the assumption that it breaks."""
         return "the proofs take the state for known at all times"
 
-    def imperfection(self, seed: int) -> Imperfection:
-        """Returns what the navigation of a seed is off by, uniform within its bounds."""
+    def imperfection(self, seed: int) -> NavigationError:
+        """Returns the errors of a seed's navigation, uniform within their bounds."""
         drift, bias = _rates(seed)
-        return Imperfection(self.drift.rate * drift, self.dvl.growth * bias)
+        return NavigationError(self.drift.rate * drift, self.dvl.growth * bias)
 
     def error(self, key: str, count: int, seed: int, time: float) -> np.ndarray:
-        """Returns what a sample of a time is off by; see (1) and (3).
+        """Returns the error of a sample; see (1) and (2).
 
         Args:
-            key: Of the channel.
+            key: Key of the channel.
             count: Number of its components.
-            seed: Of all that is drawn.
-            time: Of the sample [s].
+            seed: Seed of the random numbers.
+            time: Time of the sample [s].
         """
         channel: Channel = getattr(self, key)
         error = np.zeros(count)

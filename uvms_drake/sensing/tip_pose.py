@@ -1,4 +1,4 @@
-"""The pose of the end-effector, by a state that is measured."""
+"""Pose of the end-effector in a measured state."""
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -14,7 +14,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 
 class TipPose(LeafSystem):
-    """Puts out the pose χ of the end-effector in a state.
+    """Pose χ of the end-effector in a state.
 
     .. pydrake_system::
 
@@ -25,7 +25,7 @@ class TipPose(LeafSystem):
         - chi
 
     - `state`: (𝔮, ζ) (2(6+n)).
-    - `chi`: χ (6) [m, rad]; not finite where 𝔮 is not.
+    - `chi`: χ (6) [m, rad]; NaN if 𝔮 is not finite.
 
     It has no state.
 
@@ -48,7 +48,7 @@ class TipPose(LeafSystem):
 
 def tip_pose(builder: DiagramBuilder, model: UvmsModel, state: OutputPort, signals: Signals
              ) -> OutputPort:
-    """Returns the port of χ (6) in a measured state; the true one is there already."""
+    """Returns the port of χ (6) in a measured state; that of the true one exists already."""
     if state is signals["state"]:
         return signals["chi"]
     system = builder.AddNamedSystem("tip_pose", TipPose(model))

@@ -32,12 +32,12 @@ def test_a_limit_that_is_broken_at_rest_is_named_with_its_first_instant_and_the_
     ocp, guess = first_guess("start.eta.3=0.14")  # To hold this roll takes more than is left.
     ocp.limits["u"].bound[3] = 0.161
     why = infeasibility_reason(ocp, guess, None, FEASIBLE)
-    assert why.startswith("where nothing moves, limits.u[3] (the tube takes 0.16 of it) is ")
+    assert why.startswith("at rest, limits.u[3] (tightened by 0.16) is ")
     assert why.endswith("from t = 0.00 s on")
 
 
 def test_a_solver_that_finds_nothing_where_nothing_is_broken_is_to_blame_itself():
-    assert infeasibility_reason(*first_guess(), None, FEASIBLE).startswith("the solver finds none at all")
+    assert infeasibility_reason(*first_guess(), None, FEASIBLE).startswith("the solver finds no plan")
 
 
 @pytest.mark.parametrize("name", ["nu1", "roll", "u"])

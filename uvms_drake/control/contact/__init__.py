@@ -1,1 +1,1 @@
-"""Pressing on a wall that nobody measured: how far is safe, how fast, how deep; no wall's law."""
+"""Contact with an unknown wall: safe region, stiffness, target and desired force; no surface law."""

@@ -45,7 +45,7 @@ class ContactEstimator(LeafSystem):
         - reach (optional)
         output_ports:
         - safe_depth
-        - front
+        - facet_depths
         - apex
         - touched
         - reading

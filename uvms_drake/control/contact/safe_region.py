@@ -4,9 +4,9 @@ A reading that bounds the static force at 𝔮 by φ⁺ ≤ F_max makes the cone
 
     C(𝔞) = {𝔭 : ⟨𝔭 − 𝔞⟩ ≤ 0},    apex 𝔞 = 𝔮 + (F_max − φ⁺)/κ₊ n,
 
-safe for good (⟨·⟩: `SurfaceClass.advance`); for α = 0 it is the half-space x ≤ x_𝔮 + (F_max − φ⁺)/κ₊.
-A plan keeps the facets of the pyramid in it. Proofs in control/contact/theory.md: the cone and
-readings that bound no place (#readings-that-bound-no-place), delayed and averaged readings
+safe for good (⟨·⟩: `SurfaceClass.advance`); for α = 0 it is the half-space x ≤ x_𝔮 + (F_max −
+φ⁺)/κ₊. A plan keeps the facets of the pyramid in it. Proofs in control/contact/theory.md: the cone
+and readings that bound no place (#readings-that-bound-no-place), delayed and averaged readings
 (#age-of-a-reading), the time between two (#tip-between-two-readings), replacement of one apex by
 another (#pyramid-that-never-shrinks), the margin E (#planned-tip-within-the-safe-region).
 """
@@ -37,8 +37,8 @@ def apex(surface: SurfaceClass, points: np.ndarray, velocities: np.ndarray, forc
     now = points[..., -1:, :]
     back = np.max(surface.advance(now - points), axis=-1)
     back += between_readings(surface, velocities, period)
-    safe_distance = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
-    return now[..., 0, :] + safe_distance[..., None] * surface.direction
+    free = np.where(bound <= force_max, (force_max - bound) / surface.stiffness - back, np.nan)
+    return now[..., 0, :] + free[..., None] * surface.direction
 
 
 def between_readings(surface: SurfaceClass, velocities: np.ndarray, period: float) -> np.ndarray:

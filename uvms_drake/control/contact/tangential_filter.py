@@ -26,8 +26,8 @@ from uvms_drake.common.errors import require, vector
 from uvms_drake.common.wiring import added
 
 LARGEST_RATIO = 1.5
-"""Largest ratio of 𝔣 to the force along n, for friction and the tilt of the wall; more is a remainder
-of a wall that was left, or of a lost force."""
+"""Largest ratio of 𝔣 to the force along n, for friction and the tilt of the wall; more is a
+remainder of a wall that was left, or of a lost force."""
 
 
 def followed(slow: np.ndarray, force: np.ndarray, direction: np.ndarray, ratio: float
@@ -56,7 +56,8 @@ class TangentialFilter(LeafSystem):
         - force
 
     - `measured`: 𝔉 in Σ_I (6) [N, N m]; 𝔣 stays as it is while that is not finite.
-    - `force`: 𝔉_law of (S), with 𝔣 limited to `LARGEST_RATIO`, and the measured torque (6) [N, N m].
+    - `force`: 𝔉_law of (S), with 𝔣 limited to `LARGEST_RATIO`, and the measured torque (6) [N, N
+      m].
 
     The discrete state is 𝔣 (3), updated once in a period; zero at the start.
 

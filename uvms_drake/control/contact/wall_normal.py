@@ -1,10 +1,10 @@
 """Estimate of a wall's normal from the force and the path of a sliding tip, and the turn after it.
 
-On the wall, with its inward normal along n + 𝔱, 𝔱 ⊥ n, a tip that moves along d ⊥ n exerts
-𝐅 = φ (n + 𝔱) + friction along d. Across d, 𝔱 − (d·𝔱) d is that part of 𝐅/(n·𝐅); along d it follows
-from the change of depth Δx = Δφ/κ − s d·𝔱 over a displacement s. Both are averaged over `LENGTH`. It
-is an estimate without a bound, which the turn of a reference does not need; its errors and the
-limits of the turn are in control/contact/theory.md#inclination-of-the-wall.
+On the wall, with its inward normal along n + 𝔱, 𝔱 ⊥ n, a tip that moves along d ⊥ n exerts 𝐅 = φ (n
++ 𝔱) + friction along d. Across d, 𝔱 − (d·𝔱) d is that part of 𝐅/(n·𝐅); along d it follows from the
+change of depth Δx = Δφ/κ − s d·𝔱 over a displacement s. Both are averaged over `LENGTH`. It is an
+estimate without a bound, which the turn of a reference does not need; its errors and the limits of
+the turn are in control/contact/theory.md#inclination-of-the-wall.
 """
 
 from typing import NamedTuple

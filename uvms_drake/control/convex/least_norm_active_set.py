@@ -1,19 +1,20 @@
 """Least-norm r under active limits of a staged program, by a dual active set: without cones.
 
 Linear limits are rows of a dual active set. A norm limit ‖value + C z‖ ≤ bound is replaced by
-tangents: the row of its direction in the plan, and where r violates it, that of its direction there,
-until it does not turn any more. In three dimensions a few of them are enough.
+tangents: the row of its direction in the plan, and where r violates it, that of its direction
+there, until it does not turn any more. In three dimensions a few of them are enough.
 
 The terminal set has a kink where its radius is zero, and at the boundary of an unexplored region a
-plan ends there nearly always: value + T x_N = 0, which is as many equalities. With their multipliers
-μ, and ν_i of the rows 0 ≤ radius_i + row_iᵀx_N, this is the solution with the cone if
+plan ends there nearly always: value + T x_N = 0, which is as many equalities. With their
+multipliers μ, and ν_i of the rows 0 ≤ radius_i + row_iᵀx_N, this is the solution with the cone if
 
     ‖μ‖ ≤ Σ ν_i ≤ ρ_s,
 
 and for independent rows only if: the first since (Σ ν_i, μ) has to be in the cone, which is its own
 dual, at the tip of ‖·‖ ≤ t; the second since a slack would else be cheaper. Otherwise, or where the
-terminal set is active in another form, the conic solver is used (`least_norm`); likewise where there
-is no solution without an excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is optimal.
+terminal set is active in another form, the conic solver is used (`least_norm`); likewise where
+there is no solution without an excess v: with Σ of the multipliers of soft rows ≤ ρ_v, v = 0 is
+optimal.
 """
 
 import numpy as np
@@ -29,8 +30,8 @@ ROUNDS = 12
 DUAL = 1e-6
 """Relative and absolute rounding of ‖μ‖ that is accepted."""
 AT_THE_END = 1e-3
-"""‖value‖ of a plan, over that at the edge of an ordinary terminal set, up to which the next plan is
-expected to end at the tip too; above it the search for r mostly fails."""
+"""‖value‖ of a plan, over that at the edge of an ordinary terminal set, up to which the next plan
+is expected to end at the tip too; above it the search for r mostly fails."""
 SMALLEST = 1e-12
 """Norm below which a vector has no direction."""
 

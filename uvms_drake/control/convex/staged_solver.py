@@ -1,20 +1,20 @@
 """Solution of the convex program of one iteration: Riccati, then a working set of limits.
 
-Without limits it is a linear-quadratic problem that one pass of Riccati's recursion solves. The pass
-also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ ‖r_k‖²,
-whatever the limits. So the solution is the least-norm r that keeps the limits, and few are active.
-The program for r has the limits that are violated without it or nearly reached by the plan; limits
-that its solution violates are added and it is solved again. A solution that keeps all limits while
-having some of them is the solution with all.
+Without limits it is a linear-quadratic problem that one pass of Riccati's recursion solves. The
+pass also completes the square: with w_k = K_k x_k + k_k + L_k⁻ᵀ r_k the cost is a constant + ½ Σ
+‖r_k‖², whatever the limits. So the solution is the least-norm r that keeps the limits, and few are
+active. The program for r has the limits that are violated without it or nearly reached by the plan;
+limits that its solution violates are added and it is solved again. A solution that keeps all limits
+while having some of them is the solution with all.
 
 Where every active limit can be a row, a dual active set is fastest (`least_norm_active_set`);
-otherwise a conic program is solved (`least_norm`). In its sparse form, for many limits, a limit that
-is active at one stage is added at all of them, and so are those that are less nearly reached: a row
-costs little there, and solving again costs as much as before.
+otherwise a conic program is solved (`least_norm`). In its sparse form, for many limits, a limit
+that is active at one stage is added at all of them, and so are those that are less nearly reached:
+a row costs little there, and solving again costs as much as before.
 
-A plan that keeps its soft limits is solved without v first: a third of the conic solver's iterations
-served to bring a v to zero. A solution without v whose multipliers of soft rows sum up to at most
-ρ_v is one with v = 0; otherwise v comes back.
+A plan that keeps its soft limits is solved without v first: a third of the conic solver's
+iterations served to bring a v to zero. A solution without v whose multipliers of soft rows sum up
+to at most ρ_v is one with v = 0; otherwise v comes back.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The cost of an artificial reference that is not where it is wanted."""
+"""Offset cost of an artificial reference (Limon et al. 2018)."""
 
 from dataclasses import dataclass
 
@@ -9,17 +9,16 @@ from uvms_drake.common.errors import require
 
 @dataclass(frozen=True)
 class OffsetCost:
-    """V_o(e) = slope (√(‖e‖² + width²) − width): a norm that is smooth at zero.
+    """Offset cost V_o(e) = slope (√(‖e‖² + width²) − width), a norm that is smooth at zero.
 
-    Its gradient is never longer than `slope`, however far the target, so the multipliers do not
-    grow with the distance, and the penalties of the terminal set and of the limits can be above
-    them. Let V(a) be the least of all else that a plan costs, given a. Where ∇V_o = −∇V and
-    ‖∇V‖ < slope,
+    Its gradient is at most `slope`, however far the target, so the multipliers do not grow with the
+    distance, and the penalties of the terminal set and of the limits can be above them. Let V(a) be
+    the least of all other costs of a plan, given a. Where ∇V_o = −∇V and ‖∇V‖ < slope,
 
         ‖e‖ = width ‖∇V‖ / √(slope² − ‖∇V‖²),
 
-    so the reference is at its target, to within about `width`, as soon as what it costs to be there
-    rises by less than `slope` per metre: as exact a penalty as a norm, to within `width`.
+    so the reference is at its target, to within about `width`, as soon as V rises by less than
+    `slope` per metre: as exact a penalty as a norm, to within `width`.
     """
 
     slope: float = 100.0

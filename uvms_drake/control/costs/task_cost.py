@@ -1,4 +1,4 @@
-"""The quadratic cost of the task, (eq:mpc_cost_function)."""
+"""Quadratic cost of the task, (eq:mpc_cost_function)."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,7 +11,7 @@ from uvms_drake.control.plan.points import About, Points, Slopes
 
 @dataclass(frozen=True)
 class TaskCost(CostTerm):
-    """‖ξ‖²_Q + ‖u − u_ref‖²_R, ξ = (y − y_des, ζ), or y − y_des where Q has no more."""
+    """Cost ‖ξ‖²_Q + ‖u − u_ref‖²_R, ξ = (y − y_des, ζ), or y − y_des for a Q of that size."""
 
     about: ClassVar[About] = "input"
 

@@ -1,9 +1,9 @@
-"""The interface of a term of the nominal MPC's stage cost.
+"""Interface of a term of the nominal MPC's stage cost.
 
 A term of one's own is a subclass with a `residual` r, in `MpcConfig.terms`: it adds h‖r‖² at the
-beginning of every interval. What `evaluate` and the convex programs have of it are the same
-function: its value, and its Gauss–Newton model about a plan. To have it in YAML files, put it into
-`AnyTerm` of `control.costs`. No proof here covers it: with one, there is no certificate.
+beginning of every interval. `evaluate` has its value, the convex programs its Gauss–Newton model
+about a plan. To have it in YAML files, put it into `AnyTerm` of `control.costs`. No proof covers
+it: with one, there is no certificate.
 """
 
 from abc import ABC, abstractmethod
@@ -15,7 +15,7 @@ from uvms_drake.control.plan.points import About, Points, Slopes, slopes
 
 
 class CostTerm(ABC):
-    """h‖r‖² at N points, the beginnings of the intervals."""
+    """Cost h‖r‖² at N points, the beginnings of the intervals."""
 
     about: ClassVar[About] = "pose"
     """Arguments that `residual` reads."""
@@ -33,8 +33,8 @@ class CostTerm(ABC):
 
         Args:
             at: The points, with `config_y`.
-            chain: How y, ζ and u change there with z (w,).
-            h: [s].
+            chain: Derivatives of y, ζ and u there by z (w,).
+            h: Time step [s].
         """
         weighted = 2.0 * h * (by_z := slopes(self.residual, at, self.about).through(chain))
         return (np.swapaxes(by_z, 1, 2) @ weighted,

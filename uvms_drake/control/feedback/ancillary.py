@@ -97,7 +97,7 @@ class AncillaryFeedback(LeafSystem):
         - force_measured (optional)
         - vehicle_wrench (optional)
         - estimate (optional)
-        - ahead (optional)
+        - preview (optional)
         output_ports:
         - u
         - tau
@@ -109,9 +109,9 @@ class AncillaryFeedback(LeafSystem):
     - `nominal_state`: (𝔮̄, ζ̄) (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n); read if the law needs it.
     - `nominal_input`: ū (6+n); likewise.
-    - `force_measured`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, for a law
-      that takes it in place of the force by the model's surface. It is the last finite one, of a
-      `HoldLastValue`; while it is not finite, before the first one, the law takes the surface's.
+    - `force_measured`: 𝔉_s (6) [N, N m], force in Σ_I and torque conjugate to Euler rates, for a
+      law that takes it in place of the force by the model's surface. It is the last finite one, of
+      a `HoldLastValue`; while it is not finite, before the first one, the law takes the surface's.
     - `vehicle_wrench`: present τ_v (6) [N, N m] of the thrusters in body axes, for a law that
       takes it; see `VEHICLE_WRENCH`.
     - `estimate`: δ̂ (6+n) of a `RowObserver`, for a law with an observer.

@@ -1,7 +1,7 @@
 """Disturbance observer of the outputs of a law, from their measured rates and the applied forces.
 
-An output obeys ÿ = ÿ_pred + δ, ÿ_pred = Gτ + c with G = J_y M⁻¹, of the model and the applied forces.
-At the ticks of a period h
+An output obeys ÿ = ÿ_pred + δ, ÿ_pred = Gτ + c with G = J_y M⁻¹, of the model and the applied
+forces. At the ticks of a period h
 
     δ̂ₖ = δ̂ₖ₋₁ + (1 − e^{−λh}) (mₖ − δ̂ₖ₋₁),   mₖ = [Δẏ − Ḡ Δ∫τ]/h − c̄,                            (O)
 

@@ -5,8 +5,8 @@ A law adds to its command
     τ̄(t + ℓ) − τ̄(t),    τ̄ = M ζ̄̇ + b + Jᵀ𝔉 along the plan,                                     (P)
 
 with ℓ the sum of the dead times, half the periods of the holds, and the time constants of the lags;
-see `ActuationDelay`. The remaining error is of second order, (e^{sT} − 1 − Ts)/(Ts + 1) behind a lag
-T, and no average of the plan's forces has a smaller one. The reaction of an unknown wall is
+see `ActuationDelay`. The remaining error is of second order, (e^{sT} − 1 − Ts)/(Ts + 1) behind a
+lag T, and no average of the plan's forces has a smaller one. The reaction of an unknown wall is
 predicted with its estimated stiffness and inclination, n·𝐅 + κ̂(n + 𝔱)·Δ𝔭̄, not below zero; before
 the first touch none is. A new plan keeps the commands that were issued, see `commitment`; beyond
 the end of a plan its last forces are used. Derivation:
@@ -84,7 +84,7 @@ class FeedforwardPreview(LeafSystem):
         - tilt (optional, with a direction)
         - force_lost (optional, with a direction)
         output_ports:
-        - ahead
+        - preview
 
     - `plan`: current `DynamicPlan` (abstract).
     - `nominal_state`, `nominal_acceleration`: (𝔮̄, ζ̄) (2(6+n)) and ζ̄̇ (6+n) of now.

@@ -168,10 +168,11 @@ class Limit(ABC):
 
     def tightened(self, tube: TubeRadii) -> Self:
         """Returns the limit tightened by the tube, if that is known, and for plans."""
-        taken, between_knots_margin = self.tube_takes(tube), self.plan_takes(tube)
+        taken, between_knots = self.tube_takes(tube), self.plan_takes(tube)
         out = copy(self)
-        out.margin = self.margin + between_knots_margin if taken is None else self.margin + taken + between_knots_margin
-        out.between_knots_margin = between_knots_margin
+        out.margin = (self.margin + between_knots if taken is None
+                      else self.margin + taken + between_knots)
+        out.between_knots_margin = between_knots
         return out
 
     # Names and units ------------------------------------------------------------------------------
@@ -188,7 +189,7 @@ class Limit(ABC):
         return self.parts
 
     def signals(self, at: Points) -> dict[str, tuple[np.ndarray, float]]:
-        """Returns by name the signals (...) and their upper bounds; lower ones if it ends with _min."""
+        """Returns by name the signals (...) and their upper, or for _min their lower, bounds."""
         out, values = {}, self.values(at)
         for i, label in enumerate(self.labels):
             out[f"{label}_min"] = (values[..., i], float(self.lower[i]))

@@ -15,9 +15,9 @@ from uvms_drake.control.limits.inputs import Forces
 from uvms_drake.control.limits.limit import Limit
 from uvms_drake.control.limits.radii import TubeRadii
 from uvms_drake.control.plan.points import Points, Slopes
+from uvms_drake.model.description.thruster_file import AXES, ThrusterParameters
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.description.thruster_file import AXES, ThrusterParameters
 
 
 @dataclass

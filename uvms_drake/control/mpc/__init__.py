@@ -1,1 +1,1 @@
-"""The nominal MPC as a system: planning at sampling instants, solver faults, infeasibility."""
+"""Nominal MPC as a system: planning at sampling instants, solver faults, infeasibility."""

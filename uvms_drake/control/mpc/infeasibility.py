@@ -1,4 +1,4 @@
-"""Says why there is no first plan: which limit, from which instant on, and what is to blame."""
+"""Diagnosis of a missing first plan: the violated limit, its first instant, and the cause."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from uvms_drake.control.plan.plan import Plan
 
 
 class LimitViolation(NamedTuple):
-    """A limit that a plan exceeds."""
+    """Limit that a plan exceeds."""
 
     limit: Limit
     part: int
@@ -22,9 +22,9 @@ class LimitViolation(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What is exceeded, by how much and from when on; and whether without the tube too."""
+        """Text with the limit, its tightening, the excess and its first instant."""
         margin = float(np.broadcast_to(self.limit.margin, self.limit.lower.shape)[self.part])
-        tube = (f" (the tube takes {margin:.3g} of it)" if margin > 0.0 else "")
+        tube = f" (tightened by {margin:.3g})" if margin > 0.0 else ""
         return (f"limits.{self.limit.labels[self.part]}{tube} is exceeded by {self.amount:.3g} "
                 f"from t = {self.time:.2f} s on")
 
@@ -42,22 +42,21 @@ def first_violation(ocp: Ocp, plan: Plan, allowed: float) -> LimitViolation | No
 
 
 def infeasibility_reason(ocp: Ocp, guess: Plan, plan: Plan | None, allowed: float) -> str:
-    """Returns why a first plan cannot be followed, for one line.
+    """Returns the reason for which a first plan is infeasible, in one line.
 
     Args:
         ocp: The problem.
-        guess: The plan that comes to rest from the start.
-        plan: What the solver has found from there, if anything.
+        guess: Plan that comes to rest from the start.
+        plan: The solver's result from there, if there is one.
         allowed: Largest violation of a limit that a plan may have.
     """
     at_rest = first_violation(ocp, guess, allowed)
     if at_rest is not None:
-        return f"where nothing moves, {at_rest.text}"
+        return f"at rest, {at_rest.text}"
     if plan is None:
-        return ("the solver finds none at all; weights, stiffness and time step may be too far "
-                "apart for it")
+        return "the solver finds no plan; weights, stiffness and time step may be badly scaled"
     away = first_violation(ocp, plan, allowed)
-    reason = "the plan that was found ends outside of its set" if away is None else away.text
+    reason = "the plan found ends outside of its terminal set" if away is None else away.text
     reach, slack = ocp.horizon * ocp.time_step, ocp.evaluate(guess).terminal_slack
     return (f"{reason}; to stay is within the limits, but the task, ‖ξ‖_P = {slack:.3g} away, "
             f"is out of the reach of a plan of {reach:.3g} s")

@@ -1,4 +1,4 @@
-"""The nominal MPC as a system: plans at the sampling instants, evaluates the plan in between."""
+"""Nominal MPC as a system: plans at the sampling instants, evaluates the plan in between."""
 
 import time
 from dataclasses import replace
@@ -31,44 +31,42 @@ from uvms_drake.control.plan.plan import Plan
 
 
 class NominalMpc(LeafSystem):
-    """Solves the FHOCP at t = 0, h, 2h, ... and puts out the nominal trajectory at any time.
+    """Planner that solves the FHOCP at t = 0, h, 2h, ...; its output is the nominal trajectory.
 
     The first plan is made at initialization, from the measured state; every later one starts at the
     state that the last plan predicted, because the tube is about the *nominal* trajectory:
     (eq:diff_mpc), which starts each solve at the measured state, contradicts the paper's own proof.
-    A problem with the initial state `measured` does so all the same.
+    A problem with the initial state `measured` follows (eq:diff_mpc).
 
     The state is (𝔮, ζ) with a `DynamicOcp` and 𝔮 with a `KinematicOcp`, whose input is ζ̄.
 
     If a solve fails, or takes longer than the problem's deadline, the last plan continued by the
-    terminal controller takes its place; likewise if it is sound and the new one is not, which is no
-    failure: the proofs ask for nothing better. If a sampling instant is dropped, the last plan goes
-    on as it is, and where it ends, by the terminal controller. `report` says which, and the logger
-    `uvms_drake` tells of trouble at the first of the samples in a row where it is so. All but the
-    first plan can be made to fail by the port `fault`. Without a first plan there is nothing to
-    fall back to: `RunFailed`.
+    terminal controller replaces the new one; likewise if it is sound and the new one is not, which
+    is no failure. If a sampling instant is dropped, the last plan goes on unchanged, and after its
+    end by the terminal controller. `report` has the outcome, and the logger `uvms_drake` warns at
+    the first of consecutive samples with it. The port `fault` can make any plan but the first fail.
+    Without a first plan there is no fallback: `RunFailed`.
 
-    A problem with a time to `hover` is not solved before that: until then the plan is to stay where
-    the robot was measured at the initialization, for observers to settle, and nothing fails but the
-    first plan after it: `RunFailed`, too.
+    Before the problem's `hover` the plan is to keep the place measured at initialization, for
+    observers to settle; only the first plan after it can fail: `RunFailed`, too.
 
     The first n intervals of a plan may be committed: each plan then has those of the last one, and
-    the first one coasts there, which a robot at rest calls hovering; see `commitment`.
+    the first one coasts (from rest, hovers) there; see `commitment`.
 
-    A measured state that is not finite is none: there is no first plan from it, and a problem with
-    the initial state `measured` plans from the nominal state instead.
+    A measured state that is not finite counts as missing: there is no first plan from it, and a
+    problem with the initial state `measured` plans from the nominal state instead.
 
-    With `targets` the desired force can be changed while it runs. A new one gets a problem of its
-    own, with its own equilibrium, penalty and terminal set. If that has a feasible plan from the
-    nominal state, into its terminal set, it is taken; else the old one is kept, the refusal
-    reported, and the new one tried again at the next sample. So what made the continued plan
-    feasible before makes it so after: a checked terminal set that the last plan reached (slack
-    zero), and plans that start at the nominal state.
+    With `targets` the desired force can change at run time. A new one gets a problem of its own,
+    with its own equilibrium, penalty and terminal set. If that has a feasible plan from the nominal
+    state, into its terminal set, it is accepted; else the old one is kept, the refusal reported,
+    and the new one tried again at the next sample. So recursive feasibility holds as before: a
+    checked terminal set that the last plan reached (slack zero), and plans that start at the
+    nominal state.
 
-    What a problem says by `inputs_given` that may change, as a target may with a `TrackingOcp`, has
-    a port of its own, is read at every sample, and costs nothing. It is left as it was where a port
-    is not connected. A contact between two samples is planned for at the next one: the knots of the
-    plan, at which limits hold and by which it is continued, are the sampling instants.
+    The inputs of a problem, `inputs_given`, such as the target of a `TrackingOcp`, have ports of
+    their own that are read at every sample; an unconnected one keeps its default. A contact between
+    two samples is planned for at the next one: the knots of the plan, at which limits hold and by
+    which it is continued, are the sampling instants.
 
     .. pydrake_system::
 
@@ -89,27 +87,27 @@ class NominalMpc(LeafSystem):
         - solve_seconds
         - accepted_force (with targets)
 
-    - `state`: (𝔮, ζ) (2(6+n)) or 𝔮 (6+n) measured, in the paper's order; unless each plan starts
-      there, it is read at initialization only.
-    - `fault` (1): outcome of the sample, `SOLVED` unless something fails; read at every sample
+    - `state`: (𝔮, ζ) (2(6+n)) or 𝔮 (6+n) measured, in the paper's order; read at initialization
+      only, unless each plan starts there.
+    - `fault` (1): imposed outcome of the sample, `SOLVED` for none; read at every sample
       after the first.
     - `nominal_state`: (𝔮̄, ζ̄) at the context's time (2(6+n)).
     - `nominal_acceleration`: ζ̄̇ (6+n).
     - `nominal_input`: ū = ζ̄̇ − f(𝔮̄, ζ̄), or ζ̄ (6+n).
-    - `plan`: the current `Plan` (abstract).
+    - `plan`: current `Plan` (abstract).
     - `report`: see `MPC_REPORT`.
-    - `solve_seconds`: wall time of the last step [s]; not reproducible, unlike all else.
-    - `target` (3), `safe_depth` (one for each facet), `turn` (1): the `TrackingTarget` [m, rad]; see
-      `TrackingOcp` for when every problem is feasible.
-    - `desired_force`, `accepted_force`: 𝔉_des as asked for and as planned for (6) [N, N m].
+    - `solve_seconds`: wall time of the last step [s]; not reproducible.
+    - `target` (3), `safe_depth` (one for each facet), `turn` (1): `TrackingTarget` [m, rad]; see
+      `TrackingOcp` for the assumptions of feasibility.
+    - `desired_force`, `accepted_force`: requested and accepted 𝔉_des (6) [N, N m].
 
-    The state is one abstract `MpcMemory`. Beside it the system remembers the problems of the latest
-    desired forces, each a pure function of its force. The computation takes no simulated time.
+    The state is one abstract `MpcMemory`. The problems of the latest desired forces, pure functions
+    of the force, are cached outside of it. The computation takes no simulated time.
 
     Args:
         solver: Solves the problem; its `ocp` is the problem.
-        targets: Makes the problem of another desired force; None if it stays as it is.
-        committed: n; zero for a `KinematicOcp`.
+        targets: Problems of other desired forces; None: the desired force is constant.
+        committed: Number n of committed intervals; zero for a `KinematicOcp`.
     """
 
     def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None,
@@ -118,7 +116,7 @@ class NominalMpc(LeafSystem):
         self._planner = Planner(solver, targets, committed)
         self._ocp = solver.ocp
         size = self._ocp.model.size
-        # State and inputs.
+        # State and inputs; those of the problem have its names.
         self._memory = self.DeclareAbstractState(Value(self._planner.initial))
         self._state_port = self.DeclareVectorInputPort("state", self._ocp.state_size)
         self._fault_port = self.DeclareVectorInputPort("fault", 1)
@@ -138,7 +136,7 @@ class NominalMpc(LeafSystem):
             value_producer=ValueProducer(
                 allocate=lambda: AbstractValue.Make(()), calc=self._evaluate_plan),
             prerequisites_of_calc=remembered | {self.time_ticket()})
-        # Outputs.
+        # Outputs of the plan at this instant, and of the last sample.
         evaluated = {self._nominal.ticket()}
         self.DeclareVectorOutputPort("nominal_state", 2 * size, self._calc_state, evaluated)
         if self._ocp.has_accelerations:
@@ -166,14 +164,14 @@ class NominalMpc(LeafSystem):
         return self._remember(state, self._planner.first(sample), sample.started)
 
     def _goes_on(self, memory: MpcMemory, now: float) -> bool:
-        """Returns whether an initialized Context goes on with its plan, as a clone of a run does.
+        """Returns whether an initialized Context continues its plan, as a clone of a run does.
 
-        The first plan is made anew as long as its first instant has not passed: the measured state
+        The first plan is made again as long as its first instant has not passed: the measured state
         may have been changed since.
         """
         if memory.plan is None:
             return False
-        elapsed = now - memory.report[0]  # Since the last sample; it may have left the plan as is.
+        elapsed = now - memory.report[0]  # Since the last sample, which may have kept the plan.
         latest = (1.0 + 1e-9) * self._ocp.time_step
         begun = now > memory.plan.start_time or memory.solves > 1
         return begun and -1e-9 <= elapsed <= latest
@@ -187,7 +185,7 @@ class NominalMpc(LeafSystem):
             state, self._planner.again(sample, self._recall(context)), sample.started)
 
     def _sample(self, context: Context) -> Sample:
-        """Returns what there is now, a measured state only if plans start there."""
+        """Returns the inputs now, a measured state only if plans start there."""
         def read(port: InputPort) -> np.ndarray | None:
             return port.Eval(context).copy() if port.HasValue(context) else None
 

@@ -1,4 +1,4 @@
-"""Where across the direction of a contact the rest of a plan goes."""
+"""Extent of a plan across the direction of a contact, where the safe region must not shrink."""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -19,11 +19,11 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
-    """Returns points (m, 3) in whose hull across n the tip of a plan stays, and its reference [m].
+    """Returns points (m, 3) [m] whose hull across n contains a plan's tip, and its reference.
 
-    The knots, the points half an interval ahead of each, see `approach.between_knots`, and
-    E ᵀ(y_des + E a): a plan that is continued by the terminal controller has no more limits of the
-    front than the room at that place.
+    These are the knots, the points half an interval after each, see `between_knots`, and
+    E ᵀ(y_des + E a): the only bound of the safe region on a plan that is continued by the terminal
+    controller is the radius at that place.
     """
     kinematics = ocp.model.kinematics(plan.config)
     knots, velocities = kinematics.chi[:, :3], times(kinematics.J_chi[:, :3], plan.zeta)
@@ -32,7 +32,7 @@ def plan_extent(ocp: TrackingOcp, plan: TrackingPlan) -> np.ndarray:
 
 
 class PlanExtent(LeafSystem):
-    """Puts out between which places the plan that is followed goes, see `front.replaces`.
+    """Lateral extent of the current plan, see `safe_region.dominates`.
 
     .. pydrake_system::
 
@@ -42,13 +42,13 @@ class PlanExtent(LeafSystem):
         output_ports:
         - reach
 
-    - `plan`: the current `TrackingPlan` (abstract); knots that are over count, too.
+    - `plan`: current `TrackingPlan` (abstract); past knots count, too.
     - `extent` (4): least, then largest `SurfaceClass.across` of `plan_extent` [m].
 
     It has no state.
 
     Args:
-        ocp: Its problem.
+        ocp: Problem of the plan.
         surface: The class of walls.
     """
 
@@ -56,7 +56,7 @@ class PlanExtent(LeafSystem):
         super().__init__()
         self._ocp, self._surface = ocp, surface
         self._plan_port = self.DeclareAbstractInputPort("plan", Value(object()))
-        # A plan is followed for many readings of a sensor: its places are cached by the port.
+        # A plan lasts for many readings of a sensor: its extent is cached by the port.
         self.DeclareVectorOutputPort("extent", 4, self._calc, {self._plan_port.ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:

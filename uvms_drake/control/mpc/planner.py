@@ -1,7 +1,7 @@
-"""What the nominal MPC does at a sampling instant: from what it remembers to what it then knows.
+"""Step of the nominal MPC at a sampling instant: from its memory and the sample to a new memory.
 
 A plan is made for the N intervals after the first n of the last one, which are committed, see
-`commitment`; without late actuators n = 0.
+`commitment`; without actuation delay n = 0.
 """
 
 import time
@@ -20,87 +20,86 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver, Solution
 from uvms_drake.control.plan.plan import Plan
 
 FIRST_SOLVE_ITERATIONS = 50
-"""Largest number of iterations of the first solve, which starts from a plan that goes nowhere."""
+"""Largest number of iterations of the first solve, which starts from a plan at rest."""
 REACHED = 1e-6
 """Distance of a first plan to the terminal set, in ‖ξ‖_P, that counts as none."""
 
 SOLVED, FAILED, TIMED_OUT, DROPPED, KEPT, HOVERED = range(6)
-"""Outcomes of a sample: a new plan is made; the solver has none; it comes too late and is thrown
-away; nothing is done at all; the last plan, continued, is kept, because it is within limits and
-terminal set where the new one is not; the robot keeps its place, for it is too early to plan."""
+"""Outcomes of a sample: a new plan; none of the solver; one after the deadline, which is discarded;
+no computation; the last plan, continued, which is within limits and terminal set where the new one
+is not; a plan to hover before planning starts."""
 
 MPC_REPORT = ("time", "status", "cost", "terminal_slack", "violation", "iterations", "refused",
               "rows")
-"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `TIMED_OUT` 2, `DROPPED`
-3, `KEPT` 4, `HOVERED` 5), the plan's objective, s of the terminal set, largest violation of a limit
-(in its own unit), convex programs solved, 1 if a new desired force was asked for and is refused,
-rows of limits in the last of the programs. A sample that is dropped changes the first two only; of
-one that hovers all but these are zero."""
+"""Entries about the last sample: t_k [s], its outcome (`SOLVED` 0, `FAILED` 1, `TIMED_OUT` 2,
+`DROPPED` 3, `KEPT` 4, `HOVERED` 5), the plan's objective, s of the terminal set, largest violation
+of a limit (in its own unit), convex programs solved, 1 if a new desired force was asked for and is
+refused, rows of limits in the last of the programs. A sample that is dropped changes the first two
+only; of one that hovers all but these are zero."""
 
-TROUBLE = {FAILED: "the solver failed", TIMED_OUT: "the solver was too late",
+TROUBLE = {FAILED: "the solver failed", TIMED_OUT: "the solver missed its deadline",
            DROPPED: "the sample was dropped"}
 """Alarm about an outcome, given at the first of the samples in a row that have it."""
 
 NOTHING: Solution = Solution(None, None, 0, converged=False)
-"""Solution of a solver that did not even start."""
+"""Solution of a solver that was not started."""
 
 SOLVERS_KEPT = 16
 """Number of problems of other desired forces that are remembered, the latest ones."""
 
 
 class Targets(NamedTuple):
-    """How the nominal MPC comes by the problem of another desired force."""
+    """Problems of other desired forces."""
 
     force: np.ndarray
     """𝔉_des at the start (6,) [N, N m]."""
     ocp: Callable[[np.ndarray], Ocp]
-    """Function from another 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
+    """Function from 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
 
 
 @dataclass(frozen=True)
 class MpcMemory:
-    """The memory of the nominal MPC: everything that changes in time."""
+    """Memory of the nominal MPC: all its time-varying data."""
 
     plan: Plan | None = None
-    """The current plan, of n + N intervals; none before the first sample."""
+    """Current plan of n + N intervals; none before the first sample."""
     force: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """𝔉_des that the plan was made for (6,) [N, N m]; zero if it cannot be changed."""
+    """Desired force 𝔉_des of the plan (6,) [N, N m]; zero if it is constant."""
     asked: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    """Last 𝔉_des that was asked for (6,) [N, N m]; it is refused if it is not `force`."""
+    """Last requested 𝔉_des (6,) [N, N m]; it is refused if it is not `force`."""
     solves: int = 0
     """Number of plans made so far."""
     report: np.ndarray = field(default_factory=lambda: np.full(len(MPC_REPORT), np.nan))
-    """The last values of `MPC_REPORT`."""
+    """Last values of `MPC_REPORT`."""
     solve_seconds: float = 0.0
-    """Wall time of the last step [s]; the only thing here that is not reproducible."""
+    """Wall time of the last step [s]; the only value that is not reproducible."""
 
 
 class Sample(NamedTuple):
-    """What there is at a sampling instant."""
+    """Inputs of the nominal MPC at a sampling instant."""
 
     time: float
-    """t_k [s]."""
+    """Sampling instant t_k [s]."""
     started: float
-    """`time.perf_counter()` when the step began [s]."""
+    """Value of `time.perf_counter()` at the beginning of the step [s]."""
     given: dict[str, np.ndarray]
-    """Values of what the problem has of `inputs_given`; some may be missing."""
+    """Values of the problem's `inputs_given`; some may be missing."""
     measured: np.ndarray | None = None
-    """(𝔮, ζ) or 𝔮; None if no plan starts there."""
+    """Measured (𝔮, ζ) or 𝔮; None if no plan starts there."""
     asked: np.ndarray | None = None
-    """𝔉_des (6,) [N, N m]; None: the same as before."""
+    """Requested 𝔉_des (6,) [N, N m]; None: as before."""
     fault: int = SOLVED
-    """Outcome of the sample, unless nothing fails."""
+    """Fault of the sample; `SOLVED` for none."""
 
 
 class Planner:
-    """Makes plans; a pure function of memory and sample, but for wall time and the logger.
+    """Planner: a pure function of memory and sample, but for wall time and the logger.
 
-    Beside that it remembers the problems of the latest desired forces, each a function of its force
-    alone.
+    It also caches the problems of the latest desired forces, each a function of its force alone.
 
     Args:
         solver: Solves the problem; its `ocp` is the problem.
-        targets: Makes the problem of another desired force; None if it stays as it is.
+        targets: Problems of other desired forces; None: the desired force is constant.
         committed: n, number of intervals at the beginning of a plan that are not decided.
     """
 
@@ -112,9 +111,9 @@ class Planner:
         self.initial = MpcMemory(force=force, asked=force)
 
     def first(self, sample: Sample) -> MpcMemory:
-        """Returns the memory with a first plan: until what it decides the robot coasts.
+        """Returns the memory with a first plan: the robot coasts over its committed part.
 
-        If the robot is to hover first, the plan is to stay where it is.
+        If the robot is to hover first, the plan is to keep its place.
 
         Raises:
             RunFailed: There is none.
@@ -128,14 +127,14 @@ class Planner:
         return self._from_rest(sample, self.initial, measured)
 
     def _from_rest(self, sample: Sample, memory: MpcMemory, state: np.ndarray) -> MpcMemory:
-        """Returns the memory with a plan from a state at rest, or one to stay there if it hovers.
+        """Returns the memory with a plan from a state at rest, or one to keep it if it hovers.
 
         Raises:
             RunFailed: There is none.
         """
         solver = self._current(sample, memory)
         hovers = sample.time < solver.ocp.hover - 1e-6 * solver.ocp.time_step
-        if hovers:  # A measured velocity, if only noise, would be what it coasts at.
+        if hovers:  # With a measured velocity, if only noise, it would coast.
             state = np.where(np.arange(len(state)) < solver.ocp.model.size, state, 0.0)
         guess = solver.ocp.resting_plan(sample.time, state, self._committed)
         if hovers:
@@ -180,7 +179,7 @@ class Planner:
         return self._remember(sample, replace(memory, force=force), guess, solution, status)
 
     def _pass_over(self, sample: Sample, memory: MpcMemory) -> MpcMemory:
-        """Leaves the plan as it is, but for an end that is needed before the next sample."""
+        """Returns the memory with the same plan, continued if it ends before the next sample."""
         plan, now = memory.plan, sample.time
         assert plan is not None
         ocp, h = self._current(sample, memory).ocp, plan.time_step
@@ -192,7 +191,7 @@ class Planner:
         return replace(memory, plan=plan, report=report)
 
     def _guess(self, sample: Sample, memory: MpcMemory) -> Plan:
-        """Returns the last plan continued to now, from where a new one is to start."""
+        """Returns the last plan continued to now, the start of a new one."""
         plan, ocp = memory.plan, self._current(sample, memory).ocp
         assert plan is not None
         guess = ocp.continued(plan)
@@ -208,7 +207,7 @@ class Planner:
 
     def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, guess: Plan
                ) -> tuple[np.ndarray, Solution, int]:
-        """Returns 𝔉_des (6,) of a new plan, the solution for it, and the outcome of the sample."""
+        """Returns 𝔉_des (6,) of a new plan, its solution, and the outcome of the sample."""
         free = guess.after(self._committed)
         solution = self._retargeted(sample, memory, asked_before, free)
         if solution is not None:
@@ -225,9 +224,9 @@ class Planner:
 
     def _retargeted(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, free: Plan
                     ) -> Solution | None:
-        """Returns the plan to a new desired force, or None if there is none or it is refused.
+        """Returns the plan for a new desired force, or None if there is none or it is refused.
 
-        The logger is told why it is refused, at the first sample at which it is asked for.
+        The logger gets the reason at the first sample of the request.
         """
         asked = memory.asked
         if self._targets is None or np.array_equal(asked, memory.force):
@@ -245,7 +244,7 @@ class Planner:
         return None
 
     def _current(self, sample: Sample, memory: MpcMemory) -> SequentialConvexSolver:
-        """Returns the solver of the problem whose plan it is, for what is given now."""
+        """Returns the solver of the plan's problem, with the inputs given now."""
         solver = self._solver_of(memory.force)
         assert solver is not None  # It made the plan.
         return SequentialConvexSolver(solver.ocp.given(sample.given)) if sample.given \
@@ -266,7 +265,7 @@ class Planner:
 
     def _remember(self, sample: Sample, memory: MpcMemory, guess: Plan, solution: Solution,
                status: int) -> MpcMemory:
-        """Returns the memory with what a solution decides of a guess; with that, if it is none."""
+        """Returns the memory with the plan of a solution; with the guess, if it has none."""
         value = solution.evaluation or self._current(sample, memory).ocp.evaluate(
             guess.after(self._committed))
         _say(sample.time, status, memory)
@@ -279,6 +278,6 @@ class Planner:
 
 
 def _say(now: float, status: int, old: MpcMemory) -> None:
-    """Says on the logger that a sample came to nothing, unless the one before it did so too."""
+    """Warns of a sample without a new plan, unless the one before it had the same outcome."""
     if status in TROUBLE and status != old.report[1]:
         warn(now, TROUBLE[status])

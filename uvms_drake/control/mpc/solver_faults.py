@@ -1,4 +1,4 @@
-"""Faults of the MPC's solver: the last plan goes on, which the proofs allow."""
+"""Faults of the MPC's solver, after which the last plan is continued, as the proofs allow."""
 
 import math
 from collections.abc import Sequence
@@ -9,29 +9,29 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.errors import require
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, TIMED_OUT, SOLVED
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.model.sensor_actuator import Fault, check_times, is_active
 
 PRECEDENCE = (DROPPED, FAILED, TIMED_OUT)
-"""Statuses by rank: of two faults at the same instant the one that comes first here counts."""
+"""Statuses by rank: of two faults at the same instant the earlier one here counts."""
 SAMPLE_TOLERANCE = 1e-6
 """Fraction of a period by which rounding may move a sampling instant."""
 
 
 @dataclass
 class SolverFault(Fault):
-    """A fault at random sampling instants of the MPC."""
+    """Fault at random sampling instants of the MPC."""
 
     place = "solver"
     status: ClassVar[int]
-    """Status that it gives a sample."""
+    """Status of a sample with the fault."""
 
     probability: float = 1.0
-    """Probability that the fault is there at a sampling instant in its time."""
+    """Probability of the fault at a sampling instant in its time."""
     start: float = 0.0
-    """First instant [s]; the first plan of a run is exempt, for without it nothing moves."""
+    """First instant [s]; the first plan of a run is exempt."""
     duration: float | None = None
-    """Length of its time [s]; for ever if it is left out."""
+    """Duration [s]; unlimited if it is left out."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -39,7 +39,7 @@ class SolverFault(Fault):
         check_times(self.start, self.duration)
 
     def assumption(self) -> None:
-        """Returns None: the last plan goes on, which the proofs allow."""
+        """Returns None: the last plan is continued, as the proofs allow."""
 
 
 @dataclass
@@ -51,7 +51,7 @@ class SolverFailure(SolverFault):
 
 @dataclass
 class SolverTimeout(SolverFault):
-    """The plan of the MPC comes too late and is thrown away."""
+    """The plan of the MPC misses its deadline and is discarded."""
 
     status = TIMED_OUT
 
@@ -72,7 +72,7 @@ def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: f
     Args:
         faults: At most one of a kind.
         seed: Zero or positive.
-        index: Of the sampling instant, t = index · period.
+        index: Index of the sampling instant, t = index · period.
         period: Between two samples [s].
     """
     time = (index + SAMPLE_TOLERANCE) * period
@@ -85,7 +85,7 @@ def solver_fault(faults: Sequence[SolverFault], seed: int, index: int, period: f
 
 
 class SolverFaults(LeafSystem):
-    """Says at which samples the solver of a `NominalMpc` fails, is late or does not run.
+    """Schedule of the samples at which the solver of a `NominalMpc` fails, times out or is dropped.
 
     .. pydrake_system::
 

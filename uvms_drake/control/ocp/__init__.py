@@ -1,1 +1,1 @@
-"""The finite-horizon optimal control problem, and its solution by sequential convex programming."""
+"""Finite-horizon optimal control problems, and their solution by sequential convex programming."""

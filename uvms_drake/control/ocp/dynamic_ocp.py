@@ -1,4 +1,4 @@
-"""The FHOCP of the dynamics: ξ = (y − y_des, ζ), with ζ̄̇ constant on N intervals of length h.
+"""FHOCP of the dynamics: ξ = (y − y_des, ζ), with ζ̄̇ constant on N intervals of length h.
 
     ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, ζ̄̇_k),  ζ̄_{k+1} = ζ̄_k + h ζ̄̇_k            (eq:diff_mpc)
     ū = ζ̄̇ − f(𝔮̄, ζ̄) in Ū, M(𝔮̄)ū too, at both ends of every interval   (eq:mpc_constrained_set)
@@ -7,8 +7,8 @@ The decision variable is ζ̄̇ instead of ū: the rollout is then kinematic, ne
 whatever the surface's stiffness; f only enters through ū in cost and limits.
 
 Speeds, attitude, joints and the static force are limited at the knots. In between, speeds are
-convex combinations and stay within their limits; an angle (joints, roll, pitch, tip pitch) and a
-depth can bulge out by h²/8 times their second derivative, and ū between its ends by as little.
+convex combinations and stay within their limits; an angle (joints, roll, pitch, tip pitch), a depth
+and ū can exceed theirs by h²/8 times their second derivative.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Linearisation(Transitions):
 
 
 class DynamicOcp(Ocp[DynamicPlan]):
-    """The FHOCP of one task for the dynamics of one model; arguments as those of `Ocp`."""
+    """FHOCP of one task for the dynamics of one model; see `Ocp` for the arguments."""
 
     given_speed = 0
     has_accelerations = True
@@ -69,7 +69,7 @@ class DynamicOcp(Ocp[DynamicPlan]):
 
     @property
     def state_size(self) -> int:
-        """2(6+n), of (𝔮, ζ)."""
+        """Size 2(6+n) of (𝔮, ζ)."""
         return 2 * self.model.size
 
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> DynamicPlan:
@@ -135,9 +135,9 @@ class DynamicOcp(Ocp[DynamicPlan]):
 
     def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
                           B: np.ndarray) -> list[Inputs]:
-        """Returns ū at the beginning and at the end of the intervals, and how they change.
+        """Returns ū at both ends of the intervals and its derivatives by (ξ, ζ̄̇) at the first.
 
-        Both change with (ξ, ζ̄̇) at the beginning of the interval; A and B say how ξ at its end does.
+        A and B are the derivatives of ξ at the last.
         """
         N, size, eye = self.horizon, self.model.size, np.eye(self.model.size)
         f_xi = np.concatenate([model.f_y, model.f_zeta], axis=2)

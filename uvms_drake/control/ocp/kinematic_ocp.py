@@ -1,8 +1,8 @@
-"""The FHOCP of the kinematics, as in the paper's simulation: ξ = y − y_des, the input is ζ̄.
+"""FHOCP of the kinematics, as in the paper's simulation: ξ = y − y_des, the input is ζ̄.
 
     ȳ_{k+1} = Φ(ȳ_k, ζ̄_k, 0),  ζ̄ constant on N intervals of length h              (eq:diff_mpc)
 
-Joints of weight zero are left to themselves, as the paper leaves them: it weighs only χ − χ_des.
+Joints of weight zero are free, as in the paper, which weighs only χ − χ_des.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 
 class KinematicOcp(Ocp[KinematicPlan]):
-    """The FHOCP of one task for the kinematics of one model; arguments as those of `Ocp`."""
+    """FHOCP of one task for the kinematics of one model; see `Ocp` for the arguments."""
 
     given_speed = -1
     has_accelerations = False
@@ -45,7 +45,7 @@ class KinematicOcp(Ocp[KinematicPlan]):
 
     @property
     def state_size(self) -> int:
-        """6+n, of 𝔮."""
+        """Size 6+n of 𝔮."""
         return self.model.size
 
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> KinematicPlan:

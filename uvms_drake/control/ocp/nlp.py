@@ -1,8 +1,7 @@
-"""The reference solver of the FHOCP: the whole nonlinear program, for SNOPT or IPOPT.
+"""Reference solver of the FHOCP: the whole nonlinear program, for SNOPT or IPOPT.
 
-It is slow, and it does with a problem the opposite of what `scp` does: single shooting in the
-decision and s, every limit at once and as it stands, no convex program, no working set, no line
-search of ours. Tests hold the fast solver against it.
+It is slow and independent of `scp`: single shooting in the decision and s, all limits at once and
+nonlinear, no convex program, no working set, no line search of ours. Tests compare `scp` with it.
 """
 
 from typing import Generic
@@ -87,7 +86,7 @@ class NonlinearSolver(Generic[P]):
 
 
 def _terminal(terminal: TerminalLimit, s: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns ‖value‖² − (radius + s)², and with a room r likewise and −(r + s), all to be ≤ 0.
+    """Returns ‖value‖² − (radius + s)², and for each bound r likewise and −(r + s), all ≤ 0.
 
     Args:
         terminal: The terminal set.
@@ -95,7 +94,7 @@ def _terminal(terminal: TerminalLimit, s: float, x: np.ndarray) -> tuple[np.ndar
         x: ∂x_N/∂w (nx, N nw).
 
     Returns:
-        Values (1,), or two more for each of the rooms, and their derivatives by w and s.
+        Values (1,), or two more for each of the bounds, and their derivatives by w and s.
     """
     more: list[float] = []
     by_more: list[np.ndarray] = []

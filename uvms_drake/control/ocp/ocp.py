@@ -1,4 +1,4 @@
-"""The nominal finite-horizon optimal control problem (FHOCP): the base of its two forms.
+"""Nominal finite-horizon optimal control problem (FHOCP): the base of its two forms.
 
 With y = (χ, q) the extended task, ξ the error state and u the input of the model,
 
@@ -8,7 +8,7 @@ With y = (χ, q) the extended task, ξ the error state and u the input of the mo
          force on the surface and ū in limits                               (eq:mpc_constrained_set)
          ‖ξ_N‖_P ≤ ε + s,  s ≥ 0                                            (eq:mpc_terminal_set)
 
-Limits and terms of the cost are objects, and a user's own stand beside them (`limits`, `costs`).
+Limits and terms of the cost are objects, a user's own among them (`limits`, `costs`).
 `DynamicOcp` has ξ = (y − y_des, ζ) and decides ζ̄̇, `KinematicOcp` has ξ = y − y_des and decides
 ζ̄. y instead of 𝔮 as the state makes the cost, the joint limits and the terminal set exactly
 quadratic, linear and conic. The terminal constraint is softened by an exact penalty: s is zero
@@ -52,9 +52,9 @@ class MpcConfig:
     """Horizon, weights and solver settings of the nominal MPC."""
 
     horizon: int = 20
-    """N, number of intervals."""
+    """Number N of intervals."""
     time_step: float = 0.2
-    """h [s], length of an interval and the sampling period; T = N h."""
+    """Length h of an interval and sampling period [s]; T = N h."""
     iterations: int = 1
     """Sequential convex iterations per sample; the first solve iterates to convergence."""
     weight_y: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -62,28 +62,28 @@ class MpcConfig:
     weight_zeta: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Diagonal of Q for ζ; of R, where ζ is the input."""
     weight_u: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """Diagonal of R for ū − ū_eq; of no meaning where ζ is the input."""
+    """Diagonal of R for ū − ū_eq; not read where ζ is the input."""
     terminal_set: bool = True
     """Whether plans must end in a terminal set; without it nothing is certified."""
     terminal_radius: float = 0.1
-    """ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
+    """Radius ε of the terminal set ‖ξ‖_P ≤ ε; declared."""
     initial_state: str = "nominal"
-    """Start of a plan: `nominal`, the state that the last plan predicted, as the tube needs it; or
-    `measured`, as (eq:diff_mpc) has it."""
+    """Start of a plan: `nominal`, the state that the last plan predicted, as the tube requires; or
+    `measured`, as in (eq:diff_mpc)."""
     input_reference: str = "equilibrium"
-    """ū that costs nothing: `equilibrium`, u_eq; or `zero`, as (eq:mpc_cost_function) has it."""
+    """Input without cost: `equilibrium`, u_eq; or `zero`, as in (eq:mpc_cost_function)."""
     hover: float = 0.0
-    """Time until which the robot keeps its place before it plans, so that its observers settle [s]:
-    of the Context, that is from t = 0, and until the first sample not before it. A mission's clocks
-    run meanwhile. Without a certificate the tube counts from then on."""
+    """Time of the Context until which the robot keeps its place, so that its observers settle [s];
+    it plans from the first sample not before it. A mission's clocks run meanwhile. Without a
+    certificate the tube is monitored from then on."""
     deadline: float | None = None
-    """Wall time after which a plan, other than the first, is too late and thrown away [s]; none if
-    it is left out. A run that has one is not reproducible bit for bit."""
+    """Wall time after which a plan, other than the first, is discarded [s]; none if it is left out.
+    A run that has one is not reproducible bit for bit."""
     terminal_weight: np.ndarray | None = None
     """Diagonal of P instead of a computed P, such as the paper's; no terminal controller then."""
     terms: list[AnyTerm] = field(default_factory=list)
-    """Further terms of the cost; a script may put any `CostTerm` here. Nothing is certified with
-    one: the proofs are about the task's cost alone."""
+    """Further terms of the cost; a script may put any `CostTerm` here. With one there is no
+    certificate: the proofs are about the task's cost alone."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Transitions:
     """First-order model of the motion of a plan; index k is the knot or interval."""
 
     knots: Points
-    """The N+1 knots; Euler angles of y within π of the desired ones."""
+    """Points of the N+1 knots; Euler angles of y within π of the desired ones."""
     dy_dy: np.ndarray
     """∂ȳ_{k+1}/∂ȳ_k (N, 6+n, 6+n)."""
     dy_dzeta: np.ndarray
@@ -104,22 +104,22 @@ class Inputs(NamedTuple):
     """One end of every interval."""
 
     points: Points
-    """The N ends, with their inputs ū."""
+    """Points of the N ends, with their inputs ū."""
     y_z: np.ndarray
-    """∂y/∂z with the interval's z (N, 6+n, size of z), or one matrix for all intervals."""
+    """Derivatives ∂y/∂z by the interval's z (N, 6+n, size of z), or one for all intervals."""
     zeta_z: np.ndarray
-    """∂ζ/∂z, likewise."""
+    """Derivatives ∂ζ/∂z, likewise."""
     u_z: np.ndarray
-    """∂u/∂z, likewise."""
+    """Derivatives ∂u/∂z, likewise."""
 
 
 class PlanPoints(NamedTuple):
-    """Where a plan has limits and costs."""
+    """Points of a plan at which it has limits and costs."""
 
     knots: Points
-    """The N+1 knots."""
+    """Points of the N+1 knots."""
     ends: list[Points]
-    """The beginnings and the ends of the intervals, with ū."""
+    """Points of the beginnings and of the ends of the intervals, with ū."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ class Evaluation:
     """Cost and violations of a plan."""
 
     cost: float
-    """The objective, with the terminal penalty ρ s."""
+    """Objective, with the terminal penalty ρ s."""
     terminal_slack: float
-    """s = max(0, ‖ξ_N‖_P − ε)."""
+    """Slack s = max(0, ‖ξ_N‖_P − ε)."""
     violation: float
     """Largest violation of a limit, in the limit's own unit, of the static force as a depth [m];
     zero for a feasible plan."""
@@ -138,22 +138,22 @@ class Evaluation:
 
     @property
     def merit(self) -> float:
-        """Cost with an exact penalty of the violations, which a solver makes small."""
+        """Merit function: cost with an exact penalty of the violations."""
         return self.cost + VIOLATION_PENALTY * self.total_violation
 
 
 TERMINAL_PENALTY = 100.0
-"""ρ: cost of leaving the terminal set by one unit of ‖ξ‖_P; far above the multipliers seen.
+"""Cost ρ of leaving the terminal set by one unit of ‖ξ‖_P; far above the multipliers seen.
 
-This and the next two are made for weights of the order of 1 to 1000: an exact penalty has to be
-above the multipliers, which grow with the weights.
+This and the next two suit weights of the order of 1 to 1000: an exact penalty has to be above the
+multipliers, which grow with the weights.
 """
 SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-6, 1e6
-"""Range of every weight that is not zero; beyond, neither the penalties nor P mean anything."""
+"""Range of every weight that is not zero, for the penalties and for P."""
 VIOLATION_PENALTY = 1e3
 """Cost of one unit of violation; above every multiplier of a limit."""
 EXCESS_PENALTY = 1e5
-"""In a convex program, cost of relaxing all softened limits by one unit; above the sum of their
+"""Cost in a convex program of relaxing all softened limits by one unit; above the sum of their
 multipliers."""
 FEASIBLE = 1e-4
 """Largest violation that a plan may have if there is another, in the unit of the limit that it
@@ -161,23 +161,23 @@ violates; of the terminal set, in ‖ξ‖_P."""
 
 
 class Ocp(ABC, Generic[P]):
-    """The FHOCP of one task for one model.
+    """FHOCP of one task for one model.
 
     Args:
         model: Kinematics and dynamics.
         mpc: Horizon and weights.
-        y_des: The extended task (χ_des, q_des) (6+n,).
-        limits: Those that are left to the nominal trajectory, by name.
+        y_des: Desired extended task (χ_des, q_des) (6+n,).
+        limits: Tightened limits of the nominal trajectory, by name.
     """
 
     given_speed: ClassVar[int]
-    """Knot at which a plan has no ζ̄ to decide."""
+    """Knot at which ζ̄ is not decided."""
     has_accelerations: ClassVar[bool]
-    """Whether a plan has ζ̄̇, too."""
+    """Whether a plan has accelerations ζ̄̇."""
     input_ends: ClassVar[int] = 2
-    """At how many ends of an interval the input is another one."""
+    """Number of ends of an interval with different inputs."""
     strict: ClassVar[bool] = False
-    """Whether every plan has to be sound, from the first on, so that each later problem has one."""
+    """Whether every plan has to be sound, from the first on, for recursive feasibility."""
     tolerance: ClassVar[float] = FEASIBLE
     """Largest violation of a sound plan."""
     task_cost: TaskCost
@@ -203,7 +203,7 @@ class Ocp(ABC, Generic[P]):
         self.iterations = mpc.iterations
         self.hover = mpc.hover
         self.deadline = mpc.deadline
-        # A plan about another equilibrium than the task's is not held back at its terminal set.
+        # A plan about another equilibrium than the task's need not end in its terminal set.
         self.ends_at_task = mpc.input_reference == "equilibrium"
         self.y_des = y_des
         self.limits = limits
@@ -212,7 +212,7 @@ class Ocp(ABC, Generic[P]):
         self._radius = mpc.terminal_radius if mpc.terminal_set else np.inf
 
     def _check_own(self) -> None:
-        """Raises `TypeError` for a limit or a term whose derivative is not that of its values."""
+        """Raises `TypeError` for a limit or a term with wrong derivatives."""
         size = self.model.size
         zeta, u = 0.1 * np.sin(np.arange(2 * size)).reshape(2, size)
         y = self.y_des + 0.1 * zeta
@@ -238,13 +238,13 @@ class Ocp(ABC, Generic[P]):
 
     @property
     def u_ref(self) -> np.ndarray:
-        """Input that costs nothing (6+n,)."""
+        """Input without cost (6+n,)."""
         return self.task_cost.u_ref
 
     @property
     @abstractmethod
     def state_size(self) -> int:
-        """Length of the state that a plan starts at, and of ξ."""
+        """Size of the first state of a plan, and of ξ."""
 
     @abstractmethod
     def resting_plan(self, time: float, state: np.ndarray, coasting: int = 0) -> P:
@@ -293,13 +293,13 @@ class Ocp(ABC, Generic[P]):
                 and value.terminal_slack <= (self.tolerance if slack is None else slack))
 
     def keeps(self, value: Evaluation, other: Evaluation) -> bool:
-        """Returns whether a plan is sound, or no further from it than another one that is not."""
+        """Returns whether a plan is sound, or no worse than another one that is not."""
         beyond, before = (max(each.violation, each.terminal_slack) for each in (value, other))
         return self.is_sound(value) or (not self.is_sound(other) and beyond <= before)
 
     @property
     def inputs_given(self) -> dict[str, int]:
-        """Sizes of what changes the problem while it runs, by the names of ports."""
+        """Sizes of the problem's inputs at run time, by the names of ports."""
         return {}
 
     @property
@@ -308,7 +308,7 @@ class Ocp(ABC, Generic[P]):
         return ()
 
     def given(self, values: dict[str, np.ndarray]) -> Self:
-        """Returns the problem for other values of `inputs_given`, by name; some may be missing."""
+        """Returns the problem for values of `inputs_given`, by name; some may be missing."""
         return self
 
     def unwrapped(self, y: np.ndarray) -> np.ndarray:
@@ -318,20 +318,20 @@ class Ocp(ABC, Generic[P]):
         return y
 
     def _error(self, config: np.ndarray) -> np.ndarray:
-        """Returns y − y_des (..., 6+n) at 𝔮, angles by the shorter way round; also complex."""
+        """Returns y − y_des (..., 6+n) at 𝔮, angles wrapped; also complex."""
         error = self.model.task_pose(config) - self.y_des
         error[..., 3:6] -= 2.0 * np.pi * np.round(error[..., 3:6].real / (2.0 * np.pi))
         return error
 
     @property
     def lasting_limits(self) -> dict[str, Limit]:
-        """Limits that are never others, which a terminal set has to keep."""
+        """Constant limits, which a terminal set has to keep."""
         return self.limits
 
     def reached(self, at: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Returns m values (..., m), and what multiples (m,) of ‖ξ‖_P they may be at most there.
+        """Returns m values (..., m), zero at ξ = 0, and their largest multiples (m,) of ‖ξ‖_P.
 
-        They are zero at ξ = 0, and other than limits they are so for every radius of the set.
+        Unlike limits, these bounds have to hold for every radius of the terminal set.
         """
         return np.empty((*at.config.shape[:-1], 0)), np.empty(0)
 
@@ -344,9 +344,9 @@ class Ocp(ABC, Generic[P]):
         return np.eye(len(self.terminal.P))
 
     def turned(self) -> "tuple[tuple[np.ndarray, Self], ...]":
-        """Returns other problems with their T for which F has to hold as well.
+        """Returns turned problems with their T, for which the terminal set has to hold as well.
 
-        T ξ moves there as ξ does here, and costs the same; limits and what is `reached` may differ.
+        T ξ has the motion and the cost of ξ here; limits and the values of `reached` may differ.
         """
         return ()
 
@@ -357,8 +357,8 @@ class Ocp(ABC, Generic[P]):
     def continued(self, plan: P) -> P:
         """Returns the plan one interval later, its end continued by the terminal controller.
 
-        Outside of the terminal set the controller is given ξ_N as far as the set's edge, because
-        nothing keeps what it makes of a ξ far away within limits.
+        Outside of the terminal set the controller gets ξ_N scaled to the set's boundary, since far
+        away nothing keeps its input within limits.
         """
         xi = self.terminal_axes(plan) @ self.errors(
             plan, self.unwrapped(self.model.task_pose(plan.config)))[-1]
@@ -390,13 +390,13 @@ class Ocp(ABC, Generic[P]):
         )
 
     def excesses(self, plan: P) -> Iterator[tuple[Limit, np.ndarray, np.ndarray]]:
-        """Yields the limits, times (T,) [s], and by how much a plan exceeds them there (T, m)."""
+        """Yields the limits, times (T,) [s], and a plan's excesses there (T, m)."""
         times = plan.start_time + self.time_step * np.arange(self.horizon + 1)
         for limit, which, excess in self._excesses(*self.points(plan)):
             yield limit, times[which], excess
 
     def points(self, plan: P) -> PlanPoints:
-        """Returns where a plan has limits and costs."""
+        """Returns the points of a plan at which it has limits and costs."""
         y = self.unwrapped(self.model.task_pose(plan.config))
         knots = Points(self.model, plan.config, y, self._velocities(plan))
         begin, end = self.inputs(plan)
@@ -405,10 +405,10 @@ class Ocp(ABC, Generic[P]):
 
     def _excesses(self, knots: Points, ends: list[Points]
                   ) -> Iterator[tuple[Limit, slice, np.ndarray]]:
-        """Yields the limits, at which knots, and by how much they are exceeded; negative within.
+        """Yields the limits, the indices of their knots, and the excesses; negative within.
 
         Args:
-            knots: The N+1 knots; where a value is given, its limit does not count.
+            knots: The N+1 knots; limits of values that are given do not count.
             ends: Beginning and end of the intervals.
         """
         first, last = slice(-1), slice(1, None)
@@ -438,8 +438,8 @@ class Ocp(ABC, Generic[P]):
 
         Args:
             plan: The plan.
-            A: (N, nx, nx).
-            B: (N, nx, nw).
+            A: Derivatives by ξ (N, nx, nx).
+            B: Derivatives by w (N, nx, nw).
             knots: The N+1 knots.
             ends: Beginning of the intervals, and the end where the input is another one there.
         """
@@ -473,9 +473,9 @@ class Ocp(ABC, Generic[P]):
         return stacked(parts)
 
     def _by_rows(self, knots: Points, ends: int) -> Iterator[tuple[Limit, int | None]]:
-        """Yields the limits that are rows, in their order, and at which end of the intervals.
+        """Yields the limits that are rows, in their order, and the end of the intervals, or None.
 
-        None is at the knots.
+        None stands for the knots.
         """
         for limit in self.limits.values():
             if limit.about == "input":
@@ -485,19 +485,19 @@ class Ocp(ABC, Generic[P]):
                 yield limit, None
 
     def revalued(self, program: StagedProgram, plan: P, points: PlanPoints) -> StagedProgram:
-        """Returns a program with its own slopes, and what is limited at another plan.
+        """Returns a program with its own slopes and the limited values at another plan.
 
         Args:
             program: The program.
             plan: The plan.
-            points: Those of the plan.
+            points: Points of the plan.
         """
         knots, ends = points
         stages = len(program.linear.value)
         ends = ends[: self.input_ends]
 
         def padded(values: np.ndarray) -> np.ndarray:
-            """Values of the knots at the last of all stages, those of intervals one before."""
+            """Returns values of the knots at the last stages, those of intervals one before."""
             out = np.zeros((stages, values.shape[1]))
             out[stages - self.horizon - 1:][: len(values)] = values
             return out
@@ -517,12 +517,12 @@ class Ocp(ABC, Generic[P]):
                     plan, knots.y)[-1]))
 
     def _linear_limit(self, limit: Limit, points: Points, chain: Slopes) -> LinearLimits:
-        """Returns a limit as rows of every stage that is among the points; the last may not be.
+        """Returns a limit as rows of the stages of the points, at most all.
 
         Args:
-            limit: Limit on them.
+            limit: The limit.
             points: N + 1 knots, or one end of the N intervals.
-            chain: How y, ζ and u change there with z.
+            chain: Derivatives of y, ζ and u there by z.
         """
         rows = limit.rows(points)
         by_z = rows.slopes.through(chain)
@@ -551,7 +551,7 @@ class Ocp(ABC, Generic[P]):
         return np.eye(width)[: 2 * self.model.size].reshape(2, -1, width)
 
     def _given(self, limit: Limit) -> int:
-        """Returns the knot at which no decision changes the limited values."""
+        """Returns the knot at which the limited values are given."""
         return self.given_speed if limit.about == "speed" else 0
 
 

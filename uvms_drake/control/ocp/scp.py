@@ -1,13 +1,12 @@
-"""The fast solver of the FHOCP: sequential convex programming with exact cones.
+"""Fast solver of the FHOCP: sequential convex programming with exact cones.
 
-An iteration makes the convex program about the plan, solves it, and takes the longest of the steps
-1, ½, ¼, ... along which the true merit (cost and violation, nothing linearised) falls; in a strict
-problem, only to a sound plan, or from one that is not to one that is no further from it. Where a
-sound plan would be cheaper after the whole step, but beyond limits by what they are curved, it is
-moved back first (`correction`). The limits on what is linearised are softened by an exact penalty,
-so that the program has a solution whenever the linear limits can be kept. One iteration a sample is
-enough for what the closed loop needs: the plan is never worse than the last one continued by the
-terminal controller (Scokaert, Mayne and Rawlings 1999).
+An iteration solves the convex program about the plan and takes the longest of the steps 1, ½, ¼,
+... along which the true merit (cost and violation, nothing linearised) falls; in a strict problem,
+only to a sound plan, or from one that is not to one that is no worse. A whole step to a cheaper
+plan that violates limits by their curvature is corrected first (`correction`). Linearised limits
+are softened by an exact penalty, so that the program has a solution whenever the linear limits can
+be kept. One iteration a sample is enough for the closed loop: the plan is never worse than the last
+one continued by the terminal controller (Scokaert, Mayne and Rawlings 1999).
 """
 
 from dataclasses import dataclass
@@ -25,12 +24,12 @@ SHORTEST_STEP = 1.0 / 64.0
 CORRECTIONS = 4
 """Largest number of second-order corrections of a step."""
 SHRINKS = 0.3
-"""Part of a violation that a correction may leave, for another one to be worth while."""
+"""Largest part of a violation after a correction that justifies another one."""
 
 
 @dataclass(frozen=True)
 class Solution(Generic[P]):
-    """The result of a solve; `plan` is None if the solver failed."""
+    """Result of a solve; `plan` is None if the solver failed."""
 
     plan: P | None
     evaluation: Evaluation | None
@@ -38,7 +37,7 @@ class Solution(Generic[P]):
     converged: bool
     """Whether it ended because no step improved the merit by more than the tolerance."""
     rows: int = 0
-    """Number of rows of limits that the last convex program held; 0 where none mattered."""
+    """Number of rows of limits in the last convex program; 0 where none was active."""
 
 
 class SequentialConvexSolver(Generic[P]):
@@ -51,8 +50,8 @@ class SequentialConvexSolver(Generic[P]):
         """Returns the best plan found from `guess`, whose first knot is the initial state.
 
         Args:
-            guess: Where the first convex program is made.
-            iterations: At most so many convex programs are solved.
+            guess: Plan of the first convex program.
+            iterations: Largest number of convex programs.
             tolerance: Converged when a step improves the merit by less than this fraction of it.
         """
         plan, evaluation, rows = guess, self.ocp.evaluate(guess), 0
@@ -105,7 +104,7 @@ class SequentialConvexSolver(Generic[P]):
             value = self.ocp.evaluate(plan, points)
             after = max(value.violation, value.terminal_slack)
             if self.ocp.is_sound(value) or after > SHRINKS * before:
-                break  # It is within limits, or will not soon be.
+                break  # It is within limits, or converges too slowly.
         return plan, value
 
     def _is_better(self, new: Evaluation, old: Evaluation) -> bool:

@@ -1,7 +1,7 @@
 """Committed horizon: the part of a plan that is no longer free, as its forces have been commanded.
 
-A law that commands the plan's forces ℓ in advance (`feedforward_preview`) has, until the next sample
-t_{i+1}, committed the actuators up to t_{i+1} + ℓ. So with n = ⌈ℓ/h⌉
+A law that commands the plan's forces ℓ in advance (`feedforward_preview`) has, until the next
+sample t_{i+1}, committed the actuators up to t_{i+1} + ℓ. So with n = ⌈ℓ/h⌉
 
     plan i on [t_i, t_i + nh]  =  plan i − 1 there;    free on the N intervals from t_i + nh on,
 
@@ -19,7 +19,8 @@ from uvms_drake.control.plan.plan import KNOT_TOLERANCE
 from uvms_drake.model.sensor_actuator import ActuationDelay
 
 
-def committed_intervals(law: AncillaryLaw, actuation_delay: ActuationDelay, time_step: float) -> int:
+def committed_intervals(law: AncillaryLaw, actuation_delay: ActuationDelay, time_step: float
+                        ) -> int:
     """Returns n; zero for a law without feedforward preview.
 
     Args:

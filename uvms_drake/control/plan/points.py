@@ -189,6 +189,7 @@ def check_slopes(name: str, values: Callable[[Points], np.ndarray], at: Points, 
     chain = Slopes(dy[:, None], dzeta[:, None], du[:, None])
     change = slopes(values, at, about).through(chain)[..., 0]
     scale = 1e-6 + np.max(np.abs(forward), initial=0.0)
-    if not np.all(np.abs(0.5 * (forward - backward) - change) <= 1e-4 * np.abs(change) + 1e-11 * scale):
+    error, tolerance = np.abs(0.5 * (forward - backward) - change), 1e-4 * np.abs(change)
+    if not np.all(error <= tolerance + 1e-11 * scale):
         raise TypeError(f"{name}: its derivative by complex steps is not that of differences; "
                         "it must be smooth and allow for complex points")

@@ -5,8 +5,8 @@ designed for exactly that: ξ = (y − y_des, ζ) about the equilibrium obeys
 
     ξ⁺ = A ξ + B ζ̇,   A = [I  hJ_x; 0  I],   B = [½h²J_x; hI],   ū − ū_eq = ζ̇ − F ξ,
 
-with F = [∂f/∂y  ∂f/∂ζ]: in the input w = ζ̇ − Fξ a discrete-time regulator for h(‖ξ‖²_Q + ‖w‖²_R). Its
-Riccati solution P₀ is inflated, P = (1 + μ)P₀ (Chen and Allgöwer 1998), so that the decrease
+with F = [∂f/∂y  ∂f/∂ζ]: in the input w = ζ̇ − Fξ a discrete-time regulator for h(‖ξ‖²_Q + ‖w‖²_R).
+Its Riccati solution P₀ is inflated, P = (1 + μ)P₀ (Chen and Allgöwer 1998), so that the decrease
 ‖ξ⁺‖²_P − ‖ξ‖²_P ≤ −ℓ holds near the equilibrium of the nonlinear loop, too; the controller stays
 that of P₀. Proof: control/plan/theory.md#terminal-penalty-and-controller.
 """
