@@ -39,7 +39,7 @@ def test_a_replay_takes_nothing_that_the_campaign_decides(tmp_path, capsys, args
     assert main([*command, *args]) == 2
     err = capsys.readouterr().err
     assert f"error: {said}" in err
-    assert "must be left out with --replay: the campaign in the folder decides it" in err
+    assert "must be left out with --replay: the campaign in the folder determines it" in err
     assert err.count("\n") == 1
     assert main([*command, "--runs", "100"]) == 2  # The default is as good as nothing.
     assert "left out" not in capsys.readouterr().err

@@ -14,9 +14,9 @@ from pydrake.systems.primitives import (
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.plant.adversary import (
-    AHEAD,
     AIM_FROM,
     KINDS,
+    PREVIEW_TIME,
     ROWS,
     AdversarialDisturbance,
     Adversary,
@@ -77,12 +77,12 @@ def test_no_point_of_the_ellipsoid_is_worse_than_the_aimed_ones(model, states, r
     for state in states["deep"][:3]:
         e_y, r = 0.01 * rng.normal(size=(2, 10))
         J = model.task_jacobian(state[:10])[ROWS[rows]]
-        drift = e_y[ROWS[rows]] + AHEAD * J @ r
+        drift = e_y[ROWS[rows]] + PREVIEW_TIME * J @ r
         aims = {"along_r": lambda d, r=r: d @ (r / WEIGHTS**2),
                 "along_task_error": lambda d, J=J, e_y=e_y: d @ (J.T @ e_y[ROWS[rows]]),
                 "leading": lambda d, J=J: np.linalg.norm(d @ J.T, axis=-1),
-                "ahead": lambda d, J=J, drift=drift: np.linalg.norm(
-                    drift + 0.5 * AHEAD**2 * d @ J.T, axis=-1)}
+                "predictive": lambda d, J=J, drift=drift: np.linalg.norm(
+                    drift + 0.5 * PREVIEW_TIME**2 * d @ J.T, axis=-1)}
         for kind, aim in aims.items():
             adversary = Adversary(model, AdversarialDisturbance(
                 BOUND, kind, rows, weights=WEIGHTS))
@@ -99,7 +99,7 @@ def test_in_the_cascade_it_reaches_the_radius_of_the_weighted_tube(model, states
     radius = np.linalg.norm(J[ROWS[rows]] @ np.diag(WEIGHTS), 2) * BOUND / (k * sigma)
     zero, eye = np.zeros((10, 10)), np.eye(10)
     reached = {}
-    for kind in ("leading", "along_task_error", "along_r", "ahead", "constant"):
+    for kind in ("leading", "along_task_error", "along_r", "predictive", "constant"):
         builder = DiagramBuilder()
         cascade = builder.AddSystem(LinearSystem(
             np.block([[-k * eye, zero], [J, -sigma * eye]]), np.vstack([eye, zero]), np.eye(20),
@@ -237,7 +237,7 @@ def test_only_the_square_waves_have_state_and_only_the_aimed_kinds_read_ports(mo
     read = {adversary.get_input_port(i).get_name() for i in range(3)
             if adversary.HasDirectFeedthrough(i, 0)}
     assert read == {"along_r": {"r"}, "along_task_error": {"state", "e_y"},
-                    "ahead": {"state", "e_y", "r"},
+                    "predictive": {"state", "e_y", "r"},
                     "leading": {"state"}}.get(kind, set())
 
 

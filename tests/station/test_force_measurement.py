@@ -212,7 +212,7 @@ def test_a_lost_state_does_not_take_the_force_along():
 
 def test_a_fault_of_a_force_that_nobody_measures_is_refused():
     with pytest.raises(InvalidParameter, match=(
-            r"^faults\[0\] = 'LostForce': must be left out: nothing measures the force$")):
+            r"^faults\[0\] = 'LostForce': must be left out: no part measures the force$")):
         make_station(scenario_of(1.0, sensing=[], faults=[LostForce()]))
     assert set(faults_at("force", [LostForce()])) == {"faults[0]"}
 

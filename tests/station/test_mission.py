@@ -71,7 +71,7 @@ def test_a_mission_comes_from_a_file_and_goes_back_into_one(scenario, tmp_path):
     ("mission.steps.5.speed=-1.0", r"mission\.steps\[5\]\.speed = -1.0: must be positive"),
     ("mission.steps=[!Hold {}]", r"mission\.steps\[0\] = 'Hold': must be an !Approach"),
     ("mission.steps.1=!Wait {}", r"mission\.steps\[?\.?1"),
-    ("contact=!KnownSurface {}", r"mission\.steps = .* left out, unless a contact is felt")])
+    ("contact=!KnownSurface {}", r"mission\.steps = .* left out, without a sensed contact")])
 def test_a_mission_that_makes_no_sense_is_refused_by_its_key(override, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario(NAME, [override])

@@ -78,5 +78,5 @@ def test_every_step_has_its_leg_and_the_one_that_is_void_says_so():
     assert [(leg.least, leg.most) for leg in legs] == [
         (0.5, 60.0), (4.0, 60.0), (10.0, 60.0), (0.0, 20.0)]
     assert [leg.band is None for leg in legs] == [True, False, True, True]
-    assert [leg.void != "" for leg in legs] == [False, False, True, False]
-    assert legs[2].void.startswith(name)
+    assert [leg.unmet != "" for leg in legs] == [False, False, True, False]
+    assert legs[2].unmet.startswith(name)

@@ -59,7 +59,7 @@ def scenario_of(duration: float, **lists):
     return replace(load_scenario("girona500_ideal", [f"duration={duration}", CLOSE]), **lists)
 
 
-def given_up(scenario) -> list[str]:
+def broken_assumptions(scenario) -> list[str]:
     return [condition.name for condition in assumptions(scenario) if not condition.holds]
 
 
@@ -77,7 +77,7 @@ def test_a_part_of_ones_own_is_logged_saved_and_named_in_the_certificate(tmp_pat
     np.testing.assert_array_equal(record.state, plain.state)
     np.testing.assert_array_equal(record.signals["twice"], 2.0 * record.state)
     np.testing.assert_array_equal(record.signals["once"], record.state)
-    assert given_up(record.scenario) == [
+    assert broken_assumptions(record.scenario) == [
         "sensing[0], Scaled: nothing is proven about it",
         "sensing[1], Scaled: nothing is proven about it"]
     save_record(replace(record, scenario=plain.scenario), tmp_path)
@@ -107,20 +107,20 @@ def test_a_shipped_part_comes_from_a_file_and_voids_the_certificate(
     for tag in (f"!{type(part).__name__} ", ""):
         scenario = load_scenario("girona500_ideal", [f"{name}=[{tag}{entry}]"])
         assert repr(getattr(scenario, name)) == repr([part])
-        assert given_up(scenario) == [void]
+        assert broken_assumptions(scenario) == [void]
     path = tmp_path / "mine.yaml"
     path.write_text(dump_scenario(scenario))
     assert repr(getattr(load_scenario(str(path)), name)) == repr([part])
-    assert not given_up(load_scenario("girona500_ideal"))
+    assert not broken_assumptions(load_scenario("girona500_ideal"))
 
 
 def test_the_law_tip_first_counts_with_a_clock_alone():
     clock = "!SampledCommand {}"
-    assert not given_up(load_scenario("girona500_tip_first", [f"actuation=[{clock}]"]))
+    assert not broken_assumptions(load_scenario("girona500_tip_first", [f"actuation=[{clock}]"]))
     for name, more in (("girona500_tip_first", "!Thrusters {}"), ("girona500_tip_first", clock),
                        ("girona500_contact", "")):
         assert "actuation[0], SampledCommand: the proofs take the feedback for continuous" in (
-            given_up(load_scenario(name, [f"actuation=[{clock}, {more}]"])))
+            broken_assumptions(load_scenario(name, [f"actuation=[{clock}, {more}]"])))
 
 
 @pytest.mark.parametrize(("override", "expected"), [

@@ -1,1 +1,1 @@
-"""The robot, its coordinates and the surface, as plant and controller both know them; no errors."""
+"""Models of the robot, its coordinates and the surface, shared by plant and controller."""

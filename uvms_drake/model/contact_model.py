@@ -11,12 +11,12 @@ from uvms_drake.model.uvms_model import Kinematics, UvmsModel, read_uvms
 
 
 class ContactModel(UvmsModel):
-    """A `UvmsModel` with 𝔉(χ, χ̇) by the law of a surface, which f then contains.
+    """A `UvmsModel` whose f contains 𝔉(χ, χ̇) of a surface.
 
     Args:
         uvms: The robot and its water.
         surface: The surface, as `check_surface` returns it.
-        task_frame: As of `UvmsModel`.
+        task_frame: ZYX Euler angles of Σ_T, as of `UvmsModel`.
     """
 
     def __init__(self, uvms: Uvms, surface: Surface, task_frame: np.ndarray = WORLD):
@@ -25,7 +25,7 @@ class ContactModel(UvmsModel):
 
     @staticmethod
     def load(model: str, surface: Surface) -> "ContactModel":
-        """Returns the model of a shipped robot or a robot's folder, in front of a surface."""
+        """Returns the model of a shipped robot or a robot's folder, at a surface."""
         return ContactModel(read_uvms(model), surface)
 
     def contact_force(self, kinematics: Kinematics, V_E: np.ndarray) -> np.ndarray:

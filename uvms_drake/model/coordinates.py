@@ -18,7 +18,7 @@ from uvms_drake.model.uvms import Uvms
 
 
 class Coordinates:
-    """Maps between the paper's order and that of a finalized `MultibodyPlant` with one UVMS."""
+    """Map between the paper's order and that of a finalized `MultibodyPlant` with one UVMS."""
 
     def __init__(self, uvms: Uvms):
         vehicle = uvms.vehicle

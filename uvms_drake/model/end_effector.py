@@ -1,4 +1,4 @@
-"""The end-effector Σ_E: from spatial vectors in its own axes to the paper's χ = (𝔭, 𝔬) and back.
+"""The end-effector Σ_E: map between spatial vectors in its axes and the paper's χ = (𝔭, 𝔬).
 
 χ̇ = A(𝔬) V_E with A = blkdiag(R_WE, T(𝔬)); the force 𝔉 on the surface, conjugate to χ̇, is Aᵀ𝔉 in
 axes of Σ_E.
@@ -21,7 +21,7 @@ def pose_rate_matrix(R_WE: np.ndarray, attitude: np.ndarray) -> np.ndarray:
 def force_in_tip(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Returns Aᵀ𝔉 (6,) at one pose χ (6,), in plain numbers: Rᵀf and Tᵀn of 𝔉 = (f, n).
 
-    f is in the axes that the Euler angles of χ are about.
+    f is in the axes of the Euler angles of χ.
     """
     rpy, (*f, a, b, c) = chi[3:].tolist(), force.tolist()
     sin, cos, scale = math.sin(rpy[0]), math.cos(rpy[0]), 1.0 / math.cos(rpy[1])
@@ -40,7 +40,7 @@ def force_of_tip(chi: np.ndarray, force: np.ndarray) -> np.ndarray:
 def pose_rate_matrix_rate(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Returns Ȧ (..., 6, 6) as Σ_E turns by ω (..., 3) in its own axes, real.
 
-    Ṙ = R S(ω), and T(φ, θ) has in it what its derivatives are made of. With columns t₂, t₃ of T,
+    Ṙ = R S(ω), and the derivatives of T(φ, θ) follow from its entries. With columns t₂, t₃ of T,
     ∂T/∂φ = (0, t₃, −t₂). With its rows T₁ and T₃ without their first entries, which are constant,
     ∂T/∂θ has the rows T₃/cos θ, 0, T₁/cos θ there, and ‖T₃‖ = 1/cos θ.
     """

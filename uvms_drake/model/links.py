@@ -1,4 +1,4 @@
-"""The links of a robot, each made of the bodies that are welded to one another.
+"""The links of a robot, each the set of bodies welded to one another.
 
 A UVMS has n + 1 links, the vehicle and one for each joint. The bodies of a link move as one, so
 their inertias, weights and drag add up. The frame of a link is that of the body that its joint
@@ -55,7 +55,7 @@ class Links:
     """(n,) inertia of the motors, reflected to the joints [kg m², kg]."""
 
     def links_force(self, V: np.ndarray, A: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Returns f (..., n+1, 6) that moves the links so in still water.
+        """Returns f (..., n+1, 6) for a motion of the links in still water.
 
         f = I A + V ×* I V − weight + Σ h (D_lin + D_quad |hᵀV|) hᵀV (Kirchhoff; Fossen 2021, §6.3
         and §8.1).
@@ -88,14 +88,15 @@ class Links:
     def _drag_velocities(self, V: np.ndarray) -> np.ndarray:
         """Returns the velocities that drag acts against, as rows (..., 1, r).
 
-        Products of rows one by one are never so large that the linear algebra library shares them
-        out among threads, which takes long where other work is waiting.
+        Products row by row are too small for the linear algebra library to use threads, which are
+        slow on a busy machine.
         """
         return V.reshape(*V.shape[:-2], 1, -1) @ self.drag_points
 
 
 def read_links(uvms: Uvms) -> Links:
     """Returns the links of a robot in a finalized plant."""
+    # The frames of the links, and of each link the sums over its welded bodies.
     plant = uvms.plant
     bodies = [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
     frames = [*(body.body_frame() for body in bodies[:-1]), uvms.tip]
@@ -112,9 +113,10 @@ def read_links(uvms: Uvms) -> Links:
                 by_link[:, i] = _velocity_map(RigidTransform(np.asarray(drag.point))) @ H
                 rows += list(by_link)
                 coefficients += list(zip(drag.linear, drag.quadratic, strict=True))
-    felt = [k for k, pair in enumerate(coefficients) if any(pair)]
-    linear, quadratic = np.array(coefficients).reshape(-1, 2)[felt].T
-    points = np.array(rows).reshape(-1, len(bodies), 6)[felt]
+    # Drag without a coefficient is left out.
+    nonzero = [k for k, pair in enumerate(coefficients) if any(pair)]
+    linear, quadratic = np.array(coefficients).reshape(-1, 2)[nonzero].T
+    points = np.array(rows).reshape(-1, len(bodies), 6)[nonzero]
     return Links(
         X_BV=_pose(plant, uvms.vehicle.body_frame(), frames[0]).GetAsMatrix4(),
         step=_steps(uvms, frames),
@@ -122,11 +124,11 @@ def read_links(uvms: Uvms) -> Links:
         joint_axis=_joint_axes(uvms, frames),
         inertia=np.array(inertia),
         weight=np.array(weight),
-        drag_points=points.reshape(len(felt), 6 * len(bodies)).T,
+        drag_points=points.reshape(len(nonzero), 6 * len(bodies)).T,
         drag_linear=linear,
         drag_quadratic=quadratic,
         drag_squares=(points[..., None] * points[..., None, :]).reshape(
-            len(felt), 36 * len(bodies)),
+            len(nonzero), 36 * len(bodies)),
         joint_damping=np.array([joint.default_damping() for joint in uvms.joints]),
         rotor_inertia=np.array([_reflected_inertia(uvms, joint) for joint in uvms.joints]),
     )
@@ -149,7 +151,7 @@ def _velocity_map(X_AB: RigidTransform) -> np.ndarray:
 def _steps(uvms: Uvms, frames: list[Frame]) -> np.ndarray:
     """Returns `Links.step`: X_LF X_FM(q) X_MC.
 
-    R_FM = I + sin q S(a) + (1 − cos q) S(a)²; of a joint that slides p_FM = q a.
+    R_FM = I + sin q S(a) + (1 − cos q) S(a)²; p_FM = q a of a prismatic joint.
     """
     steps = np.zeros((4, len(uvms.joints), 4, 4))
     for i, joint in enumerate(uvms.joints):

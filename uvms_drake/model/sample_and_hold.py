@@ -1,4 +1,4 @@
-"""A vector that is sampled by clocks, passed on late, and held: what sensors and computers do."""
+"""Sample and hold of a vector by several clocks, with a delay."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,37 +18,37 @@ from pydrake.systems.framework import (
 from uvms_drake.common.wiring import added
 
 SAME = 1e-6
-"""Part of a period by which instants differ that are meant to be the same."""
+"""Fraction of a period within which two instants are the same."""
 MOST_PARTS = 4
-"""Most steps into which a period is cut so that instants are those of a faster clock."""
+"""Largest number of parts of a period, such that instants are those of a faster clock."""
 
 
 class Clock(NamedTuple):
-    """Which components of a vector are sampled when, and how well."""
+    """Clock that samples some components of a vector."""
 
     rows: Sequence[int]
-    """Their indices."""
+    """Indices of the components."""
     period: float
-    """h, time between two samples [s]."""
+    """Sampling period h [s]."""
     delay: float = 0.0
-    """δ, from a sample to where it is passed on [s]."""
+    """Delay δ of a sample [s]."""
     error: Callable[[float], np.ndarray] | None = None
-    """What a sample is off by (rows,), a function of its time [s]; None: by nothing."""
+    """Error of a sample (rows,) as a function of its time [s]; None: no error."""
     propagated: bool = False
-    """Whether only what the sample is off by is held, on top of the vector as it is now."""
+    """Whether only the error of the sample is held, and added to the present vector."""
 
     @property
     def kept(self) -> int:
-        """Number of samples that are under way or held, at most."""
+        """Largest number of samples in transit or held."""
         return 1 + math.ceil(self.delay / self.period - SAME)
 
     @property
     def passing_on(self) -> tuple[float, float] | None:
-        """Period and offset of instants among which are those at which a sample is passed on [s].
+        """Period and offset of a set of instants that includes those of the output [s].
 
-        None if samples are taken at those instants. Where a half, a third or a quarter of a period
-        is left to wait, they are those of a clock that is as many times as fast, to the last digit:
-        what such a clock samples is then always that of before, or always that of after.
+        None if samples are taken at those instants. If a half, a third or a quarter of a period
+        remains, they are those of a clock that is as many times as fast, to the last digit: such a
+        clock then samples always the value before, or always that after.
         """
         between = self.delay / self.period % 1.0
         if not SAME < between < 1.0 - SAME:
@@ -60,14 +60,13 @@ class Clock(NamedTuple):
 
 
 class SampledVector(LeafSystem):
-    """Passes the sample of kh on from kh + δ to (k + 1)h + δ, for each clock's components.
+    """Delayed sample and hold: the sample of kh from kh + δ to (k + 1)h + δ, for each clock.
 
-    If they are propagated, it passes the vector itself on, with what the sample is off by.
+    Propagated components are the present vector plus the error of the sample.
 
-    Until the first sample it is the vector itself, and until that is passed on that sample, as if
-    the clock had gone on for some time: Drake's ZeroOrderHold is zero until its first event, and
-    the first plan is made before that. At the instant of a sample without delay it is still the one
-    before.
+    Until the first sample the output is the vector itself, and until that is due that sample, as in
+    steady operation: Drake's ZeroOrderHold is zero until its first event, and the first plan is
+    made before that. At the instant of a sample without delay it is still the one before.
 
     .. pydrake_system::
 
@@ -77,17 +76,17 @@ class SampledVector(LeafSystem):
         output_ports:
         - held
 
-    - `vector`, `held` (size).
+    - `vector`, `hold` (size).
 
-    The discrete state is what is held (size); for each clock whether it has a sample (1 or 0 each);
-    and a group for each with the number k of the last sample, NaN if there is none (1), and the
-    samples that may be under way, each at k modulo their number. A late sample is passed on at the
-    first step of the simulation that begins at its instant but for rounding: of two periodic events
-    that are as near as that, Drake may leave one out.
+    The discrete state is the held vector (size); for each clock whether it has a sample (1 or 0
+    each); and a group for each with the number k of the last sample, NaN if there is none (1), and
+    the samples in transit, each at k modulo their number. A delayed sample is due at the first step
+    of the simulation that begins at its instant but for rounding: of two periodic events that are
+    as near as that, Drake may leave one out.
 
     Args:
         size: Size of the vector.
-        clocks: Of all its components, each once.
+        clocks: Clocks that have each component once.
     """
 
     def __init__(self, size: int, clocks: Sequence[Clock]):
@@ -103,13 +102,13 @@ class SampledVector(LeafSystem):
             self.DeclareDiscreteState(  # group 2 + i
                 np.append(np.nan, np.zeros(clock.kept * len(clock.rows))))
             self.DeclarePeriodicDiscreteUpdateEvent(clock.period, 0.0, partial(self._sample, i))
-            if (event := clock.passing_on) is not None:  # It only makes a step begin there.
+            if (event := clock.passing_on) is not None:  # Only ends a step there.
                 self.DeclarePeriodicPublishEvent(*event, lambda context: None)
         if any(clock.delay > 0.0 for clock in clocks):
             self.DeclarePerStepDiscreteUpdateEvent(self._pass_on)
         now = {self.time_ticket()} if any(clock.error for clock in clocks) else set()
         self.DeclareVectorOutputPort(
-            "held", size, self._calc, {self.xd_ticket(), self._port.ticket(), *now})
+            "hold", size, self._calc, {self.xd_ticket(), self._port.ticket(), *now})
 
     def _samples(self, context: Context, i: int) -> tuple[float, np.ndarray]:
         """Returns k, NaN if there is no sample yet, and the samples (kept, rows)."""
@@ -117,7 +116,7 @@ class SampledVector(LeafSystem):
         return state[0], state[1:].reshape(self._clocks[i].kept, -1)
 
     def _measured(self, context: Context, clock: Clock) -> np.ndarray:
-        """Returns a sample of now (rows,), or what it is off by."""
+        """Returns a present sample (rows,), or its error."""
         error = 0.0 if clock.error is None else clock.error(context.get_time())
         return error + (np.zeros(len(clock.rows)) if clock.propagated
                         else self._port.Eval(context)[clock.rows])
@@ -141,16 +140,16 @@ class SampledVector(LeafSystem):
                     state.get_mutable_value(0)[clock.rows] = samples[min(k, int(last)) % clock.kept]
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        held = context.get_discrete_state(0).value().copy()
+        hold = context.get_discrete_state(0).value().copy()
         for i in np.flatnonzero(context.get_discrete_state(1).value() == 0.0):
             clock = self._clocks[i]
-            held[clock.rows] = self._measured(context, clock)
+            hold[clock.rows] = self._measured(context, clock)
         if self._propagated.any():
-            held += np.where(self._propagated, self._port.Eval(context), 0.0)
-        output.SetFromVector(held)
+            hold += np.where(self._propagated, self._port.Eval(context), 0.0)
+        output.SetFromVector(hold)
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, clocks: Sequence[Clock], *, vector: OutputPort,
                      name: str = "sampled_vector") -> "SampledVector":
-        """Adds the system behind the port `vector`."""
+        """Adds the system after the port `vector`."""
         return added(builder, name, SampledVector(vector.size(), clocks), vector=vector)

@@ -1,4 +1,4 @@
-"""Weight against buoyancy: how a robot lies in still water, with its arm held in one posture."""
+"""Trim: weight and buoyancy of a robot in still water, its arm in a fixed posture."""
 
 from dataclasses import dataclass
 
@@ -18,13 +18,13 @@ class Trim:
     displaced_mass: float
     """Mass ρV of the displaced water [kg]."""
     center_of_mass: np.ndarray
-    """p_BG (3,) [m]."""
+    """Centre of mass p_BG (3,) [m]."""
     center_of_buoyancy: np.ndarray
-    """p_BC (3,) [m]; of a robot without any buoyancy, that of mass."""
+    """Centre of buoyancy p_BC (3,) [m]; without buoyancy, that of mass."""
 
     @property
     def righting_lever(self) -> float:
-        """z_G − z_C [m]: by how much the centre of buoyancy is above that of mass."""
+        """Height z_G − z_C of the centre of buoyancy above that of mass [m]."""
         return float(self.center_of_mass[2] - self.center_of_buoyancy[2])
 
 

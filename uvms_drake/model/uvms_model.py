@@ -58,7 +58,7 @@ class Kinematics(NamedTuple):
     p_BL: np.ndarray
     """(..., n+1, 3) origin of every link in the vehicle's frame [m]."""
     axis: np.ndarray
-    """(..., n, 3) joint axes in the vehicle's frame; what a prismatic joint moves along."""
+    """(..., n, 3) joint axes in the vehicle's frame."""
     anchor: np.ndarray
     """(..., n, 3) a point on each joint axis in the vehicle's frame [m]."""
     screw: np.ndarray
@@ -76,8 +76,7 @@ class Kinematics(NamedTuple):
 class UvmsModel:
     """Kinematics and dynamics of a UVMS in still water.
 
-    It is the robot alone: without contact, or with a force 𝔉 that is given. A `ContactModel` is
-    one that knows the surface.
+    It has no contact, or a given force 𝔉; a `ContactModel` includes the surface.
 
     Args:
         uvms: The robot and its water.
@@ -101,9 +100,9 @@ class UvmsModel:
         """Attitude of Σ_T in Σ_I (3, 3)."""
         self._own_frame = bool(np.any(task_frame))
         self.thrusters = uvms.thrusters
-        """What is known of the thrusters, if anything."""
+        """Parameters of the thrusters, if known."""
         self._joint_rows = np.eye(self.size)[6:]
-        # 1 where joint j moves link k: (n+1, n).
+        # 1 where joint j moves link k (n+1, n).
         self._moves = (np.arange(n) < np.arange(n + 1)[:, None]).astype(float)
         # 1 where joint i is beyond the vehicle's columns of a Jacobian, or that of joint j.
         self._beyond = np.concatenate([np.ones((n, 6)), np.tri(n, k=-1)], axis=-1)
@@ -224,7 +223,7 @@ class UvmsModel:
         return zeta[..., None, :6] + self._moves @ (kinematics.screw * zeta[..., 6:, None])
 
     def _motion(self, kinematics: Kinematics, zeta: np.ndarray, zeta_dot: np.ndarray) -> "_Motion":
-        """Returns how the links move: a joint's screw is carried along by the link it moves."""
+        """Returns the motion of the links; a joint's screw moves with the link beyond it."""
         screw, q_dot, q_ddot = kinematics.screw, zeta[..., 6:, None], zeta_dot[..., 6:, None]
         V_B = self._link_velocities(kinematics, zeta)
         screw_rate = cross_motion(V_B[..., 1:, :], screw)
@@ -262,7 +261,7 @@ class UvmsModel:
             kinematics: The geometry at 𝔮.
             zeta: ζ (..., 6+n).
             zeta_dot: ζ̇ (..., 6+n).
-            contact: 𝔉 (..., 6), if it is known otherwise than by `contact_force`.
+            contact: 𝔉 (..., 6), if not that of `contact_force`.
         """
         force = self._forces(kinematics, self._motion(kinematics, zeta, zeta_dot), contact)
         force_T = _stacked(force[..., None]).swapaxes(-1, -2)
@@ -279,7 +278,7 @@ class UvmsModel:
               ) -> np.ndarray:
         """Returns f (..., 6+n) of (eq:func_h): the acceleration at τ = 0.
 
-        `contact` is 𝔉 (..., 6), if it is known otherwise than by `contact_force`.
+        `contact` is 𝔉 (..., 6), if not that of `contact_force`.
         """
         kinematics = self.kinematics(config)
         bias = self.inverse_dynamics(kinematics, zeta, np.zeros_like(zeta), contact)
@@ -324,7 +323,7 @@ class UvmsModel:
         """
         size, J, screw = self.size, kinematics.J_links, kinematics.screw
         motion = self._motion(kinematics, zeta, zeta_dot)
-        # ∂f by the velocity and by a displacement of each link; the last one feels the surface.
+        # ∂f by the velocity and by a displacement of each link; the surface acts on the last one.
         N, K = self.links.force_gradients(motion.V, motion.g)
         by_velocity, by_motion = self.contact_gradients(kinematics, motion.V[..., -1, :])
         N[..., -1, :, :] += by_velocity
@@ -388,7 +387,7 @@ def configuration_rate_matrix(config: np.ndarray) -> np.ndarray:
 
 
 class _Motion(NamedTuple):
-    """How the links move, in B about its origin and each in its own axes."""
+    """Motion of the links, in B about its origin and each in its own axes."""
 
     V_B: np.ndarray
     """(..., n+1, 6) velocities in B."""

@@ -1,4 +1,4 @@
-"""The simulated robot in water, contact and disturbance; it does not know the controller."""
+"""The simulated robot with water, contact and disturbance; it does not depend on the controller."""
 
 from uvms_drake.plant.adversary import AdversarialDisturbance
 from uvms_drake.plant.disturbance import (
@@ -9,4 +9,4 @@ from uvms_drake.plant.disturbance import (
 
 AnyDisturbance = (
     SinusoidalDisturbance | ConstantDisturbance | RandomDisturbance | AdversarialDisturbance)
-"""The disturbances that a scenario's file may name; the first is the one meant without a tag."""
+"""Disturbances that a scenario's file may name; the first is the default tag."""

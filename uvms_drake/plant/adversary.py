@@ -1,7 +1,7 @@
-"""Disturbances that try to break the tube, with ‖Ŵ⁻¹d(t)‖₂ ≤ d̃ at all times like any other.
+"""Adversarial disturbances, with ‖Ŵ⁻¹d(t)‖₂ ≤ d̃ at all times.
 
-Those that are aimed read the error they drive through ports, and know the robot's geometry; they do
-not know the controller. `make_uvms_plant` with `disturbance=None` has an input port for them.
+State-dependent ones read the error that they drive through ports, and know the robot's geometry,
+but not the controller. `make_uvms_plant` with `disturbance=None` has an input port for them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,17 +26,17 @@ from uvms_drake.plant.disturbance import Disturbance, unit_vector
 AIM_FROM = 1e-6
 """‖Ŵ⁻¹𝔯‖, ‖ŴJ_bᵀ𝔢_b‖ or ‖𝔢‖ at which the disturbance is halfway between fixed direction and aim."""
 
-AHEAD = 0.2
-"""Time that `ahead` looks into the future [s]."""
+PREVIEW_TIME = 0.2
+"""Prediction time of `predictive` [s]."""
 PREVIEW_ITERATIONS = 12
 
-KINDS = ("along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
-         "per_channel")
+KINDS = ("along_r", "along_task_error", "leading", "predictive", "constant", "sinusoid",
+         "bang_bang", "per_channel")
 ROWS = {"all": slice(None), "position": slice(0, 3), "orientation": slice(3, 6),
         "joints": slice(6, None)}
 
 Kind = Literal[
-    "along_r", "along_task_error", "leading", "ahead", "constant", "sinusoid", "bang_bang",
+    "along_r", "along_task_error", "leading", "predictive", "constant", "sinusoid", "bang_bang",
     "per_channel"]
 
 
@@ -47,17 +47,17 @@ class AdversarialDisturbance(Disturbance):
     - `along_r`: e along Ŵ⁻¹𝔯, which keeps ‖Ŵ⁻¹𝔯‖ at the solution of Ṙ = −kR + d̃.
     - `along_task_error`: e along ŴJ_b(𝔮)ᵀ𝔢_b, b the block of `rows`: no d drives ‖𝔢_b‖ more.
     - `leading`: e along the right-singular vector of J_b(𝔮)Ŵ with the largest singular value.
-    - `ahead`: the d that makes ‖𝔢_b‖ largest `AHEAD` from now, if no feedback acts till then.
+    - `predictive`: the d that maximises ‖𝔢_b‖ after `PREVIEW_TIME` without feedback.
     - `constant`, `sinusoid`, `bang_bang`: e a fixed direction times 1, a sine, its sign.
     - `per_channel`: a single component, its sign as of `bang_bang`.
 
-    𝔯 and 𝔢_y start at zero; there the first two go along the fixed direction. The sign of `leading`
-    is the one that has an inner product with the fixed direction that is not negative.
+    Where 𝔯 or 𝔢_y vanishes, as at the start, the first two have the fixed direction. `leading` has
+    the sign of a non-negative inner product with the fixed direction.
     """
 
     kind: str = "along_r"
     rows: str = "all"
-    """Block of rows of J_x that is aimed at."""
+    """Block of rows of J_x to drive."""
     direction: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """The fixed direction of e (6+n), of any length; empty means the same in all components."""
     channel: int = 0
@@ -69,7 +69,7 @@ class AdversarialDisturbance(Disturbance):
 
     @property
     def label(self) -> str:
-        """Its kind."""
+        """Kind of the disturbance."""
         return self.kind
 
     def add_to(self, builder: DiagramBuilder, model: UvmsModel, seed: int,
@@ -104,9 +104,9 @@ class Adversary(LeafSystem):
 
         name: Adversary
         input_ports:
-        - state (for along_task_error, leading, ahead)
-        - e_y (for along_task_error, ahead)
-        - r (for along_r, ahead)
+        - state (for along_task_error, leading, predictive)
+        - e_y (for along_task_error, predictive)
+        - r (for along_r, predictive)
         output_ports:
         - disturbance
 
@@ -115,7 +115,7 @@ class Adversary(LeafSystem):
     - `disturbance` (6+n) [m/s², rad/s²]: d, in the paper's order.
 
     The square waves have one discrete state, their sign, which is updated when it changes: an
-    integration step ends there, and does not see the other side. There is no other state.
+    integration step ends there. There is no other state.
 
     Args:
         model: The robot's geometry.
@@ -145,7 +145,7 @@ class Adversary(LeafSystem):
             self._state_port, self._e_y_port, self._r_port))
         prerequisites = {
             "along_r": {r}, "along_task_error": {state, e_y}, "leading": {state},
-            "ahead": {state, e_y, r}, "constant": {self.nothing_ticket()},
+            "predictive": {state, e_y, r}, "constant": {self.nothing_ticket()},
             "sinusoid": {self.time_ticket()}}
         self.DeclareVectorOutputPort(
             "disturbance", size, self._calc_disturbance,
@@ -174,8 +174,8 @@ class Adversary(LeafSystem):
                 leading = np.linalg.svd(self._jacobian(context))[2][0]
                 sign = -1.0 if leading @ self._direction < 0.0 else 1.0
                 e = unit_vector(sign * leading, self._model.size)
-            case "ahead":
-                e = self._ahead(context)
+            case "predictive":
+                e = self._predictive(context)
             case "constant":
                 e = self._direction
             case "sinusoid":
@@ -185,22 +185,22 @@ class Adversary(LeafSystem):
                 e = self._direction * context.get_discrete_state_vector().value()[0]
         output.SetFromVector(self._axes * e)
 
-    def _ahead(self, context: Context) -> np.ndarray:
-        """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃Ŵe‖, T = `AHEAD`.
+    def _predictive(self, context: Context) -> np.ndarray:
+        """Returns e with the largest ‖𝔢_b + T J_b𝔯 + ½T² J_b d̃Ŵe‖, T = `PREVIEW_TIME`.
 
-        By the generalised power method, each step of which makes it larger: it is convex in e.
+        The generalised power method increases it in each step, since it is convex in e.
         """
         J = self._jacobian(context)
         drift = self._e_y_port.Eval(context)[ROWS[self._settings.rows]]
-        drift = drift + AHEAD * (J @ (self._r_port.Eval(context) / self._weights))
-        reach = 0.5 * AHEAD**2 * self._settings.d_bound * J
+        drift = drift + PREVIEW_TIME * (J @ (self._r_port.Eval(context) / self._weights))
+        reach = 0.5 * PREVIEW_TIME**2 * self._settings.d_bound * J
         e = toward(J.T @ drift, self._direction)
         for _ in range(PREVIEW_ITERATIONS):
             e = toward(J.T @ (drift + reach @ e), self._direction)
         return e
 
     def _jacobian(self, context: Context) -> np.ndarray:
-        """Returns the rows of J_xŴ that are aimed at."""
+        """Returns the driven rows of J_xŴ."""
         config = self._state_port.Eval(context)[: self._model.size]
         return self._model.task_jacobian(config)[ROWS[self._settings.rows]] * self._weights
 
@@ -211,12 +211,12 @@ class Adversary(LeafSystem):
         """Adds the adversary.
 
         Args:
-            builder: Where to add it.
+            builder: Builder to add to.
             model: The robot's geometry.
             settings: Kind, bound, weights and shape of the disturbance.
-            state: Gives (𝔮, ζ); not every kind needs it.
-            e_y: Gives 𝔢_y; not every kind needs it.
-            r: Gives 𝔯; not every kind needs it.
+            state: Port of (𝔮, ζ), for the kinds that need it.
+            e_y: Port of 𝔢_y, for the kinds that need it.
+            r: Port of 𝔯, for the kinds that need it.
             name: Name of the system.
         """
         return added(builder, name, Adversary(model, settings), state=state, e_y=e_y, r=r)
@@ -261,5 +261,5 @@ class TaskAdversary(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, bound: float,
                      direction: Sequence[float] | np.ndarray = (), *, e: OutputPort | None = None,
                      name: str = "adversary") -> "TaskAdversary":
-        """Adds the adversary; `e` gives 𝔢 and is left to the caller if None."""
+        """Adds the adversary; `e` is the port of 𝔢, left to the caller if None."""
         return added(builder, name, TaskAdversary(bound, direction), e=e)

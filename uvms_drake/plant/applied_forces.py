@@ -23,7 +23,7 @@ def generalized_force(plant: MultibodyPlant, context: Context,
 
     Args:
         plant: A finalized plant.
-        context: Its Context, of which the configuration counts.
+        context: Its Context, with the configuration.
         forces: The forces F_Bq_W, each with its body B and p_BoBq_B.
     """
     total, W = np.zeros(plant.num_velocities()), plant.world_frame()
@@ -36,10 +36,10 @@ def generalized_force(plant: MultibodyPlant, context: Context,
 
 
 class AppliedForces(LeafSystem):
-    """Sums forces as a `MultibodyPlant` takes them, for a robot under water.
+    """Sum of forces in the form of a `MultibodyPlant`, for a robot under water.
 
-    At a port of the plant they would move its dry mass only. In front of `Hydrodynamics` they move
-    the water too.
+    At a port of the plant they would move its dry mass only. As an input of `Hydrodynamics` they
+    move the water too.
 
     .. pydrake_system::
 

@@ -3,8 +3,8 @@
 d is the paper's disturbance of the dynamics (eq:dynamics), a generalised acceleration
 [m/s², rad/s²]. Ŵ is diagonal and its largest entry 1, so that ‖d‖₂ ≤ d̃ too; in the paper Ŵ = I, for
 which metres and radians, a heavy hull and light joints are one. Otherwise d is in an ellipsoid
-whose semi-axes Wᵢ = Ŵᵢd̃ are the bounds of each component alone. A disturbance adds itself to a
-diagram. Those that are functions of time are here, those that are aimed in `adversary`.
+whose semi-axes Wᵢ = Ŵᵢd̃ are the bounds of each component alone. Functions of time are here,
+state-dependent disturbances in `adversary`.
 """
 
 from abc import ABC, abstractmethod
@@ -57,8 +57,7 @@ def smooth_step(x: float) -> float:
 class Disturbance(ABC):
     """A disturbance of the robot; the fields of the dataclass are its settings.
 
-    Its author answers for the bound, which a certificate takes for granted; the `TubeMonitor` notes
-    where it is exceeded.
+    A certificate assumes the bound; the `TubeMonitor` reports its violations.
     """
 
     bound: float = 0.0
@@ -69,7 +68,7 @@ class Disturbance(ABC):
 
     @property
     def label(self) -> str:
-        """Name of its kind, in tables."""
+        """Name of the kind, in tables."""
         return type(self).__name__
 
     @property
@@ -104,7 +103,7 @@ class Disturbance(ABC):
         """Adds the source of d and returns its port (6+n) [m/s², rad/s²], in the paper's order.
 
         Args:
-            builder: Where to add it.
+            builder: Builder to add to.
             model: The robot's geometry.
             seed: Seed of random numbers, zero or positive.
             signals: Signals of the closed loop, with `e_y` and `r` (6+n) of its `TubeMonitor`.
@@ -115,7 +114,7 @@ class Disturbance(ABC):
         """Adds the source of w and returns its port (6) [m/s, rad/s]; by default there is none.
 
         Args:
-            builder: Where to add it.
+            builder: Builder to add to.
             seed: Seed of random numbers, zero or positive.
             signals: Signals of the closed loop, with `e` (6) of its `TubeMonitor`.
         """

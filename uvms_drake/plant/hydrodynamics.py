@@ -5,10 +5,10 @@ body are in axes of B and in Fossen's order: ν = (v_WBo_B, ω_WB_B), f = (force
 ν_r = ν − (R_BW v_c, 0) is the velocity through the water, which moves with v_c(t), the same all
 over the robot. Every law takes stacks of any leading shape.
 
-Water that accelerates does so by a gradient of its pressure, −∇p + ρg = ρv̇_c. It pushes a body with
-ρV v̇_c (the force of Froude and Krylov), as if gravity were g − v̇_c for what floats and not for what
-weighs; and the added mass resists the acceleration through the water. The water inside of a
-flooded hull counts as added mass: its M_A v̇_c is the same force on the room that it takes.
+Water accelerates by a gradient of its pressure, −∇p + ρg = ρv̇_c. It exerts the force ρV v̇_c of
+Froude and Krylov on a body, as if gravity were g − v̇_c for buoyancy and g for weight; and the added
+mass resists the acceleration through the water. The water inside of a flooded hull counts as added
+mass: its M_A v̇_c is the same force on the volume that it occupies.
 
 References: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Control*; Newman
 (1977), *Marine Hydrodynamics*, chapter 4.
@@ -149,7 +149,7 @@ def _stack(items: list, *shape: int) -> np.ndarray:
 
 
 class Hydrodynamics(LeafSystem):
-    """Makes a `MultibodyPlant` move as if under water.
+    """Hydrodynamic forces on a `MultibodyPlant`.
 
     The generalised acceleration v̇ solves, once and without a loop or a delay,
 
@@ -162,9 +162,9 @@ class Hydrodynamics(LeafSystem):
 
     - Weight acts on the dry mass and is the plant's own; buoyancy uses the plant's gravity vector.
     - All other forces must come in through `generalized_force`, spatial forces through
-      `AppliedForces`. What reaches the plant in another way moves the dry mass only: contact and
-      joint limits of a discrete plant do; its ports for spatial forces and actuation are closed by
-      `AddToBuilder`.
+      `AppliedForces`. Forces that reach the plant in another way, as contact and joint limits of a
+      discrete plant do, move the dry mass only; `AddToBuilder` closes its ports for spatial forces
+      and actuation.
     - In a discrete plant with time step h, v⁺ = v + h v̇ holds exactly while no constraint acts. Its
       solvers but TAMSI treat joint damping D as implicit, and so does this system: M_RB + hD
       stands for M_RB. The force of the water is that at (q, v); h must resolve the drag.
@@ -194,7 +194,7 @@ class Hydrodynamics(LeafSystem):
     - `acceleration` (nv) [m/s², rad/s²]: v̇.
 
     This system does not have any state. The plant's parameters are those of its default Context: a
-    mass that is set in another one changes the plant and not this system, which is how v̇ is known.
+    mass that is set in another one changes the plant and not this system.
 
     Args:
         plant: A finalized plant, continuous or discrete.
@@ -221,7 +221,7 @@ class Hydrodynamics(LeafSystem):
         self._current_rate_port = self.DeclareVectorInputPort("current_acceleration", 3)
         self._disturbance_port = self.DeclareVectorInputPort("acceleration_disturbance", nv)
         self._solution = self.DeclareCacheEntry(
-            description="v̇ and the force that brings it about",
+            description="v̇ and the force that produces it",
             value_producer=ValueProducer(
                 allocate=lambda: AbstractValue.Make((np.zeros(nv), np.zeros(nv))),
                 calc=self._solve),
@@ -241,8 +241,8 @@ class Hydrodynamics(LeafSystem):
         """Adds the system to `builder` and wires it to the state and force ports of `plant`.
 
         The ports `applied_spatial_force` and `actuation` of the plant get an empty list and zeros,
-        so that whoever connects to them later (as does the mouse of `AddDefaultVisualization` in
-        newer versions of Drake, if it may) fails instead of moving the dry mass only.
+        so that a later connection (as by `AddDefaultVisualization` in newer versions of Drake)
+        fails instead of moving the dry mass only.
 
         Raises:
             InvalidParameter: One of these ports is connected already.

@@ -1,11 +1,11 @@
 """Dry friction in the joints of an arm, as of gears and screws, without a jump.
 
-A joint that turns at q̇ is held back with
+The friction on a joint that turns at q̇ is
 
     τ = −F(|q̇|) ρ(|q̇|/v_s) sign q̇,     F(v) = F_C + (F_S − F_C) exp(−((v − v_s)₊/v_b)²),       (1)
 
 Coulomb's torque F_C, and at break-away the static one F_S (Stribeck). ρ is that of the friction of
-a contact, `model.surface.friction`: what would stick creeps at up to v_s.
+a contact, `model.surface.friction`: a sticking joint creeps at up to v_s.
 """
 
 from dataclasses import dataclass, field
@@ -21,16 +21,16 @@ from uvms_drake.model.uvms import Uvms
 
 @dataclass
 class JointFriction:
-    """Friction of the joints on top of the damping that the controller knows."""
+    """Friction of the joints in addition to the damping of the controller's model."""
 
     coulomb: np.ndarray = field(default_factory=lambda: np.zeros(1))
     """F_C of each joint, or one for all [N m]."""
     static: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    """F_S likewise, where it is larger than F_C [N m]."""
+    """F_S likewise, if larger than F_C [N m]."""
     stribeck: float = 0.05
-    """v_b, over which the static torque falls to Coulomb's [rad/s]."""
+    """Stribeck velocity v_b, over which the static torque falls to Coulomb's [rad/s]."""
     creep: float = 0.005
-    """v_s, up to which what would stick moves [rad/s]; a shorter one asks for shorter steps."""
+    """Creep velocity v_s of a sticking joint [rad/s]; a smaller one needs shorter steps."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -72,7 +72,7 @@ def friction_torque(friction: JointFriction, rates: np.ndarray) -> np.ndarray:
 
 
 class DryJoints(LeafSystem):
-    """Holds back the joints of a robot.
+    """Dry friction in the joints of a robot.
 
     .. pydrake_system::
 
@@ -90,7 +90,7 @@ class DryJoints(LeafSystem):
     Args:
         plant: A finalized plant.
         uvms: Its robot.
-        friction: Of its joints.
+        friction: Friction of its joints.
     """
 
     def __init__(self, plant: MultibodyPlant, uvms: Uvms, friction: JointFriction):

@@ -1,9 +1,9 @@
-"""The robot of the paper's own simulation: its velocity is the input, and w carries the tip along.
+"""The robot of the paper's simulation: the velocity is the input, and w moves the tip.
 
     χ̇ = J(𝔮) ζ + w
 
-has 6 rows for 6 + n coordinates. In the simulation w moves the vehicle such that it carries the
-end-effector along, and leaves the joints: with J_x = [J; 0 I],
+has 6 rows for 6 + n coordinates. In the simulation w moves the vehicle and with it the
+end-effector, but not the joints: with J_x = [J; 0 I],
 
     𝔮̇ = Γ(𝔮) [ζ + J_x(𝔮)⁻¹ (w, 0)],    which is    ẏ = J_x(𝔮) ζ + (w, 0)    for y = (χ, q).
 """
@@ -35,7 +35,7 @@ from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.workspace import declare_workspace
 
 PITCH_MARGIN = 0.01
-"""Least distance of either pitch from ±π/2 [rad]; there ‖J‖ is about 100."""
+"""Smallest distance of either pitch from ±π/2 [rad]; there ‖J‖ is about 100."""
 
 
 def carried_rate(config: np.ndarray, zeta: np.ndarray, w: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -55,7 +55,7 @@ def carried_rate(config: np.ndarray, zeta: np.ndarray, w: np.ndarray, J: np.ndar
 
 
 class VelocityDrivenUvms(LeafSystem):
-    """A UVMS that moves at the commanded velocity, its end-effector carried along by w.
+    """A UVMS that moves at the commanded velocity, with w added at the end-effector.
 
     .. pydrake_system::
 
@@ -73,14 +73,13 @@ class VelocityDrivenUvms(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)), ζ as it is commanded.
 
     The continuous state is 𝔮, of which the Euler angles are not wrapped. Only `state` has
-    feedthrough, from `zeta`. Joint limits are for a controller to keep.
+    feedthrough, from `zeta`. Joint limits are left to the controller.
 
     J is computed from the MultibodyPlant, not from the controller's model. The plant itself is not
     simulated.
 
-    Where the vehicle's or the end-effector's pitch comes within `PITCH_MARGIN` of ±π/2, Euler
-    angles are about to be singular, and the simulation ends with `RunFailed`; likewise where an
-    input is not finite.
+    The simulation ends with `RunFailed` if the vehicle's or the end-effector's pitch comes within
+    `PITCH_MARGIN` of ±π/2, where Euler angles are singular, or an input is not finite.
 
     Args:
         uvms: Handles of the robot in a finalized plant.
@@ -116,7 +115,7 @@ class VelocityDrivenUvms(LeafSystem):
         disturbance: OutputPort | None = None,
         name: str = "kinematics",
     ) -> "VelocityDrivenUvms":
-        """Adds the system to `builder`; `zeta` and `disturbance` give ζ and w, if not None."""
+        """Adds the system to `builder`; `zeta` and `disturbance` are ports of ζ and w, or None."""
         return added(builder, name, VelocityDrivenUvms(uvms, start, task_frame),
                      zeta=zeta, disturbance=disturbance)
 
@@ -169,7 +168,7 @@ def make_kinematic_plant(
     start: np.ndarray | None = None,
     task_frame: np.ndarray = WORLD,
 ) -> Diagram:
-    """Returns a UVMS that is driven by its velocity, as a Diagram named "uvms".
+    """Returns a velocity-driven UVMS as a Diagram named "uvms".
 
     ::
 

@@ -1,4 +1,4 @@
-"""How the simulated robot differs from the one that the controller knows."""
+"""Model errors: differences of the simulated robot from the controller's model."""
 
 import re
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever", "buoyancy")
 
 @dataclass
 class ModelError:
-    """What of the simulated robot the controller does not know; factors are 1 where it does."""
+    """Difference of the simulated robot from the controller's model; factors are 1 without."""
 
     mass: float = 1.0
     """Factor of masses, inertias and displaced volumes: a robot is trimmed before it dives."""
@@ -35,13 +35,13 @@ class ModelError:
     buoyancy: float = 1.0
     """Factor of the displaced volumes alone: a robot that is not trimmed."""
     buoyancy_shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """By how much the vehicle's centre of buoyancy is elsewhere, in its axes [m]."""
+    """Displacement of the vehicle's centre of buoyancy, in its axes [m]."""
     payload: Payload = field(default_factory=Payload)
-    """What the hand holds."""
+    """Payload in the hand."""
     joint_friction: JointFriction = field(default_factory=JointFriction)
     """Dry friction of the joints."""
     share: float = 0.0
-    """Part of d̃ that is left to the effect of the error; the disturbance takes the rest."""
+    """Fraction of d̃ reserved for the effect of the error, not for the disturbance."""
 
     @property
     def size(self) -> float:
@@ -52,7 +52,7 @@ class ModelError:
 
 
 def check_model_error(error: ModelError) -> None:
-    """Raises `InvalidParameter` for the first value that no robot can have."""
+    """Raises `InvalidParameter` for the first value outside its range."""
     for name in FACTORS:
         value = getattr(error, name)
         require(bool(0.1 <= value <= 10.0), name, value, "between 0.1 and 10")
@@ -64,13 +64,13 @@ def check_model_error(error: ModelError) -> None:
 
 
 def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | None) -> Uvms:
-    """Adds the simulated robot to `plant` as `add_uvms` adds the one that the controller knows.
+    """Adds the simulated robot to `plant` as `add_uvms` adds that of the controller's model.
 
     The friction of its joints is left to the caller.
 
     Raises:
-        InvalidParameter: The robot's files cannot be used, or they give an inertia in a way other
-            than by the numbers that are scaled, such as an included file or a density.
+        InvalidParameter: The robot's files cannot be used, or their inertias are not numbers that
+            can be scaled, but from an included file or a density.
     """
     if error is None or error.size == 0.0:
         return add_uvms(plant, model)

@@ -1,4 +1,4 @@
-"""Between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
+"""Conversion between the orders of `MultibodyPlant` and of the paper; see `model.coordinates`."""
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -9,7 +9,7 @@ from uvms_drake.model.coordinates import Coordinates
 
 
 class ToPaperOrder(LeafSystem):
-    """Turns the state of a plant into (𝔮, ζ), and its acceleration into ζ̇.
+    """Conversion of the state of a plant to (𝔮, ζ), and of its acceleration to ζ̇.
 
     With v = T(𝔮) ζ, T orthogonal, ζ̇ = Tᵀ(v̇ − Ṫζ).
 
@@ -65,7 +65,7 @@ class ToPaperOrder(LeafSystem):
 
 
 class ToDrakeOrder(LeafSystem):
-    """Turns a generalised force τ or acceleration in the paper's order into the plant's.
+    """Conversion of a generalised force τ or acceleration from the paper's order to the plant's.
 
     With v = T(𝔮) ζ, T orthogonal, the output is T w: a force keeps its power, and d added to ζ̇ is
     the same as T d added to v̇.

@@ -55,9 +55,9 @@ def pose_and_jacobian(
 
 
 class CompliantSurface(LeafSystem):
-    """Pushes back on the tip of a robot by the law of a `Surface`.
+    """Reaction of a `Surface` on the tip of a robot.
 
-    The robot feels the generalised force −J_χᵀ 𝔉(χ, χ̇), which does the power −𝔉ᵀχ̇ on it.
+    The generalised force on the robot is −J_χᵀ 𝔉(χ, χ̇), of power −𝔉ᵀχ̇.
 
     .. pydrake_system::
 

@@ -1,4 +1,4 @@
-"""How the simulated surface differs from the one that the controller knows."""
+"""Errors of the surface: differences of the simulated surface from the controller's."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from uvms_drake.model.surface.law import Surface
 
 @dataclass
 class SurfaceError:
-    """The simulated surface against the controller's: stiffer, shifted and turned."""
+    """Difference of the simulated surface from the controller's: stiffness, shift and turn."""
 
     stiffness: float = 1.0
     """Factor of the stiffness: the true one over the controller's."""
@@ -37,7 +37,7 @@ def check_surface_error(error: SurfaceError) -> None:
 
 
 def displaced(surface: Surface, error: SurfaceError) -> Surface:
-    """Returns the simulated surface where the controller has `surface`, turned about its anchor."""
+    """Returns the simulated surface for the controller's `surface`, turned about its anchor."""
     if error.size == 0.0:
         return surface
     R, anchor = rotation_by(error.turn), np.asarray(surface.anchor, dtype=float)

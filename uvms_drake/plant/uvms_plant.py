@@ -30,7 +30,7 @@ def make_uvms_plant(
     start: np.ndarray | None = None,
     task_frame: np.ndarray = WORLD,
 ) -> Diagram:
-    """Returns a UVMS under water in front of a compliant surface, as a Diagram named "uvms".
+    """Returns a UVMS under water at a compliant surface, as a Diagram named "uvms".
 
     ::
 
@@ -74,8 +74,8 @@ def make_uvms_plant(
     - `current` (3) [m/s]: velocity of the water in World; unconnected means still water.
     - `current_acceleration` (3) [m/s²]: its rate; unconnected means that it is steady. Both are
       those of a `WaterMotion`.
-    - `applied_spatial_force`: list[ExternallyAppliedSpatialForce], where Drake's `Propeller` and
-      `Wing`, a tether or another thing that pulls is connected; unconnected means none.
+    - `applied_spatial_force`: list[ExternallyAppliedSpatialForce] of Drake's `Propeller` and
+      `Wing`, a tether or another source of force; unconnected means none.
     - `applied_generalized_force` (nv) [N, N m]: further force in the plant's order, not the
       paper's; unconnected means zero.
     - `state` (2 (6 + n)): 𝔮 [m, rad], ζ [m/s, rad/s].
@@ -85,23 +85,22 @@ def make_uvms_plant(
     - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
     - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, with d in it.
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
-    - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, which the systems
-      at `applied_spatial_force` want to know.
+    - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, for the systems at
+      `applied_spatial_force`.
     - `query_object`: of the SceneGraph, for a `MeshcatVisualizer` or a camera.
 
     The subsystems "plant", "scene_graph", "hydrodynamics", "surface" and "disturbance" are found
-    with `GetSubsystemByName`. Joint limits can be read from the plant and are for a controller to
-    keep: a continuous MultibodyPlant has no end stops. Systems are for double only; for derivatives
-    there is `UvmsModel`. A robot of another mass is made with `error`, not by `SetMass` in a
-    Context: see `Hydrodynamics`.
+    with `GetSubsystemByName`. Joint limits are left to the controller: a continuous MultibodyPlant
+    has no end stops. Systems are for double only; for derivatives there is `UvmsModel`. A robot of
+    another mass is made with `error`, not by `SetMass` in a Context: see `Hydrodynamics`.
 
     Args:
         model: Name of a shipped robot or path of a robot's folder.
-        surface: The surface in front of the tip; None means open water, and `force`,
+        surface: The surface at the tip; None means open water, and `force`,
             `penetration` and `chi` are not there.
         disturbance: d, added to ζ̇; None exports an input port `disturbance` for the caller's.
         seed: Seed of the disturbance.
-        error: What of the robot is not as its files say, if anything.
+        error: Model error of the robot, if any.
         start: Default 𝔮 (6 + n,) [m, rad], at rest; if left out, that of the robot's file.
         task_frame: ZYX Euler angles of the task's frame in World (3,) [rad]; see
             `CompliantSurface`.

@@ -1,4 +1,4 @@
-"""Waves of small amplitude (Airy's), as water that moves to and fro all over the robot.
+"""Waves of small amplitude (Airy's), as oscillating water, uniform over the robot.
 
 World is Σ_I, z down. At a depth z below the still surface, over a floor at the depth h, a wave of
 the amplitude A and the angular frequency ω that goes along e moves the water with
@@ -6,8 +6,8 @@ the amplitude A and the angular frequency ω that goes along e moves the water w
     v = A ω [cosh k(h − z) cos θ e + sinh k(h − z) sin θ e_z] / sinh kh,     θ = ωt + phase,     (1)
 
 ω² = g k tanh kh. The robot is small against the length 2π/k of a wave (56 m at 6 s in deep water)
-and stays where it is, so the water is taken to move as one; left out are its gradient, v·∇v, which
-is of second order in A, and the waves that the robot makes.
+and nearly fixed, so the water's motion is uniform; neglected are its gradient, v·∇v, of second
+order in A, and waves made by the robot.
 
 Reference: Fossen (2021), *Handbook of Marine Craft Hydrodynamics and Motion Control*, chapter 10;
 Newman (1977), *Marine Hydrodynamics*, chapter 6.
@@ -28,20 +28,20 @@ STEEPEST = 0.446
 
 @dataclass
 class Wave:
-    """A regular wave, felt below the surface."""
+    """A regular wave."""
 
     amplitude: float = 0.25
-    """A, of the surface: half the height from trough to crest [m]."""
+    """Amplitude A of the surface: half the height from trough to crest [m]."""
     period: float = 6.0
-    """2π/ω [s]."""
+    """Period 2π/ω [s]."""
     direction: float = 0.0
-    """Angle from x of Σ_I to where it goes, about z [rad]."""
+    """Angle about z from x of Σ_I to the direction of propagation [rad]."""
     phase: float = 0.0
-    """θ at t = 0 [rad]; at 0 there is a crest above."""
+    """Phase θ at t = 0 [rad]; 0 is a crest."""
     depth: float = 2.5
-    """z, of the robot below the still surface [m]."""
+    """Depth z of the robot below the still surface [m]."""
     sea_depth: float | None = None
-    """h, of the floor [m]; left out: deep water. On the floor the water moves to and fro only."""
+    """Depth h of the floor [m]; left out: deep water."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -99,7 +99,7 @@ class Wave:
 
 
 def check_waves(waves: Sequence[Wave]) -> None:
-    """Raises `InvalidParameter` for the first wave that there cannot be."""
+    """Raises `InvalidParameter` for the first invalid wave."""
     for i, wave in enumerate(waves):
         with within(f"waves[{i}]"):
             wave.check()
@@ -138,7 +138,7 @@ class WaterMotion(LeafSystem):
 
     Args:
         current: The steady part (3,) [m/s].
-        waves: On top of it.
+        waves: Waves added to it.
     """
 
     def __init__(self, current: np.ndarray, waves: Sequence[Wave] = ()):

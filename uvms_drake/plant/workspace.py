@@ -1,7 +1,6 @@
 """A Context of a plant to compute in, for each Context of the system that computes.
 
-Several Contexts of one system may then be evaluated at a time, as Drake allows: none writes into
-what another reads.
+Several Contexts of one system may then be evaluated at a time, as Drake allows: they share no data.
 """
 
 from typing import NamedTuple
@@ -13,19 +12,19 @@ from pydrake.systems.framework import CacheEntry, Context, LeafSystem, ValueProd
 
 
 class Workspace(NamedTuple):
-    """What a calculation may overwrite."""
+    """Scratch data of a calculation."""
 
     context: Context
-    """Of the plant; its parameters are those of the default Context."""
+    """Context of the plant, with the parameters of the default Context."""
     forces: MultibodyForces
-    """Of the plant."""
+    """Forces of the plant."""
 
 
 def declare_workspace(system: LeafSystem, plant: MultibodyPlant) -> CacheEntry:
-    """Returns a cache entry of a system whose value is a `Workspace`, and never out of date.
+    """Returns a cache entry of a system with a `Workspace` that is never out of date.
 
     Args:
-        system: Who computes.
+        system: System that computes.
         plant: A finalized plant.
     """
     return system.DeclareCacheEntry(

@@ -51,25 +51,25 @@ def add_force_measurement(builder: DiagramBuilder, scenario: Scenario, model: Co
     require(scenario.ancillary.takes_force, "ancillary", scenario.law,
             "a law that takes the measured force, such as resolved")
     # A known surface takes the last valid force.
-    fresh = add_chain(builder, model, signals[MEASURED_FORCE], signals, faults, scenario.seed)
+    valid = add_chain(builder, model, signals[MEASURED_FORCE], signals, faults, scenario.seed)
     if not scenario.contact.is_sensed:
-        felt = HoldLastValue.AddToBuilder(builder, measured=fresh).get_output_port()
-        signals["force_last_valid"] = felt
-        builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
+        force = HoldLastValue.AddToBuilder(builder, measured=valid).get_output_port()
+        signals["force_last_valid"] = force
+        builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))
         return
     # A sensed contact: fault detection, hold and release, filter normal to n.
     contact, sensing = sensed_contact(scenario), sensing_of(scenario)
-    fresh = ForceFaultDetector.AddToBuilder(
+    valid = ForceFaultDetector.AddToBuilder(
         builder, model, sensing.period, repeats=sensing.repeats, tare=sensing.tare,
-        largest=sensing.largest, state=state, force_measured=fresh).get_output_port()
-    builder.Connect(fresh, controller.GetInputPort("force_valid"))
+        largest=sensing.largest, state=state, force_measured=valid).get_output_port()
+    builder.Connect(valid, controller.GetInputPort("force_valid"))
     signals["force_lost"] = controller.GetOutputPort("force_lost")
-    felt = HoldLastValue.AddToBuilder(
-        builder, measured=fresh, release=signals["force_lost"]).get_output_port()
-    signals["force_last_valid"] = felt
+    force = HoldLastValue.AddToBuilder(
+        builder, measured=valid, release=signals["force_lost"]).get_output_port()
+    signals["force_last_valid"] = force
     if contact.tangential_lag > 0.0:
-        felt = TangentialFilter.AddToBuilder(
+        force = TangentialFilter.AddToBuilder(
             builder, contact.direction, contact.tangential_lag, contact.period,
-            measured=felt).get_output_port()
-        signals["force_filtered"] = felt
-    builder.Connect(felt, controller.GetInputPort(MEASURED_FORCE))
+            measured=force).get_output_port()
+        signals["force_filtered"] = force
+    builder.Connect(force, controller.GetInputPort(MEASURED_FORCE))

@@ -28,7 +28,7 @@ class Leg:
     """Shortest duration without a failure [s]."""
     most: float
     """Time-out [s]."""
-    void: str
+    unmet: str
     """Condition that fails; empty if none."""
 
 

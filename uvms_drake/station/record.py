@@ -136,7 +136,7 @@ class Record:
         return self.tube_deviation[:, FIELDS.index(part)]
 
     def bound_of(self, part: str) -> np.ndarray:
-        """Returns the trajectory-wise bound (T,) of one of `tube_monitor.FIELDS`; inf if there is none."""
+        """Returns the trajectory-wise bound (T,) of one of `FIELDS`; inf if there is none."""
         return self.tube_bound[:, FIELDS.index(part)]
 
 

@@ -34,7 +34,8 @@ def setting_of(scenario: Scenario, model: ContactModel, *, certified: bool = Fal
         limit_use=LimitUse(model, limits, tighten(limits, scenario.tube)),
         horizon=scenario.mpc.horizon, visual=scenario.visual, certified=certified,
         has_forces=motion_of(scenario).has_forces,
-        specification=ContactSpecification(sensed_contact(scenario).direction, safe_depth_margin(scenario))
-        if scenario.contact.is_sensed else None,
+        specification=ContactSpecification(
+            sensed_contact(scenario).direction, safe_depth_margin(scenario)
+        ) if scenario.contact.is_sensed else None,
         painted=PAINTED * max(step.strongest for step in scenario.mission.steps)
         if scenario.mission.steps else None)

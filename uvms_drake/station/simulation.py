@@ -75,7 +75,7 @@ def release(system: System) -> None:
     """Clears the attributes of a system that is no longer used, and of its subsystems.
 
     Drake's Python bindings never free a LeafSystem that is written in Python, because its callbacks
-    refer to it; so at least its attributes are freed: models, workspaces and solvers, and references
+    refer to it; so at least its attributes are freed: models, workspaces, solvers, and references
     of the bindings to other systems and to the Simulator.
     """
     if isinstance(system, Diagram):
@@ -101,7 +101,7 @@ def _run(simulator: Simulator, duration: float) -> float:
         simulator.AdvanceTo(duration)
     except RunFailed:
         raise
-    except (RuntimeError, np.linalg.LinAlgError) as error:  # The errors with which Drake and NumPy stop.
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # Of Drake and NumPy.
         reason = " ".join(str(error).split())
         now = simulator.get_context().get_time()
         raise RunFailed(f"the simulation stopped at t = {now:.3f} s: {reason}") from error

@@ -18,9 +18,9 @@ import numpy as np
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.laws.tip_rows import best_rows
+from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.robot.robot_sheet import largest_wrench

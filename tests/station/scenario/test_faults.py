@@ -48,7 +48,7 @@ from uvms_drake.command.main import main
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.errors import InvalidParameter, RunFailed, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import FIELDS, TUBE_REPORT
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, TIMED_OUT, SOLVED
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.control.mpc.solver_faults import (
     DroppedPeriod,
     SolverFailure,

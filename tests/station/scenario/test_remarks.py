@@ -16,12 +16,12 @@ def test_nothing_is_in_vain_in_a_shipped_scenario(name):
     ("faults=[{start: 3}, !LostState {start: 20}]",
      "faults[1].start = 20 s is after the end of the run: it never happens"),
     ("task.pose.0=7", "task.pose is 6.98 m off the surface: along its normal, the desired force "
-     "decides where the end-effector goes"),
-    ("mpc.hover=30", "mpc.hover = 30 s is not before the end of the run: the robot only keeps its "
-     "place, and no tube is watched without a certificate"),
+     "determines the position"),
+    ("mpc.hover=30", "mpc.hover = 30 s is not before the end of the run: the robot only hovers, "
+     "and no tube is monitored without a certificate"),
     ("simulator.max_step_size=1",
      "simulator.max_step_size = 1 s is cut to 0.02 s by the log or the MPC"),
     ("sensing=[!ForceSensor {}, !Navigation {}]", "sensing[0] measures the force in the true "
-     "attitude: what changes the measured one comes after it")])
+     "attitude: parts that change the measured one come after it")])
 def test_what_has_no_effect_is_said(override, expected):
     assert remarks(load_scenario("girona500_ideal", [override])) == [expected]

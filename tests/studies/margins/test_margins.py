@@ -77,7 +77,7 @@ def test_a_value_without_a_meaning_ends_it():
 
 def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
     """And none is certified: the conditions are those of the parts themselves."""
-    for value, kinds in zip(study._late(felt), (
+    for value, kinds in zip(study._delays(felt), (
             ["SampledCommand"], ["SampledCommand"], ["Thrusters"], []), strict=True):
         changed = value.at(value.start)
         assert [type(part).__name__ for part in changed.actuation] == kinds
@@ -85,7 +85,7 @@ def test_clock_thrusters_and_navigation_are_put_where_they_belong(felt):
         assert failed is not None
         assert failed.is_count
     both = load_scenario("girona500_real_loop")
-    period, delay, lag, noise = study._late(both)
+    period, delay, lag, noise = study._delays(both)
     assert period.today == 0.02
     assert [type(part).__name__ for part in lag.at(0.3).actuation] == [
         "SampledCommand", "Thrusters"]
@@ -165,7 +165,7 @@ def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatc
     command = ["certify", "girona500_contact", "--margins", f"--output={tmp_path / 'out'}"]
     assert main(command) == 0
     assert "force sensor, lag" in capsys.readouterr().out
-    lag, period, current = json.terms((tmp_path / "out" / "margins.json").read_text())
+    lag, period, current = json.loads((tmp_path / "out" / "margins.json").read_text())
     assert (lag["today"], lag["largest"], lag["ends"]) == (0.02, 0.033, "room")
     assert period["largest"] is None
     assert current["axes"] == [0.1] * 7

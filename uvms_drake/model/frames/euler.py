@@ -3,7 +3,7 @@
 Every function takes stacks of any leading shape, and complex numbers, so that a derivative can
 be taken by a complex step (Squire and Trapp, 1998: f'(x) = Im f(x + ih)/h, exact to rounding).
 Matrices are filled by column in their transpose, where a component of a whole stack is one item.
-`rotated` and `rotated_back` alone take one attitude, as plain numbers: three are few for NumPy.
+Only `rotated` and `rotated_back` take one attitude, as plain numbers, which is faster for three.
 """
 
 import math
@@ -116,7 +116,7 @@ def pose_difference(y: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Returns y − y' (..., m), the Euler angles by the shorter way round.
 
     Args:
-        y: Position, Euler angles and whatever follows, such as joint angles (..., m).
+        y: Position, Euler angles and further coordinates, such as joint angles (..., m).
         other: y' (..., m).
     """
     difference = y - other

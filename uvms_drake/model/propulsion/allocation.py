@@ -1,12 +1,12 @@
-"""Allocation: which forces of the thrusters give a wrench on the vehicle.
+"""Control allocation: forces of the thrusters for a wrench on the vehicle.
 
 With W diagonal, one weight for each axis that is driven, and B_d their rows of the thrust map,
 
     f = argmin ‖W(B_d f − τ_d)‖₂² + ε²‖f − b‖₂²,   lower ≤ f ≤ upper,   ε → 0.              (1)
 
 Where the limits do not bind, f = B_d⁺τ_d + b for every W, linear in the wrench, with a bias b in
-the null space of B_d: thrusters that work against each other and so stay out of their dead bands
-(it takes m above the rank of B_d). Where they do, W says which axes are kept best.
+the null space of B_d, with which opposed thrusters stay out of their dead bands (for m above the
+rank of B_d). Where limits bind, W weighs the axes.
 """
 
 import functools
@@ -25,12 +25,12 @@ NULL = 1e-9
 def bias_against_dead_bands(B: np.ndarray, size: float) -> np.ndarray:
     """Returns b (m,) in the null space of B, whose entries are `size` at least, or zero.
 
-    Zero are those of thrusters that the null space does not move. Of the directions N Nᵀs, s = ±1,
-    N a basis of the null space, it is the one with the largest smallest entry for its length.
+    Entries of thrusters outside of the null space are zero. Of the directions N Nᵀs, s = ±1, N a
+    basis of the null space, it is the one with the largest ratio of smallest entry to length.
 
     Args:
-        B: (r, m).
-        size: [N].
+        B: Thrust map (r, m).
+        size: Smallest force of a thruster [N].
     """
     m = B.shape[1]
     _, singular, right = np.linalg.svd(B)
@@ -53,15 +53,15 @@ def bounded_least_squares(A: np.ndarray, y: np.ndarray, lower: np.ndarray, upper
     Stark and Parker, "Bounded-variable least-squares: an algorithm and applications", 1995.
 
     Args:
-        A: (r, m), of rank m: the solution is unique.
-        y: (r,).
-        lower: (m,).
-        upper: (m,), above.
+        A: Matrix (r, m) of rank m: the solution is unique.
+        y: Right side (r,).
+        lower: Lower bounds (m,).
+        upper: Upper bounds (m,), above.
     """
     x = 0.5 * (lower + upper)
     fixed = np.zeros(len(x), dtype=bool)
     while True:
-        # The free ones to their optimum, or as far as the first bound on the way, which holds them.
+        # The free entries go to their optimum, or up to the first bound, which becomes active.
         free = np.flatnonzero(~fixed)
         best = x.copy()
         best[free] = np.linalg.lstsq(A[:, free], y - A[:, fixed] @ x[fixed], rcond=None)[0]
@@ -73,7 +73,7 @@ def bounded_least_squares(A: np.ndarray, y: np.ndarray, lower: np.ndarray, upper
             x += max(float(part[first]), 0.0) * (best - x)
             x[first], fixed[first] = bound[first], True
             continue
-        # One that is held and would rather go back in is let go.
+        # An active bound with a gradient to the inside is released.
         x = best
         gain = A.T @ (y - A @ x) * np.where(x == lower, 1.0, -1.0) * fixed
         worst = int(np.argmax(gain))
@@ -99,19 +99,19 @@ class Allocation:
 
     @functools.cached_property
     def matrix(self) -> np.ndarray:
-        """(m, 6) B_d⁺ with zeros for the axes that are given up."""
+        """(m, 6) B_d⁺ with zeros for the undriven axes."""
         out = np.zeros((self.thrusters.size, 6))
         out[:, self.thrusters.driven] = np.linalg.pinv(self._B)
         return out
 
     @functools.cached_property
     def bias(self) -> np.ndarray:
-        """(m,) b [N]."""
+        """Bias b (m,) [N]."""
         return bias_against_dead_bands(self._B, self.thrusters.bias)
 
     @functools.cached_property
     def weights(self) -> np.ndarray:
-        """Diagonal of W: one over the most that the thrusters give on each driven axis [N, N m]."""
+        """Diagonal of W: one over the largest force or moment on each driven axis [N, N m]."""
         largest = np.maximum(-self.thrusters.lower, self.thrusters.upper)
         return 1.0 / (np.abs(self._B) @ largest)
 
@@ -138,5 +138,5 @@ class Allocation:
         return bounded_least_squares(A, y, lower, upper)
 
     def shortfall(self, wrench: np.ndarray) -> np.ndarray:
-        """Returns the part (6,) of a wrench that the thrusters do not give, at rest."""
+        """Returns the part (6,) of a wrench that the thrusters cannot exert, at rest."""
         return wrench - self.thrusters.B @ self.forces(wrench)

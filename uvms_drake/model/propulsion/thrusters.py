@@ -1,4 +1,4 @@
-"""Thrusters as functions of arrays: curves, their inverse, and the wrench that they give."""
+"""Thrusters as functions of arrays: curves, their inverses, and the wrench."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,7 +26,7 @@ class ThrustCurve:
 
     @cached_property
     def dead_band(self) -> tuple[float, float]:
-        """Smallest and largest command that give no force."""
+        """Smallest and largest command without force."""
         still = self.command[self.force == 0.0]
         if still.size:
             return float(still[0]), float(still[-1])
@@ -42,28 +42,28 @@ class ThrustCurve:
     def _inverse(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Forces and commands up to the dead band, and from it on."""
         start, end = self.dead_band
-        back, ahead = self.force < 0.0, self.force > 0.0
+        back, forward = self.force < 0.0, self.force > 0.0
         return ((np.append(self.force[back], 0.0), np.append(self.command[back], start)),
-                (np.append(0.0, self.force[ahead]), np.append(end, self.command[ahead])))
+                (np.append(0.0, self.force[forward]), np.append(end, self.command[forward])))
 
     def force_of(self, command: float) -> float:
         """Returns the force [N]; beyond the table, the largest."""
         return float(np.interp(command, self.command, self.force))
 
     def command_of(self, force: float) -> float:
-        """Returns the command of a force [N], or of the largest that there is; its inverse.
+        """Returns the command of a force [N], limited to the table; the inverse of `force_of`.
 
-        No force is the middle of the dead band; any other is out of it.
+        The command of no force is the middle of the dead band; any other is out of it.
         """
         if force == 0.0:
             return 0.5 * sum(self.dead_band)
-        back, ahead = self._inverse
-        return float(np.interp(force, *(ahead if force > 0.0 else back)))
+        back, forward = self._inverse
+        return float(np.interp(force, *(forward if force > 0.0 else back)))
 
 
 @dataclass(frozen=True)
 class Unlimited(ThrustCurve):
-    """The force is the command, however large: of the line, the table is two points."""
+    """Thruster whose force is the command, without limits; the table has two points of the line."""
 
     command: np.ndarray = field(default_factory=lambda: np.array([-1.0, 1.0]))
     force: np.ndarray = field(default_factory=lambda: np.array([-1.0, 1.0]))
@@ -86,7 +86,7 @@ def curve_at(kind: ThrusterKind, voltage: float | None) -> ThrustCurve:
     """Returns the curve at a voltage [V]: at each command the force is linear in the voltage.
 
     Args:
-        kind: With its curves.
+        kind: Kind of thruster, with its curves.
         voltage: None stands for that of the only curve.
     """
     curves, volts = kind.curves, [curve.voltage for curve in kind.curves]
@@ -113,21 +113,21 @@ class ThrusterModel:
     lag: np.ndarray
     """Time constants of the forces (m,) [s]."""
     smallest: np.ndarray
-    """Sizes of force below which the curves are not to be trusted (m,) [N]."""
+    """Smallest reliable forces of the curves (m,) [N]."""
     dead_time: float
-    """[s]."""
+    """Dead time [s]."""
     bias: float
-    """See `ThrusterParameters` [N]."""
+    """Bias of the allocation, see `ThrusterParameters` [N]."""
     driven: np.ndarray
-    """Indices of the axes that are driven; the other ones are given up."""
+    """Indices of the driven axes."""
 
     @staticmethod
     def of(parameters: ThrusterParameters, sag: float = 0.0) -> "ThrusterModel":
         """Returns the model of a robot's file.
 
         Args:
-            parameters: From the file, checked.
-            sag: By how much the voltage is below the file's [V].
+            parameters: Checked parameters of the file.
+            sag: Drop of the voltage below the file's [V].
         """
         voltage = parameters.voltage
         require(sag == 0.0 or voltage is not None, "sag", sag,
@@ -149,7 +149,7 @@ class ThrusterModel:
 
     @property
     def undriven(self) -> np.ndarray:
-        """Indices of the axes that are given up."""
+        """Indices of the undriven axes."""
         return np.setdiff1d(np.arange(len(AXES)), self.driven)
 
     @property
@@ -163,7 +163,7 @@ class ThrusterModel:
         return np.array([curve.ends[1] for curve in self.curves])
 
     def forces_of(self, commands: np.ndarray) -> np.ndarray:
-        """Returns what the thrusters give in the long run (m,) [N] for commands (m,)."""
+        """Returns the steady forces (m,) [N] for commands (m,)."""
         return np.array([curve.force_of(command) for curve, command
                          in zip(self.curves, commands, strict=True)])
 
@@ -173,7 +173,7 @@ class ThrusterModel:
                          in zip(self.curves, forces, strict=True)])
 
     def off_by(self, error: np.ndarray | float) -> "ThrusterModel":
-        """Returns the thrusters that give more than these, by shares (), (1,) or (m,)."""
+        """Returns the thrusters with forces larger by relative errors (), (1,) or (m,)."""
         shares = np.asarray(error, dtype=float)
         if shares.size == 1:
             shares = np.full(self.size, shares.item())

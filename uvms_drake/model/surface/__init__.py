@@ -7,7 +7,7 @@ from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 
 AnySurface = UnilateralPlane | BilateralSpring | ShapedSurface
-"""Surfaces that a file may name by tag; the first is the one meant if there is none."""
+"""Surfaces that a file may name by tag; the first is the default."""
 
 AnyContact = KnownSurface | SensedContact
-"""What a controller may be told about the contact, by tag; the first is meant if there is none."""
+"""Specifications of the contact by tag; the first is the default."""

@@ -1,4 +1,4 @@
-"""The class that a surface is of, about a point of it: bounds that hold in a ball."""
+"""Class membership of a surface: bounds that hold in a ball about a point of it."""
 
 import numpy as np
 
@@ -12,9 +12,7 @@ def class_of(geometry: Geometry, law: Linear, dissipation: float, friction: floa
              direction: np.ndarray, center: np.ndarray, reach: float) -> SurfaceClass:
     """Returns the class of a surface within `reach` [m] of `center` (3,).
 
-    φ = f‖∇δ‖ with f(δ) the law's, so ∇φ = f′‖∇δ‖∇δ + f∇‖∇δ‖: a part along ∇δ of at least f′, and
-    another of at most f‖∇‖∇δ‖‖, which turns it by no more than asin(f/f′ ‖∇‖∇δ‖‖). While the slope
-    grows, f/f′ ≤ δ; where it falls from k on, f ≤ kδ, and f/f′ ≤ δ times k over the smallest slope.
+    Its bounds are (3) of `model/surface/theory.md#class-of-a-shaped-surface`.
 
     Args:
         geometry: The shape.
@@ -22,7 +20,7 @@ def class_of(geometry: Geometry, law: Linear, dissipation: float, friction: floa
         dissipation: c [s/m].
         friction: μ.
         direction: Unit vector n (3,) into the surface.
-        center: Middle of the ball (3,) [m].
+        center: Centre of the ball (3,) [m].
         reach: Radius of the ball [m].
 
     Raises:

@@ -1,8 +1,8 @@
 """Coulomb friction without a jump, as in Drake's continuous contact, for one coefficient μ.
 
-A tip that slides at the speed v is held back with μ ρ(v/v_s) times the normal force, where
-ρ(x) = x³(10 − 15x + 6x²) for x < 1 and 1 beyond: twice continuously differentiable. The price is
-creep: what would stick moves at up to v_s, for ρ grows from zero at rest.
+The friction on a tip that slides at the speed v is μ ρ(v/v_s) times the normal force, where
+ρ(x) = x³(10 − 15x + 6x²) for x < 1 and 1 beyond: twice continuously differentiable. It implies
+creep: a sticking tip moves at up to v_s, since ρ grows from zero at rest.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ def coulomb(velocity: np.ndarray, friction: float, creep: float) -> np.ndarray:
     Args:
         velocity: Tangential velocity of the tip (..., 3) [m/s].
         friction: Coefficient μ.
-        creep: v_s [m/s].
+        creep: Creep velocity v_s [m/s].
     """
     slip = np.sqrt((velocity * velocity).sum(axis=-1, keepdims=True)) / creep
     return friction / creep * slip_factor(slip) * velocity

@@ -8,10 +8,10 @@ from uvms_drake.model.surface.law import Surface
 
 @dataclass
 class KnownSurface:
-    """The controller knows the `surface` of the scenario, where it is and how it yields."""
+    """Contact with a known surface: the controller has the `surface` of the scenario."""
 
     is_sensed: ClassVar[bool] = False
-    """Whether the controller goes by the force that it feels."""
+    """Whether the surface is unknown and the force sensed."""
 
     def controller_surface(self, surface: Surface) -> Surface:
         """Returns the surface of the controller's model: the scenario's."""

@@ -1,12 +1,12 @@
-"""The interface of a surface: its force law, and the questions of controller and certificate.
+"""Interface of a surface: its force law, and the functions for controller and certificate.
 
 χ = (𝔭, 𝔬) is the pose of the end-effector: position in Σ_I [m] and ZYX Euler angles [rad], about
 the axes of Σ_I unless `task.frame` of a scenario has others. The end-effector exerts 𝔉 *on* the
-environment: force in Σ_I [N] and the torque conjugate to the Euler-angle rates [N m]; the robot
-feels the generalised force −J(𝔮)ᵀ𝔉.
+environment: force in Σ_I [N] and the torque conjugate to the Euler-angle rates [N m]; the
+generalised force on the robot is −J(𝔮)ᵀ𝔉.
 
 A law 𝔉(χ, χ̇) is a function of arrays of any leading shape, and of complex numbers (see `euler`):
-its derivatives are taken by a complex step. `check_surface` tries that out.
+its derivatives are taken by a complex step, which `check_surface` tests.
 """
 
 from abc import ABC, abstractmethod
@@ -27,14 +27,14 @@ TRIAL_FORCE = 10.0
 DIFFERENCE = 1e-7
 """Half the step of the difference [m, rad, m/s, rad/s]."""
 AGREEMENT = 1e-3
-"""Difference that counts as none, over the largest derivative by a coordinate of that kind."""
+"""Rounding of a derivative over the largest by a coordinate of that kind."""
 COORDINATES = [f"{kind}{name}" for kind in ("", "d/dt ")
                for name in ("x", "y", "z", "roll", "pitch", "yaw")]
 """Names of the components of (χ, χ̇)."""
 
 
 class NotOffered(InvalidParameter):
-    """A surface is asked for something optional that it does not offer."""
+    """A surface lacks an optional function."""
 
 
 class StaticForceRows(NamedTuple):
@@ -51,18 +51,18 @@ class StaticForceRows(NamedTuple):
 
 
 class TipErrors(NamedTuple):
-    """Bounds of how far the tip is off a pose at rest."""
+    """Bounds of the error of the tip from a pose at rest."""
 
     position: float
-    """Norm of the position's [m]."""
+    """Norm of the position error [m]."""
     depth: float
-    """Along the surface's normal, as far as it is known [m]."""
+    """Position error along the surface's known normal [m]."""
     angle: float
-    """Of the attitude [rad]."""
+    """Attitude error [rad]."""
     speed: float
-    """Norm of its velocity [m/s]."""
+    """Norm of the velocity error [m/s]."""
     depth_speed: float
-    """Of that along the normal [m/s]."""
+    """Velocity error along the normal [m/s]."""
 
 
 class Surface(ABC):
@@ -70,7 +70,7 @@ class Surface(ABC):
 
     The plant needs the abstract methods; a model and a controller that know the surface need
     `pose_for` and `force_jacobian`, too. The others serve a certificate, a limit on the force or a
-    campaign. What is not offered raises `NotOffered`. A shape alone may be a `Geometry` of a
+    campaign; missing ones raise `NotOffered`. A shape alone may be a `Geometry` of a
     `ShapedSurface`, which adds the static force by the depth, damping and friction.
     """
 
@@ -79,7 +79,7 @@ class Surface(ABC):
 
     @property
     def contact(self) -> "SensedContact | None":
-        """What is known of a surface that nobody measured; None: this is the surface."""
+        """Specification of an unknown surface; None: this is the surface."""
         return None
 
     @property
@@ -97,10 +97,10 @@ class Surface(ABC):
 
     @abstractmethod
     def penetration(self, chi: np.ndarray) -> np.ndarray:
-        """Returns how far the end-effector is inside the surface (...) [m]."""
+        """Returns the penetration of the end-effector (...) [m]."""
 
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes what 𝔉_des leaves free."""
+        """Returns χ_des (6,) at rest for 𝔉_des (6,); `pose` (6,) fixes the free coordinates."""
         raise self._lacks("pose_for")
 
     def force_jacobian(self) -> np.ndarray:
@@ -125,9 +125,9 @@ class Surface(ABC):
         return float(np.linalg.norm(self.force_jacobian()[:, :3], 2))
 
     def force_radius(self, position: float, angle: float) -> float:
-        """Returns the largest change of the static force where the pose is off [N].
+        """Returns the largest change of the static force by an error of the pose [N].
 
-        Of a spring it takes for granted that no Euler angle is π away from its equilibrium's.
+        For a spring it assumes that no Euler angle is π away from its equilibrium's.
 
         Args:
             position: Largest error of the position [m].
@@ -140,15 +140,15 @@ class Surface(ABC):
     def patch(self, center: np.ndarray, size: float, count: int) -> np.ndarray | None:
         """Returns points (count, count, 3) of the undeformed surface in Σ_I, or None: for pictures.
 
-        Neighbours in the array are so on the surface, in a square with sides of at most `size` [m]
-        about the point of it next to `center` (3,).
+        The grid is a square with sides of at most `size` [m] about the point of the surface next to
+        `center` (3,).
         """
         return None
 
     def turned(self, chi: np.ndarray) -> np.ndarray:
-        """Returns how far the attitudes of χ (..., 6) are from where 𝔉 jumps with them (...).
+        """Returns the distance (...) of the attitudes of χ (..., 6) from a jump of 𝔉.
 
-        In [0, 1]; 1 is where it does. By default it does nowhere.
+        It is in [0, 1]; 1 is at the jump. By default there is none.
         """
         return np.zeros(chi.shape[:-1])
 
@@ -160,7 +160,7 @@ class Surface(ABC):
         return 0.0
 
     def penetration_for(self, force: float) -> float | None:
-        """Returns the penetration at a static force [N], or None if it takes more to tell."""
+        """Returns the penetration at a static force [N], or None if not a function of it."""
         return None
 
     def static_force_rows(self, chi: np.ndarray, bound: float) -> StaticForceRows:
@@ -168,23 +168,23 @@ class Surface(ABC):
         raise self._lacks("static_force_rows")
 
     def contact_measure(self, chi: np.ndarray, force_max: float) -> np.ndarray:
-        """Returns (m,), in [−1, 1] where a certificate counts χ (m, 6) in.
+        """Returns a measure (m,), in [−1, 1] for the poses χ (m, 6) of a certificate.
 
         Those are the poses that `sample_contact` makes.
         """
         raise self._lacks("contact_measure")
 
     def contact_reach(self, force_max: float) -> float:
-        """Returns about how far the tip can move among the poses of `contact_measure` [m]."""
+        """Returns the approximate extent of the poses of `contact_measure` [m]."""
         raise self._lacks("contact_reach")
 
     def force_error(self, chi: np.ndarray, wrench: np.ndarray, off: TipErrors) -> float:
         """Returns the largest change of the force part of 𝔉 from that at rest at χ (6,) [N].
 
         Args:
-            chi: The pose of the task.
+            chi: Pose of the task.
             wrench: 𝔉_des (6,), which the surface gives there [N, N m].
-            off: How far the tip is off.
+            off: Errors of the tip.
         """
         raise self._lacks("force_error")
 
@@ -201,11 +201,11 @@ class Surface(ABC):
 
 
 def check_surface(surface: Surface) -> Surface:
-    """Returns a surface as its consumers take it, after `Surface.checked` and a trial of its law.
+    """Returns a surface for its consumers, after `Surface.checked` and a test of its law.
 
     Raises:
-        InvalidParameter: A parameter has no meaning, or by one of the coordinates of (χ, χ̇) a
-            complex step of the law does not agree with a difference.
+        InvalidParameter: A parameter is invalid, or a complex step of the law along one of the
+            coordinates of (χ, χ̇) does not agree with a difference.
     """
     surface = surface.checked()
     rng = np.random.default_rng(0)

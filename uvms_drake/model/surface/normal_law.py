@@ -1,4 +1,4 @@
-"""How hard a surface pushes back at rest, by the depth: linear, bilinear or hardening."""
+"""Static force of a surface by the depth: linear, bilinear or hardening."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -10,14 +10,14 @@ from uvms_drake.model.surface.plane import plane_load
 
 
 class Ramp(NamedTuple):
-    """Where a stiffness changes."""
+    """Change of a stiffness over a range of depth."""
 
     ratio: float
-    """Stiffness after over that before."""
+    """Ratio of the stiffness after to that before."""
     start: float
     """Depth at which the change begins [m]."""
     width: float
-    """Depth that it takes [m]."""
+    """Range of depth of the change [m]."""
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Linear:
 
     @property
     def change(self) -> Ramp:
-        """The change of the stiffness further down; none here."""
+        """Change of the stiffness at larger depth; none here."""
         return Ramp(1.0, 0.0, self.transition)
 
     @property
@@ -77,7 +77,7 @@ class Linear:
 
 @dataclass
 class Bilinear(Linear):
-    """The stiffness changes at a knee: a coat on something harder, or one that gives way."""
+    """Law with a knee: a soft layer on a harder one, or a layer that yields."""
 
     ratio: float = 3.0
     """Stiffness beyond the knee over that before."""
@@ -86,7 +86,7 @@ class Bilinear(Linear):
 
     @property
     def change(self) -> Ramp:
-        """At the knee."""
+        """Change of the stiffness at the knee."""
         return Ramp(self.ratio, self.knee, self.transition)
 
     def checked(self) -> "Bilinear":
@@ -99,7 +99,7 @@ class Bilinear(Linear):
 
 @dataclass
 class Hardening(Linear):
-    """The stiffness grows from the surface on down to a depth: a fender."""
+    """Law whose stiffness grows down to a depth, such as a fender."""
 
     ratio: float = 5.0
     """Stiffness from `depth` on over that close to the surface, at least 1."""
@@ -108,7 +108,7 @@ class Hardening(Linear):
 
     @property
     def change(self) -> Ramp:
-        """All the way down to `depth`."""
+        """Change of the stiffness down to `depth`."""
         return Ramp(self.ratio, 0.0, self.depth)
 
     def checked(self) -> "Hardening":
@@ -121,4 +121,4 @@ class Hardening(Linear):
 
 
 AnyNormalLaw = Linear | Bilinear | Hardening
-"""Laws that a file may name by tag; the first is the one meant if there is none."""
+"""Laws that a file may name by tag; the first is the default."""

@@ -1,4 +1,4 @@
-"""A frictionless compliant plane that pushes and never pulls, smooth enough for derivatives."""
+"""A frictionless compliant unilateral plane, smooth enough for derivatives."""
 
 from dataclasses import dataclass, field, replace
 
@@ -8,7 +8,7 @@ from uvms_drake.common.errors import InvalidParameter, require, vector
 from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 OUTSIDE = 0.01
-"""Distance from a plane up to which a certificate looks [m]; nothing changes further away."""
+"""Largest distance from a plane in a certificate [m]; nothing changes farther away."""
 BOUND_SHARE = 0.2
 """Probability with which a sampled depth is one of the two bounds."""
 LARGEST_DISSIPATION = 1000.0
@@ -105,9 +105,9 @@ class UnilateralPlane(Surface):
         if pose is None:
             raise InvalidParameter("pose", pose, "given: a plane leaves five coordinates free")
         magnitude = float(-force[:3] @ self.normal)
-        pushes = bool(np.allclose(force[:3], -magnitude * self.normal, atol=1e-9)
+        is_normal = bool(np.allclose(force[:3], -magnitude * self.normal, atol=1e-9)
                       and np.allclose(force[3:], 0.0, atol=1e-9))
-        require(pushes and magnitude >= self.smallest, "force", force,
+        require(is_normal and magnitude >= self.smallest, "force", force,
                 f"−F·normal with F ≥ {self.smallest:g} N and no torque: a plane can only push")
         target = self.depth(pose[:3])
         depth = self.penetration_for(magnitude)
@@ -147,7 +147,7 @@ class UnilateralPlane(Surface):
 
     def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator
                        ) -> np.ndarray:
-        """Returns positions (m, 3) below and above `point`: where along the plane is the same."""
+        """Returns positions (m, 3) below and above `point`; the position along it is irrelevant."""
         count, bounds = len(chi), self._depths(force_max)
         depth = rng.uniform(*bounds, size=count)
         at_bound = rng.uniform(size=count) < BOUND_SHARE

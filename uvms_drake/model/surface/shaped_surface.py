@@ -1,4 +1,4 @@
-"""A surface put together: a shape, a law of the depth, damping and friction."""
+"""A surface composed of a shape, a static force by the depth, damping and friction."""
 
 from dataclasses import dataclass, field, replace
 
@@ -19,8 +19,8 @@ NEARBY = 0.1
 LARGEST_FRICTION = 2.0
 """Largest coefficient of friction that is accepted; materials under water have less than 1."""
 STEPS, ACCURACY, FREE = 30, 1e-9, 1e-6
-"""Of Newton's method for a pose: most steps, largest relative error of the force, and smallest
-stiffness that counts, over the largest."""
+"""Newton's method for a pose: largest number of steps, largest relative error of the force, and
+smallest relative stiffness."""
 
 
 @dataclass
@@ -41,7 +41,7 @@ class ShapedSurface(Surface):
     friction: float = 0.2
     """Coefficient of friction μ."""
     creep: float = 0.01
-    """Speed v_s up to which a tip moves that would stick if friction had a jump [m/s]."""
+    """Creep velocity v_s of a sticking tip [m/s]."""
 
     @property
     def normal(self) -> np.ndarray | None:  # type: ignore[override]  # Of its shape, no setting.
@@ -68,25 +68,25 @@ class ShapedSurface(Surface):
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns 𝔉 (..., 6)."""
         depth, gradient = self.geometry.depth_and_gradient(chi[..., :3])
-        if (depth.real <= 0.0).all():  # Nothing touches.
+        if (depth.real <= 0.0).all():  # No contact.
             return np.zeros(np.broadcast_shapes(chi.shape, chi_dot.shape))
         velocity = chi_dot[..., :3]
         rate = (gradient * velocity).sum(axis=-1)
         square = (gradient * gradient).sum(axis=-1, keepdims=True)
         along = velocity - rate[..., None] / square * gradient
         load = self.law.force(depth) * dissipation_factor(self.dissipation * rate)
-        push = gradient + np.sqrt(square) * coulomb(along, self.friction, self.creep)
-        return np.concatenate([load[..., None] * push, np.zeros_like(push)], axis=-1)
+        direction = gradient + np.sqrt(square) * coulomb(along, self.friction, self.creep)
+        return np.concatenate([load[..., None] * direction, np.zeros_like(direction)], axis=-1)
 
     def penetration(self, chi: np.ndarray) -> np.ndarray:
         """Returns max(δ, 0)."""
         return np.maximum(self.geometry.depth(chi[..., :3]), 0.0)
 
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns `pose`, moved to where the surface gives 𝔉_des at rest: by Newton's method.
+        """Returns `pose`, moved to the position of 𝔉_des at rest, by Newton's method.
 
-        Of the positions that do, as along a plane and along the axis of a cylinder, it is about the
-        nearest. 𝔉_des must push along a normal that the surface has within `NEARBY` of `pose`.
+        Of several such positions, as along a plane, it is about the nearest. 𝔉_des must be along an
+        inward normal of the surface within `NEARBY` of `pose`.
         """
         if pose is None:
             raise InvalidParameter("pose", pose, "given: the force leaves the attitude free")
@@ -124,7 +124,7 @@ class ShapedSurface(Surface):
         return STEEPEST * self.friction * force / self.creep
 
     def force_jacobian(self) -> np.ndarray:
-        """Raises: it takes a reach to say; see `membership`."""
+        """Raises: it depends on a reach; see `membership`."""
         raise self._lacks("force_jacobian")
 
     def sample_contact(self, chi: np.ndarray, force_max: float, rng: np.random.Generator

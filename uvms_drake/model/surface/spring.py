@@ -18,7 +18,7 @@ from uvms_drake.model.surface.law import StaticForceRows, Surface, TipErrors
 
 @dataclass
 class BilateralSpring(Surface):
-    """The paper's surface law, 𝔉 = K(χ − χ_eq), (eq:force_F). It pulls as well as pushes.
+    """The paper's surface law, 𝔉 = K(χ − χ_eq), (eq:force_F). It is bilateral.
 
     Angles count by the shorter way round.
     """
@@ -30,7 +30,7 @@ class BilateralSpring(Surface):
 
     @property
     def anchor(self) -> np.ndarray:
-        """𝔭_eq (3,) [m], where it holds on to the end-effector."""
+        """Position 𝔭_eq (3,) [m]."""
         return self.equilibrium[:3]
 
     def checked(self) -> "BilateralSpring":
@@ -42,7 +42,7 @@ class BilateralSpring(Surface):
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         """Returns K(χ − χ_eq); χ̇ does not matter."""
         stretch = chi - self.equilibrium
-        # An Euler angle that passes ±π jumps by 2π, the force must not.
+        # An Euler angle that passes ±π jumps by 2π, but the force is continuous.
         stretch[..., 3:] -= 2.0 * np.pi * np.round(stretch[..., 3:].real / (2.0 * np.pi))
         return stretch @ self.stiffness.T
 
@@ -54,7 +54,7 @@ class BilateralSpring(Surface):
         return np.max(np.abs(wrap_angle(chi[..., 3:] - self.equilibrium[3:])), axis=-1) / np.pi
 
     def penetration(self, chi: np.ndarray) -> np.ndarray:
-        """Returns ‖𝔭 − 𝔭_eq‖: the spring holds on to the end-effector everywhere."""
+        """Returns ‖𝔭 − 𝔭_eq‖: the spring is attached to the end-effector."""
         return np.linalg.norm(chi[..., :3] - self.anchor, axis=-1)
 
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
@@ -75,7 +75,7 @@ class BilateralSpring(Surface):
                                one_sided=False)
 
     def contact_measure(self, chi: np.ndarray, force_max: float) -> np.ndarray:
-        """Returns ‖force part of 𝔉‖² / force_max² (m,): the spring holds on everywhere."""
+        """Returns ‖force part of 𝔉‖² / force_max² (m,), since the spring is attached."""
         force = self.force(chi, np.zeros_like(chi))[:, :3]
         return np.sum(force**2, axis=1) / force_max**2
 

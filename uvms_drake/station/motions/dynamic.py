@@ -113,7 +113,7 @@ class Dynamic(Motion[DynamicOcp]):
             model, logs["state"], sent_input(model, logs), logs["acceleration"],
             logs.get("force_last_valid"))}
 
-    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+    def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
         return [("mpc.input_reference, not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]

@@ -95,7 +95,7 @@ class Kinematic(Motion[KinematicOcp]):
             "accepted_force": np.tile(np.asarray(scenario.task.force), (len(chi), 1)),
             "effective_disturbance": logs["disturbance"]}
 
-    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+    def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
         return [("joints of weight zero, which no terminal set covers", free)]

@@ -121,7 +121,7 @@ class Motion(ABC, Generic[AnyOcp]):
         return model.surface.pose_for(logs["accepted_force"][-1], scenario.task.pose)
 
     @abstractmethod
-    def given_up(self, mpc: MpcConfig) -> list[tuple[str, float]]:
+    def broken_assumptions(self, mpc: MpcConfig) -> list[tuple[str, float]]:
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
 
     @abstractmethod
@@ -130,7 +130,7 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns the constants that the tubes of this motion are computed from, by name.
 
         Args:
-                model: The prediction model.
+            model: The prediction model.
             declared: Set of the suprema.
             weights: Diagonal of Ŵ, see `Basis`.
             settings: Effort of the searches.

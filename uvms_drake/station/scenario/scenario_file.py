@@ -101,9 +101,9 @@ def with_base(raw: object, path: Path, above: Sequence[Path]) -> object:
         return own
     base = own.pop("base")
     require(isinstance(base, str), "base", base, "a shipped scenario's name, or a YAML file")
-    beside = path.parent / base
-    named = base in shipped_scenarios() or (not Path(base).suffix and not beside.exists())
-    file = scenario_path(base if named else str(beside), "base")
+    folder = path.parent / base
+    named = base in shipped_scenarios() or (not Path(base).suffix and not folder.exists())
+    file = scenario_path(base if named else str(folder), "base")
     require(file.resolve() not in [each.resolve() for each in (*above, path)], "base", base,
             "another file: this one has itself as its base")
     below = with_base(read_yaml(file), file, (*above, path))

@@ -6,4 +6,4 @@ from uvms_drake.model.surface.geometry.cylinder import Cylinder
 from uvms_drake.model.surface.geometry.plane import Plane
 
 AnyGeometry = Plane | Cylinder | Bumpy | Bead
-"""Shapes that a file may name by tag; the first is the one meant if there is none."""
+"""Shapes that a file may name by tag; the first is the default."""

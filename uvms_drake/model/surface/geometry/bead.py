@@ -12,7 +12,7 @@ from uvms_drake.model.surface.geometry.geometry import DirectedGeometry, Spread,
 
 @dataclass
 class Bead(DirectedGeometry):
-    """δ = x₃ + h(x₂), h(s) = H cos⁴(πs/W) for |s| < W/2, the weld's place, and 0 beside it.
+    """δ = x₃ + h(x₂), h(s) = H cos⁴(πs/W) for |s| < W/2, and 0 elsewhere.
 
     The weld runs along e₁, `axis`, through `point`. δ is measured along the plate's normal, and
     ∇δ = e₃ + h′e₂ is longer than 1 by the slope; h has three continuous derivatives.
@@ -21,7 +21,7 @@ class Bead(DirectedGeometry):
     height: float = 0.003
     """Height H above the plate [m]."""
     width: float = 0.03
-    """Width W [m]; half as high it is 0.36 of that wide."""
+    """Width W [m]; 0.36 W at half height."""
 
     is_distance: ClassVar[bool] = False
 

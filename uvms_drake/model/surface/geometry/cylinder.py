@@ -8,7 +8,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.model.surface.geometry.geometry import DirectedGeometry, Spread, angle_between
 
 ON_AXIS = 1e-15
-"""Distance from the axis below which a point is taken to be so far off it [m], as ∇δ needs."""
+"""Smallest distance from the axis [m], for ∇δ."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The interface of a shape: how deep a point is in it, and which way is in.
+"""Interface of a shape: depth of a point, and its gradient.
 
 Axes of the shape at its point: e₁ and e₂ along the surface, e₃ into it; x = (x₁, x₂, x₃) is a
 point in them. Lengths (s₁, s₂) along the undeformed surface and the depth δ are coordinates too:
@@ -16,7 +16,7 @@ from uvms_drake.model.frames.spatial import cross
 
 
 class Spread(NamedTuple):
-    """How much the inward direction ∇δ differs within a ball."""
+    """Bounds of the inward direction ∇δ within a ball."""
 
     angle: float
     """Largest angle of ∇δ from a direction [rad]."""
@@ -72,7 +72,7 @@ class Geometry(ABC):
 
     @abstractmethod
     def spread(self, direction: np.ndarray, center: np.ndarray, reach: float) -> Spread:
-        """Returns how ∇δ differs from a unit vector (3,) within `reach` [m] of a point (3,)."""
+        """Returns the bounds of ∇δ about a unit vector (3,) within `reach` [m] of a point (3,)."""
 
     @property
     def axes(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A flat wall, turned any way."""
+"""A flat wall of any orientation."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,7 +17,7 @@ class Plane(Geometry):
 
     @property
     def tangent(self) -> np.ndarray:
-        """A unit vector (3,) along the plane, and square to an axis of Σ_I."""
+        """A unit vector (3,) along the plane, normal to an axis of Σ_I."""
         along = cross(self.normal, np.eye(3)[np.argmin(np.abs(self.normal))])
         return along / np.linalg.norm(along)
 
