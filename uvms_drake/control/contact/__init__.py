@@ -1,1 +1,1 @@
-"""Contact with an unknown wall: safe region, stiffness, target and desired force; no surface law."""
+"""Contact with an unknown wall: safe region, stiffness, normal, target, desired force."""

@@ -42,7 +42,7 @@ class ContactEstimator(LeafSystem):
         input_ports:
         - state
         - force_measured
-        - reach (optional)
+        - extent (optional)
         output_ports:
         - safe_depth
         - facet_depths

@@ -40,7 +40,7 @@ class PlanExtent(LeafSystem):
         input_ports:
         - plan
         output_ports:
-        - reach
+        - extent
 
     - `plan`: current `TrackingPlan` (abstract); past knots count, too.
     - `extent` (4): least, then largest `SurfaceClass.across` of `plan_extent` [m].
