@@ -34,7 +34,8 @@ def certificate(scenario) -> Certificate:
     return Certificate(
         scenario="girona500_ideal", law="resolved", k=20.0, sigma=5.0, d_bound=0.1,
         constants=(Constant("J_max", 2.5, "estimated", 100, worst, 1.1, 2.3),),
-        conditions=(Condition("a", 1.0, ">", 0.0, theorem="t"), Condition("b", 2.0, "<=", 2.0, theorem="t")),
+        conditions=(Condition("a", 1.0, ">", 0.0, theorem="t"),
+                    Condition("b", 2.0, "<=", 2.0, theorem="t")),
         tube=TubeRadii(e=0.003, z=0.02, u=np.full(10, 0.1), tau=np.full(10, np.inf)),
         terminal=TerminalResult(0.5, "u[1] end", {"decrease": 0.1}, 10, np.eye(20), np.eye(10, 20)),
         estimates=(Estimate("ω", 1.1, 0.9),), tightening=3, proven=1,
@@ -104,7 +105,8 @@ def test_a_touched_file_of_the_robot_makes_it_stale(certificate, scenario):
 
 
 def test_one_failed_condition_makes_it_void(certificate):
-    void = certificate.adding([Condition("c", 1.0, "<", 0.5, theorem="t"), Condition("d", np.nan, ">", 0.0, theorem="t")])
+    void = certificate.adding([Condition("c", 1.0, "<", 0.5, theorem="t"),
+                               Condition("d", np.nan, ">", 0.0, theorem="t")])
     assert not void.certified
     assert void.failed.name == "c"
 

@@ -25,7 +25,8 @@ EMPTY = Certificate(scenario="s", law="resolved", k=1.0, sigma=1.0, d_bound=0.1,
 
 def test_the_first_failed_condition_is_the_verdict():
     certificate = replace(EMPTY, conditions=(
-        Condition("fine", 1.0, ">", 0.0, theorem="t"), Condition("tube in limits.u[1]", 0.5, "<", 0.3, theorem="t"),
+        Condition("fine", 1.0, ">", 0.0, theorem="t"),
+        Condition("tube in limits.u[1]", 0.5, "<", 0.3, theorem="t"),
         Condition("worse", 9.0, "<", 0.0, theorem="t")))
     assert verdict(certificate).startswith(
         "void: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
@@ -33,9 +34,11 @@ def test_the_first_failed_condition_is_the_verdict():
 
 
 def test_a_yes_or_no_or_a_count_is_said_without_a_number():
-    broken_assumptions = Condition("faults, which the proofs do not cover", 2.0, "<=", 0.0, theorem="t")
+    broken_assumptions = Condition(
+        "faults, which the proofs do not cover", 2.0, "<=", 0.0, theorem="t")
     kept = replace(broken_assumptions, left=0.0)
-    assert verdict(replace(EMPTY, conditions=(broken_assumptions,))).startswith(f"void: {broken_assumptions.name}")
+    assert verdict(replace(EMPTY, conditions=(broken_assumptions,))).startswith(
+        f"void: {broken_assumptions.name}")
     assert "does not hold" not in verdict(replace(EMPTY, conditions=(broken_assumptions,)))
     row = format_certificate(replace(EMPTY, conditions=(kept,))).splitlines()[5]
     assert row.split() == ["none", "of", "this:", *kept.name.split(), "holds"]
@@ -75,7 +78,8 @@ def test_every_step_of_a_mission_has_a_row_and_comes_back_from_a_file():
 
 
 def test_the_verdict_says_how_much_is_proven():
-    certificate = replace(EMPTY, conditions=(Condition("fine", 1.0, ">", 0.0, theorem="t"),), tightening=21,
+    certificate = replace(EMPTY, conditions=(Condition("fine", 1.0, ">", 0.0, theorem="t"),),
+                          tightening=21,
                           proven=9, estimates=(Estimate("ω", 1.0, 0.5), Estimate("u", 2.0, 1.8)))
     assert verdict(certificate) == (
         "certified: all 1 conditions hold; of the 21 numbers that tighten limits 9 are proven, "
@@ -90,7 +94,8 @@ def test_the_verdict_says_how_much_is_proven():
 
 @pytest.mark.parametrize("beginning", HELP)
 def test_every_advice_is_given(beginning):
-    line = verdict(replace(EMPTY, conditions=(Condition(beginning + "...", 1.0, "<", 0.0, theorem="t"),)))
+    line = verdict(replace(EMPTY, conditions=(
+        Condition(beginning + "...", 1.0, "<", 0.0, theorem="t"),)))
     assert line.endswith(HELP[beginning])
 
 

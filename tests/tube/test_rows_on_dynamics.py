@@ -101,7 +101,7 @@ def test_on_drakes_plant_every_row_is_taken_to_its_bound_and_none_beyond(model, 
 
     By δ alone a vehicle's row would not be beyond its line. It is by up to 3 %, yaw the most, at a
     lag of 0.15 s with an observer: the thrusters carry what the arm needs to hold the tip,
-    A M_vq J_sq⁻¹ w_s, too late. That is of the f in `row_loop`, `lagged_rows`' "the arm, late".
+    A M_vq J_sq⁻¹ w_s, too late. That is of the f in `row_loop`, the `ARM` of `lagged_wrench`.
     """
     motion, arm, gains = disturbed_on_drake(model, lag, rate, 0.1)
     delta = np.max(np.abs(np.einsum("tij,tj->ti", motion.J, motion.d)), axis=0)

@@ -356,7 +356,8 @@ def test_there_is_a_terminal_set_for_all_places_and_forces(tracking, found_anywh
     """The decrease does not depend on the force, nor on the place; the inputs' limits do."""
     radius, check = found_anywhere
     assert check.holds and radius > 0.4
-    assert {"safe_depth", "safe_depth_between_knots", "u[7] pressed, most end"} <= set(check.margins)
+    assert {"safe_depth", "safe_depth_between_knots", "u[7] pressed, most end"} <= set(
+        check.margins)
     free = TerminalLoop(tracking_ocp(force=0.0))
     loop = TerminalLoop(tracking)
     states = 0.5 * boundary_samples(tracking.terminal.P, 20, np.random.default_rng(1))
@@ -385,7 +386,8 @@ def test_in_that_set_the_continued_plan_keeps_front_and_inputs(tracking, found_a
         size = np.sqrt(xi @ tracking.terminal.P @ xi)
         a = rng.uniform(-5.0, 5.0, 3)
         y = tracking.y_des + np.pad(a, (0, 7))
-        aim = TrackingTarget(rng.uniform(-5.0, 5.0, 3), DIRECTION @ y[:3] + size * tracking.depth_reach)
+        aim = TrackingTarget(
+            rng.uniform(-5.0, 5.0, 3), DIRECTION @ y[:3] + size * tracking.depth_reach)
         one = tracking.aimed(aim)
         one.horizon, one.terminal = 1, dataclasses.replace(one.terminal, radius=radius)
         start = np.concatenate([one.model.configuration(y + xi[:10]), xi[10:]])

@@ -145,11 +145,11 @@ class TerminalLoop:
         the static force it takes the largest change; a spring's force may rise by less.
         """
         model, y = self.ocp.model, self.ocp.y_des
-        rest = Points(model, model.configuration(y), y, np.zeros(model.size))
+        equilibrium = Points(model, model.configuration(y), y, np.zeros(model.size))
         out = {}
         for name, forms in self.closed_forms.items():
             limit = self.ocp.limits[name]
-            values = limit.values(rest)
+            values = limit.values(equilibrium)
             distances = np.minimum(limit.upper - values, values - limit.lower)
             for part, form, free, half in zip(
                     limit.parts, forms, distances, limit.half, strict=True):
@@ -192,7 +192,7 @@ def largest_radius(ocp: Ocp, samples: int = 2000, seed: int = 0, tolerance: floa
                    ) -> tuple[float, TerminalCheck]:
     """Returns the largest ε that passes the check, by bisection, and its check.
 
-    The direction in which a radius fails is looked at again at every other radius. If not even a
+    The direction in which a radius fails is checked again at every other radius. If not even a
     small set passes, ε is zero, and the check is that of the small set.
 
     Args:

@@ -94,7 +94,8 @@ def test_what_the_law_asks_of_the_thrusters_varies_as_the_parts_say(problem):
         motion, step = Motion(problem, seed), 1e-4
         A = motion.tau(0.0)[0]
         rate = A @ (motion.tau(step)[1] - motion.tau(-step)[1])[:6] / (2.0 * step)
-        planned = planned_feedforward(of_posture(problem, planned_feedforward), motion.x)[:, 0].reshape(3, 6)
+        planned = planned_feedforward(
+            of_posture(problem, planned_feedforward), motion.x)[:, 0].reshape(3, 6)
         off = problem.values(motion.x, motion.error).reshape(3, 6)
         parts = planned[1], planned[2], off[1], off[2]
         np.testing.assert_allclose(sum(parts), rate, atol=1e-4 * np.max(np.abs(rate)))

@@ -20,8 +20,9 @@ from uvms_drake.tube.actuation.thruster_feedforward import ThrusterFeedforward
 from uvms_drake.tube.loops.actuator_path import Actuators, Path
 from uvms_drake.tube.loops.row_loop import RowLoop
 
-SHAPES = dict(zip(ThrusterFeedforward._fields, (*[(4,)] * 5, (4, 4), (4, 10), (4, 10), (4, 4), (4, 4),
-                                      *[(4,)] * 4, (2, 20), (10,)), strict=True))
+SHAPES = dict(zip(ThrusterFeedforward._fields, (
+    *[(4,)] * 5, (4, 4), (4, 10), (4, 10), (4, 4), (4, 4),
+    *[(4,)] * 4, (2, 20), (10,)), strict=True))
 ZERO = ThrusterFeedforward(**{name: np.zeros(shape) for name, shape in SHAPES.items()})
 NONE = Errors(np.zeros(10), np.zeros(10), np.zeros(4), np.zeros(4))
 VEHICLE, JOINTS = Path(0.02, 0.03, 0.1), Path(0.02, 0.01)

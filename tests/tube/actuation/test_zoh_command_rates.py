@@ -13,13 +13,13 @@ from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.actuation.zoh_command_rates import (
-    ZohCommandProblem,
     PlanProblem,
-    zoh_command_rates,
+    ZohCommandProblem,
     jumping_plan,
-    zoh_plan_rate,
     plan_rates,
     turning_task,
+    zoh_command_rates,
+    zoh_plan_rate,
 )
 from uvms_drake.tube.rows.remainders import output_bias, output_jacobian, tip_first_remainders
 from uvms_drake.tube.search.constraint_set import ConstraintSet
@@ -63,7 +63,7 @@ def _body(config, rate):
 
 
 def test_between_a_sample_and_its_effect_there_is_what_is_listed_and_nothing_else(free):
-    """(1) of `zoh_command_tube` on a motion that is given, by the law itself: d is what it takes."""
+    """(1) of `zoh_command` on a given motion, by the law itself, with the d that it needs."""
     model, rows, rng = free, tip_rows(free), np.random.default_rng(0)
     s, t, knot = 0.1, 0.125, 0.112
     jump = np.repeat([0.05, 0.3], [6, 4])

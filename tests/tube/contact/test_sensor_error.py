@@ -54,7 +54,8 @@ def test_the_gain_is_that_of_the_inverse_dynamics(model):
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-FORCE = MeasuredForceBounds(size=50.0, rate=80.0, ripple=5.0, tangential_rate=40.0, tangential_ripple=2.0, error=2.7,
+FORCE = MeasuredForceBounds(size=50.0, rate=80.0, ripple=5.0, tangential_rate=40.0,
+                            tangential_ripple=2.0, error=2.7,
                   torque_error=0.05, lag=0.02, period=0.01, tool_angle=0.25)
 DECLARED = ConstraintSet(q_lower=LOWER, q_upper=UPPER, roll=0.15, pitch=0.15, tip_pitch=0.4,
                          nu1=0.15, nu2=0.1, qdot=0.3)
@@ -118,7 +119,8 @@ def adversarial(A: np.ndarray, n: np.ndarray, row: np.ndarray) -> np.ndarray:
     return held_readings(force) - force + FORCE.error * row / np.linalg.norm(row)
 
 
-def test_no_force_of_the_class_pushes_the_tip_further_and_one_pushes_it_nearly_so_far(model, sensor_effect):
+def test_no_force_of_the_class_moves_the_tip_further_and_one_moves_it_nearly_so_far(
+        model, sensor_effect):
     """Robots that stand still, so that nothing but the sensor's errors pushes."""
     rng, worst = np.random.default_rng(7), np.zeros(3)
     for q in rng.uniform(LOWER, UPPER, (20, 4)):
@@ -148,13 +150,15 @@ def test_the_joints_are_pushed_as_far_as_their_own_bounds_say(model, sensor_effe
 
 
 def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
-    quiet = replace(FORCE, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, size=0.0)
+    quiet = replace(FORCE, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0,
+                    size=0.0)
     still = sensor_effect_of(model, replace(DECLARED, nu2=1e-9, qdot=1e-9), quiet, K, SIGMA)
     for parts, total in ((still.budget["depth"], still.depth),
                          (still.budget["position"], still.position)):
         assert sum(parts.values()) == pytest.approx(total)
         assert parts["the reading in rest"] == pytest.approx(total)
-    nothing = sensor_effect_of(model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
+    nothing = sensor_effect_of(
+        model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
     assert nothing.position == nothing.orientation == nothing.tip_speed == 0.0
     assert not np.any(np.concatenate([nothing.r, nothing.p, nothing.z, nothing.u, nothing.w]))
     # Rows whose axes turn while the robot moves are pushed by 𝔯, whatever the force does.

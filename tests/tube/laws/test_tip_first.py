@@ -179,7 +179,8 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
     data = basis(model, constants={"J_dot_max": Constant(
         "J_dot_max", turning, "proven", 1, {}, 1.0, turning)})
     arm = arm_of(model, BOUNDS, rows, FEW)
-    claim = in_joints(data, arm, loop_gains(RowLoop(k, sigma), 0.0, data), DisturbanceInputs(data))["d"]
+    claim = in_joints(
+        data, arm, loop_gains(RowLoop(k, sigma), 0.0, data), DisturbanceInputs(data))["d"]
     inverse = np.linalg.inv(J_s[-1, :, 6:])
     answer, age = np.linalg.norm(v @ inverse @ J_s, axis=1), t[-1] - t
     slow, fast = np.exp(-sigma * age), np.exp(-k * age)
@@ -189,7 +190,8 @@ def test_no_push_moves_the_joints_further_than_claimed(model):
     assert (worst >= 0.2 * claim[:3]).all(), worst / claim[:3]
 
 
-FELT = MeasuredForceBounds(size=50.0, rate=0.0, ripple=0.0, tangential_rate=0.0, tangential_ripple=0.0, error=2.0,
+SENSED = MeasuredForceBounds(size=50.0, rate=0.0, ripple=0.0, tangential_rate=0.0,
+                           tangential_ripple=0.0, error=2.0,
                  torque_error=0.1, lag=0.02, period=0.01, tool_angle=0.2)
 
 
@@ -207,7 +209,7 @@ def test_a_reading_adds_to_the_input_and_to_the_forces(model, monkeypatch):
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.ROUNDS", 0)
     law, felt = TipFirst(BlockGains(20.0, 20.0), BlockGains(50.0, 50.0)), basis(
-        model, contact=FELT, forces=True)
+        model, contact=SENSED, forces=True)
     without, found = (tip_first_law_tube(law, felt).radii for _ in range(2))
     added = np.concatenate([found.u - without.u, found.tau - without.tau])
     np.testing.assert_allclose(added, FEW.safety_factor * np.arange(20.0), atol=1e-9)
@@ -251,7 +253,7 @@ def late(model, monkeypatch, vehicle: Path, joints: Path, **changed):
     monkeypatch.setattr("uvms_drake.tube.search.joint_search.GRID_POINTS", 16)
     for module in ("search.joint_search", "actuation.thruster_feedforward"):
         monkeypatch.setattr(f"uvms_drake.tube.{module}.ROUNDS", 0)
-    still = replace(FELT, size=1.0, error=0.05, torque_error=0.0)
+    still = replace(SENSED, size=1.0, error=0.05, torque_error=0.0)
     law = TipFirst(BlockGains(4.0, 4.0), BlockGains(20.0, 10.0))
     return tip_first_law_tube(law, basis(
         model, contact=still, actuators=Actuators(vehicle, joints, thrusters=True),

@@ -54,7 +54,8 @@ def test_without_errors_nothing_deviates(model, small_set):
     config, zeta = small_set.sample(model, 20, np.random.default_rng(0))
     u = 0.5 * U_LIMITS * np.ones((20, 1))
     zero = np.zeros_like(zeta)
-    np.testing.assert_allclose(remainders(model, config, zeta, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
+    np.testing.assert_allclose(
+        remainders(model, config, zeta, u, zero, zero, K, SIGMA), 0.0, atol=1e-5)
 
 
 def test_the_rest_is_what_the_law_itself_leaves(model, small_set):

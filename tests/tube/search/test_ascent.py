@@ -32,7 +32,8 @@ def problem(model, declared) -> RemainderProblem:
     eye = np.eye(20)
     parts = [(eye[:, 0:3], 0.0017), (eye[:, 3:6], 0.0018), (eye[:, 6:10], 0.001),
              (eye[:, 10:], 0.005)]
-    return RemainderProblem(model, declared, parts, U_LIMITS, 20.0, 5.0, largest_rate=np.full(10, 3.0))
+    return RemainderProblem(
+        model, declared, parts, U_LIMITS, 20.0, 5.0, largest_rate=np.full(10, 3.0))
 
 
 def test_the_rate_of_the_jacobian_is_the_models(model, declared):

@@ -1,1 +1,1 @@
-"""The effect of actuators on the tube: held commands, lags, dead times, thrusters."""
+"""Effect of actuators on the tube: zero-order hold, lags, dead times, thrusters."""

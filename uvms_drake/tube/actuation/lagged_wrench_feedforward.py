@@ -66,7 +66,7 @@ class LaggedWrenchProblem(ZohCommandProblem):
                     model.inverse_dynamics(kinematics, fast, 0.0 * fast)[..., :6],
                     times(J, rate_bar), output_bias(at, kinematics, fast, rows))
 
-        def of_robot(step: float, asked: np.ndarray, bias_bar: np.ndarray
+        def of_robot(step: float, commanded: np.ndarray, bias_bar: np.ndarray
                      ) -> tuple[np.ndarray, ...]:
             """Returns A, τ_J, τ_J + τ_w, and τ_φ + J_EvᵀF̂."""
             at = config + step * configuration_rate(config, zeta)
@@ -76,8 +76,9 @@ class LaggedWrenchProblem(ZohCommandProblem):
             def carried(of_rows: np.ndarray) -> np.ndarray:
                 return times(M, _solved(J, of_rows))[..., :6]
 
-            jump = carried(asked)
-            arm = carried(np.concatenate([0.0 * asked[..., :6] + 0.0 * w_s[..., :1], w_s], axis=-1))
+            jump = carried(commanded)
+            arm = carried(np.concatenate(
+                [0.0 * commanded[..., :6] + 0.0 * w_s[..., :1], w_s], axis=-1))
             smooth = carried(bias_bar - output_bias(at, kinematics, fast, rows))
             smooth = smooth + model.inverse_dynamics(kinematics, fast, 0.0 * fast)[..., :6]
             J_E = kinematics.J_links[..., -1, :, :6]

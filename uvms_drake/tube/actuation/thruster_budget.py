@@ -7,7 +7,7 @@ the remaining feedforward of the robot, w the feedback, ā the mean age, |·|∘
     |c| ≤ |ȦA⁻¹|∘ (ā(|φ| + |w| + |contact|) + (ā + ℓ)|f̄|).                                   (1)
 
 Errors make feedforward, and feedforward makes errors: `least_bounds` finds the least fixed point.
-Derivation, and a list of what is not counted:
+Derivation, and omissions:
 tube/actuation/theory.md#error-budget-under-thrusters.
 """
 

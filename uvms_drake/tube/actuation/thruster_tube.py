@@ -120,7 +120,7 @@ class ActuationTube:
                                   tip, self._feedforward, self._force)
             if self._least_bounds(rows)[1] < 1.0:
                 wrench = paths[0]
-                return (f"{BEYOND}its wrench and torques are too late for these gains; "
+                return (f"{BEYOND}the delay of its wrench and torques is too long for these gains; "
                         f"1/{2**halved} of all periods, dead times and lags would do: of the wrench"
                         f" {wrench.period:.3g}, {wrench.dead_time:.3g} and {wrench.lag:.3g} s")
         return ""

@@ -1,11 +1,11 @@
-"""Rates of the rows of `tip first` under a held command.
+"""Rates of the rows of `tip first` under zero-order hold.
 
 With forces F of the contact apart, the rows of outputs y = (η, s) obey ÿ = a(𝔮, ζ; τ) + δ,
 
     a(𝔮, ζ; τ) = J_y M⁻¹(τ − b) + J̇_yζ.                                                       (1)
 
-While a torque τ_c is held, and with it in thought a wrench F̂ on the tip in its own axes, a leaves
-ÿ̄ at
+While a torque τ_c is constant, and with it in thought a wrench F̂ on the tip in its own axes, a
+leaves ÿ̄ at
 
     ρ = d/dt a(𝔮, ζ; τ_c − J_Eᵀ F̂) − d/dt ÿ̄,    τ_c and F̂ constant,                            (2)
 

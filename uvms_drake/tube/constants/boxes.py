@@ -27,7 +27,7 @@ SAME_AXIS = 1e-9
 ROUNDING = 1e-12
 """Allowance of the half-spaces: g is computed to about 1e-15."""
 LARGEST_MULTIPLIER = 1e3
-"""Largest multiplier μ_k: with it, rounding in Σ μ_k g_k stays below what `covering` adds."""
+"""Largest multiplier μ_k, for which rounding in Σ μ_k g_k is below the allowance of `covering`."""
 SWEEPS = 2
 """Sweeps of coordinate descent for the multipliers."""
 BLOCKS = ("position", "attitude", "task")

@@ -7,16 +7,16 @@ All are suprema (one infimum) over a `ConstraintSet`, of the model that the cont
     Jx_max      sup ‖J_x‖                  J_x = [J; 0 I], ẏ = J_x ζ, y = (χ, q)
     Jx_inv_max  sup ‖J_x⁻¹‖
     J_dot_max   sup ‖J̇‖                    along 𝔮̇ = Γζ [1/s]; J̇_x has the same norm
-    L_c         sup ‖∂(J_x ζ)/∂y‖          ζ held [1/s]
-    L_c_chi     sup ‖∂(J ζ)/∂χ‖            ζ and q held [1/s]
-    L_1         sup ‖∂f/∂y‖                ζ held [1/s²]
-    L_1_chi     sup ‖∂f/∂χ‖                ζ and q held [1/s²]
-    L_2         sup ‖∂f/∂ζ‖                𝔮 held [1/s]
+    L_c         sup ‖∂(J_x ζ)/∂y‖          ζ constant [1/s]
+    L_c_chi     sup ‖∂(J ζ)/∂χ‖            ζ, q constant [1/s]
+    L_1         sup ‖∂f/∂y‖                ζ constant [1/s²]
+    L_1_chi     sup ‖∂f/∂χ‖                ζ, q constant [1/s²]
+    L_2         sup ‖∂f/∂ζ‖                𝔮 constant [1/s]
 
 Norms are spectral; with weights Ŵ, A Ŵ takes the place of a matrix A. A Lipschitz constant in y is
-that of the whole configuration, ∂𝔮/∂y = Γ J_x⁻¹; one in χ with q held, the first six columns of it,
-is never larger, and meaningless once q ≠ q̄. An estimate may be too small: only `covering` proves
-a bound. See tube/theory.md#tube-of-the-law-transpose.
+that of the whole configuration, ∂𝔮/∂y = Γ J_x⁻¹; one in χ with constant q, the first six columns
+of it, is never larger, and meaningless once q ≠ q̄. An estimate may be too small: only `covering`
+proves a bound. See tube/theory.md#tube-of-the-law-transpose.
 """
 
 from collections.abc import Callable

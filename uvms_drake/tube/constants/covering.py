@@ -106,7 +106,8 @@ def cover(boxes: JacobianBoxes, reached: float, rel_gap: float, max_boxes: int) 
         centre, half, upper, score = (item[kept] for item in (centre, half, upper, score))
         if len(upper) == 0 and reached <= 0.0:
             raise InvalidParameter(
-                "tip_pitch", boxes.upper[-1], "what the vehicle's attitude and the joints can keep")
+                "tip_pitch", boxes.upper[-1],
+                "a pitch that the vehicle's attitude and the joints can keep")
         largest = float(np.max(upper, initial=reached))
         if largest <= (1.0 + rel_gap) * reached or count >= max_boxes:
             return Covering(largest * (1.0 + ROUNDING), reached, count)

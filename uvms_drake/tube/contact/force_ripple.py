@@ -6,8 +6,8 @@ import numpy as np
 def ripple(time: np.ndarray, signal: np.ndarray, rate: float) -> float:
     """Returns the least a ≥ 0 with ‖f(t) − f(s)‖ ≤ 2a + ρ|t − s| for all instants s, t.
 
-    It is the least amplitude beside a function with ‖ṡ‖ ≤ ρ, of one component; else a lower bound
-    of it. Proof: tube/contact/theory.md#ripple-and-slow-part.
+    Of one component it is the least amplitude in addition to a function with ‖ṡ‖ ≤ ρ, else a lower
+    bound of that. Proof: tube/contact/theory.md#ripple-and-slow-part.
 
     Args:
         time: Instants (T,), ascending [s].

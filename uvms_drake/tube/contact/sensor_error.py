@@ -7,7 +7,7 @@ M d, what remains of the contact is an acceleration,
 
 whatever the surface: its law, its place and its stiffness are in neither side. In axes of the tip,
 Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e, J_E the Jacobian of the tip's spatial velocity in its own axes and e the
-sensor's error. The suprema below are those of `felt_sizes`, proven by `felt_proof` or estimated.
+sensor's error. The suprema below are those of `sensor_gains`, proven by `sensor_gains_proof` or estimated.
 """
 
 from dataclasses import dataclass

@@ -24,7 +24,7 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
     """Returns the largest |d³(n·𝔭)/dt³| [m/s³] that was found over the intervals of plans.
 
     In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set: one and its
-    opposite at most, half of the time. A random search, an estimate from below; see `held_search`.
+    opposite at most, half of the time. A random search, an estimate from below; see `search_memo`.
 
     Args:
         model: The controller's; without contact, which has no part in it.

@@ -33,7 +33,7 @@ from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.estimate import together
 
 ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
-"""Radii of `resolved` that rest on estimates in a ball of disturbances."""
+"""Estimated radii of `resolved` in a ball of disturbances."""
 TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
 TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
 """Constants of `transpose`, see `lemma_constants`."""

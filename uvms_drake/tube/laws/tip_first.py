@@ -188,15 +188,15 @@ def _unknown(law: TipFirst, basis: Basis) -> list[str]:
     actuators = basis.actuators
     out = list(actuators.unknown)
     if set(actuators.undriven) != set(law.undriven_rows) and actuators.thrusters:
-        out.append("axes without thrusters that are not the law's")
+        out.append("axes without thrusters other than those of the law")
     if actuators.delayed and basis.contact is None:
-        out.append("a wall that the model knows, behind actuators that are late")
+        out.append("a known surface behind delayed actuators")
     ticks = basis.time_step / actuators.vehicle.period if actuators.vehicle.period else 0.0
     if abs(ticks - round(ticks)) > KNOTS:
-        out.append("a plan whose knots are no ticks")
+        out.append("a plan with knots that are no ticks")
     if not actuators.thrusters and 2.0 * actuators.vehicle.age > basis.time_step:
-        out.append("a command that is later than half of the time between two knots of a plan")
-    out += [f"an observer of {key} behind a command that is held" for key in ("vehicle", "tip")
+        out.append("a delay of more than half of the time between two knots of a plan")
+    out += [f"an observer of {key} behind a zero-order hold" for key in ("vehicle", "tip")
             if actuators.delayed and not actuators.thrusters and getattr(law, key).observer > 0.0]
     out += [f"an observer of {key} whose period is not that of its commands" for key, path in (
         ("vehicle", actuators.vehicle), ("tip", actuators.joints))

@@ -40,7 +40,7 @@ class Actuators:
     vehicle: Path = Path()
     joints: Path = Path()
     thrusters: bool = False
-    """True if the law is told the present wrench of the thrusters."""
+    """True if the law measures the present wrench of the thrusters."""
     off: np.ndarray = field(default_factory=lambda: np.zeros((6, 0)))
     """Wrench error of each thruster by its model (6, m) [N, N m]."""
     undriven: tuple[int, ...] = ()

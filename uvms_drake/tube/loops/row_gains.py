@@ -6,7 +6,7 @@ that
     e = δ/((s + k)(s + σ)),   ė = sδ/(...),   u − ū = −((k + σ)s + kσ)δ/(...),   𝔯 = δ/(s + k).
 
 `Gains` are the L₁ norms of these four impulse responses: of any δ (`instant_gains`), and of the
-error δ = F̂ − F of a measurement F̂ with a first-order lag T, sampled and held over a period h
+error δ = F̂ − F of a measurement F̂ with a first-order lag T, under a zero-order hold of h
 (`lagged_gains`). See tube/loops/theory.md#error-of-a-held-and-lagged-measurement.
 """
 

@@ -123,9 +123,9 @@ class RowLoop:
         loop, f, f_sampled, h = (
             self._system.loop, self._system.f, self._system.f_sampled, self.period)
         if h == 0.0:
-            return _by_early_flow(loop, f, self._system.asked, self.preview)
+            return _by_previewed_flow(loop, f, self._system.commanded, self.preview)
         early = math.ceil(self.preview / h - EXACT) - 1
-        within = self.preview - early * h  # From a tick to the sample that is held then.
+        within = self.preview - early * h  # From a tick to the next sample.
         return {
             "planned": loop.zoh_gain(f, f_sampled, early),
             "planned_rate": h * loop.step_gain(f, f_sampled, early) + (
@@ -189,7 +189,7 @@ class _System(NamedTuple):
     """Input vector of f, into the flow (m,)."""
     f_sampled: np.ndarray
     """Input vector of f, at a tick (m,)."""
-    asked: np.ndarray
+    commanded: np.ndarray
     """Commanded part of f (m,), a part of `f` or `f_sampled`."""
 
 
@@ -210,23 +210,23 @@ def _continuous(row: RowLoop) -> _System:
     m = 2 + (row.lag > 0.0) + (row.observer > 0.0)
     a, x, rate = 2, m - 1, row.observer
     v = _feedback(row, m, x if rate else None)
-    A, asked, delta = np.zeros((m, m)), np.zeros(m), np.eye(m)[RATE]
+    A, commanded, delta = np.zeros((m, m)), np.zeros(m), np.eye(m)[RATE]
     A[E, RATE] = 1.0
     if row.lag > 0.0:
         A[RATE, a], A[a] = 1.0, v / row.lag
         A[a, a] -= 1.0 / row.lag
-        asked[a] = 1.0 / row.lag
+        commanded[a] = 1.0 / row.lag
     else:
-        A[RATE], asked[RATE] = v, 1.0
+        A[RATE], commanded[RATE] = v, 1.0
     if rate:
         A[x, x], delta[x] = -rate, rate
     period = FRACTION / float(np.max(np.abs(np.linalg.eigvals(A))))
     loop = PeriodicLoop(A, np.array([np.eye(m)[E], np.eye(m)[RATE], v]),
                         (Stretch(period, np.eye(m)),))
-    return _System(loop, delta, asked - np.eye(m)[RATE], np.zeros(m), asked)
+    return _System(loop, delta, commanded - np.eye(m)[RATE], np.zeros(m), commanded)
 
 
-def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, preview: float
+def _by_previewed_flow(loop: PeriodicLoop, f: np.ndarray, commanded: np.ndarray, preview: float
                    ) -> dict[str, np.ndarray]:
     """Returns the gains (o,) from f̄ and its rate, in continuous time.
 
@@ -235,27 +235,27 @@ def _by_early_flow(loop: PeriodicLoop, f: np.ndarray, asked: np.ndarray, preview
     Args:
         loop: The row.
         f: Input vector of f (m,).
-        asked: Its commanded part.
+        commanded: Its commanded part.
         preview: ℓ [s].
     """
     m, step = len(f), preview / PREVIEW_POINTS
     flow = np.zeros((m + 1, m + 1))
-    flow[:m, :m], flow[:m, m] = loop.A, asked
+    flow[:m, :m], flow[:m, m] = loop.A, commanded
     advance = exponential(step * flow)
     states = np.zeros((2, PREVIEW_POINTS + 1, m + 1))
-    states[0, 0, :m], states[1, 0, m] = asked, 1.0
+    states[0, 0, :m], states[1, 0, m] = commanded, 1.0
     for i in range(PREVIEW_POINTS):
         states[:, i + 1] = states[:, i] @ advance.T
     known = absolute_integral(np.moveaxis(states[..., :m] @ loop.C.T, 1, -1), step)
     settled = -np.linalg.solve(loop.A, f)  # by f̄ = 1
-    after = states[:, -1, :m] + [f - asked, -settled]
+    after = states[:, -1, :m] + [f - commanded, -settled]
     level, rate = (known[i] + loop.flow_gain(after[i]) for i in (0, 1))
     moves = np.abs(loop.C @ settled) > 1e-9 * (1.0 + rate)
     return {"planned": level, "planned_rate": np.where(moves, np.inf, rate)}
 
 
 def _sampled(row: RowLoop) -> _System:
-    """Returns the loop of a held feedback.
+    """Returns the loop of a feedback under zero-order hold.
 
     The states are e and ė; a, if there is a lag; the present command w; those that are under way,
     the youngest first; and of an observer δ̂, the last ė that it has seen, and ∫(ÿ_pred − ÿ̄) since

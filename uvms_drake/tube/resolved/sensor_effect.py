@@ -1,4 +1,4 @@
-"""What the errors of a force sensor add to the radii of the law `resolved`; see `sensed`."""
+"""What the errors of a force sensor add to the radii of the law `resolved`; see `sensor_error`."""
 
 from dataclasses import dataclass, field
 

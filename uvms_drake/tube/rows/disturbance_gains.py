@@ -59,7 +59,7 @@ def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
 
 
 class DisturbanceInputs:
-    """What pushes the rows: d, and what a force sensor is off by, see (3) of `sensed`.
+    """What pushes the rows: d, and what a force sensor is off by, see (3) of `sensor_error`.
 
     Without J̃‖𝔯‖ in (3): here the rows themselves are driven by A(q)(F̂ − F).
 

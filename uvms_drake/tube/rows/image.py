@@ -200,7 +200,7 @@ def free_arm(model: ContactModel, declared: ConstraintSet, rows: np.ndarray,
              settings: CertificateSettings) -> tuple[float, Check]:
     """Returns the least det J_g / det J_sq over the declared set, estimated, and the other search.
 
-    Positive where the arm can hold its tip's task with the vehicle free as it can with it held:
+    Positive where the arm can hold its tip's task with a free vehicle as with a fixed one:
     det(1 − M_vv⁻¹M_vqJ_sq⁻¹J_sv), by the lemma of Sylvester. 1 for a vehicle of infinite mass.
     """
     def missing(x: np.ndarray) -> np.ndarray:

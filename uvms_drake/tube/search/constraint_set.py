@@ -129,8 +129,9 @@ class ConstraintSet:
             filled += len(found)
             attempts += 1
             if filled == 0 and attempts >= MAX_ATTEMPTS:
-                raise InvalidParameter("tip_pitch", self.tip_pitch,
-                                       "what the vehicle's attitude and the joints can keep")
+                raise InvalidParameter(
+                    "tip_pitch", self.tip_pitch,
+                    "a pitch that the vehicle's attitude and the joints can keep")
         config[:, :3] = self._positions(model, config, rng)
         zeta = np.concatenate([
             in_ball(rng, count, 3, self.nu1), in_ball(rng, count, 3, self.nu2),
