@@ -72,7 +72,8 @@ def test_every_step_has_its_leg_and_the_one_that_is_void_says_so():
         Retreat(timeout=20.0)]).checked()
     name = "mission.steps[2], how fast a plan goes across [m/s]"
     legs = legs_of(mission, CONTACT, TUBE, [
-        Condition("mission.steps[1], what the front lets it press [N]", 10.0, "<", 15.0, theorem="t"),
+        Condition("mission.steps[1], what the front lets it press [N]", 10.0, "<", 15.0,
+                  theorem="t"),
         Condition(name, 0.05, "<=", 0.04, theorem="t")])
     assert [leg.kind for leg in legs] == ["Approach", "Hold", "Slide", "Retreat"]
     assert [(leg.least, leg.most) for leg in legs] == [

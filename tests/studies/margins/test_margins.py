@@ -59,7 +59,8 @@ def test_nobody_looks_beyond_what_is_far_enough(monkeypatch):
 
 
 def test_what_is_void_at_any_value_says_so_and_what_is_too_large_at_the_least_is_zero(monkeypatch):
-    void = Condition("actuation[0], the proofs take the feedback for continuous", 1.0, "<=", 0.0, theorem="t")
+    void = Condition("actuation[0], the proofs take the feedback for continuous", 1.0, "<=", 0.0,
+                     theorem="t")
     monkeypatch.setattr(study, "_worst_failed", lambda make, searches: void)
     found = study._margin(value_of(0.0, 1e-3), SearchMemo())
     assert math.isnan(found.largest)
@@ -128,7 +129,8 @@ class RadiusBound:
         return np.full(2, size * (1.0 + size)), np.full(2, 1.5 * size * (1.0 + size))
 
     def failed(self, axes):
-        return None if axes[0] <= self._room else Condition("room", axes[0], "<=", self._room, theorem="t")
+        return None if axes[0] <= self._room else Condition(
+            "room", axes[0], "<=", self._room, theorem="t")
 
 
 def unknown(most: float = math.inf):
@@ -156,7 +158,8 @@ def test_the_command_prints_them_and_writes_them_down(felt, tmp_path, monkeypatc
     """Of a certificate that holds; of one that is void there are none."""
     certificate = Certificate(
         scenario="girona500_contact", motion="dynamic", law="resolved", k=50.0, sigma=50.0,
-        d_bound=0.1, conditions=(Condition("room", 1.0, "<", 2.0, theorem="t"),), **fingerprint(felt))
+        d_bound=0.1, conditions=(Condition("room", 1.0, "<", 2.0, theorem="t"),),
+        **fingerprint(felt))
     found = [Margin("force sensor, lag", "s", 0.02, 0.033, "room"),
              Margin("feedback, period", "s", 0.0, math.nan, "the proofs take it for continuous"),
              Margin("current", "m/s", 0.0, 0.1, "room", (0.2,) * 7, 0.25, (0.1,) * 7)]
