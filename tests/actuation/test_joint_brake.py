@@ -65,7 +65,7 @@ def test_a_brake_of_a_simulation_that_begins_later_holds_the_joint_where_it_is(m
     moved = state.copy()
     moved[8] += 0.01
     true.get_mutable_source_value(true.GetMyMutableContextFromRoot(context)).set_value(moved)
-    again = Simulator(diagram, context.Clone())  # What is held stays, in a clone that goes on.
+    again = Simulator(diagram, context.Clone())  # The angle stays in a clone that continues.
     again.Initialize()
     inertia = model.mass_matrix(model.kinematics(moved[:10]))[8, 8]
     for each in (context, again.get_context()):

@@ -41,7 +41,7 @@ def test_the_wrench_follows_on_every_axis_and_the_torques_at_once(model):
         np.testing.assert_allclose(known, exerted[:6], atol=1e-9)
 
 
-def test_how_late_it_is_is_known_and_asked_for_ahead_or_not(model):
+def test_its_delay_is_known_and_previewed_or_not(model):
     path = LaggedWrench(period=0.01, lag=0.06, dead_time=0.02).command_path(model)
     assert path.actuation_delay.vehicle == pytest.approx(0.085)
     assert path.actuation_delay.joints == 0.0
@@ -52,7 +52,7 @@ def test_how_late_it_is_is_known_and_asked_for_ahead_or_not(model):
 @pytest.mark.parametrize("wrench", [
     np.array([3e5, -7.0, -2e4, 1e6, 0.0, -1e5]), np.full(6, np.nan)])
 def test_no_wrench_is_cut(model, wrench):
-    """What no limit stops is given whole, and what is no number does not become one."""
+    """Without a limit the wrench is whole, and a NaN stays one."""
     thrusters = LaggedWrench().true(model)
     given = thrusters.forces_of(thrusters.commands_of(Allocation.to(thrusters).forces(wrench)))
     np.testing.assert_array_equal(given, wrench)
@@ -78,7 +78,7 @@ BINARY = "period: 0.00390625"
     ("period: 0.007, foreseen: false", [], False),
     (f"{BINARY}, foreseen: false", ["ancillary.vehicle.observer=1.0"], False),
     (f"{BINARY}, foreseen: false", ["ancillary.undriven=[roll]"], False)])
-def test_a_proof_counts_with_a_lag_that_nobody_foresees_and_nothing_else(part, law, counted):
+def test_a_proof_covers_a_lag_without_preview_and_nothing_else(part, law, counted):
     """The knots of plans are ticks to the last digit, it is as known, no axis is missing."""
     scenario = load_scenario(
         "girona500_sampled", [f"actuation=[!LaggedWrench {{lag: 0.05, {part}}}]", *law])

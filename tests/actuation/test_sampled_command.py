@@ -69,7 +69,7 @@ def test_the_loop_is_that_of_a_computer_bit_for_bit():
     assert record.force[-1, 0] > 0.0
 
 
-def test_the_law_is_asked_once_a_period_and_its_command_held(monkeypatch):
+def test_the_law_runs_once_a_period_and_its_command_stays(monkeypatch):
     asked, command = [], Resolved.command
 
     def counted(self, *args):
@@ -87,7 +87,7 @@ def test_the_law_is_asked_once_a_period_and_its_command_held(monkeypatch):
         if k % 10:  # At 0.2 s the plan is made anew after the log.
             np.testing.assert_array_equal(sampled[2 * k + 2], tau[2 * k])
     assert np.all(np.any(np.diff(sampled[2::2], axis=0) != 0.0, axis=1))
-    # What the clock leaves of the command is no disturbance.
+    # The effect of the hold is no disturbance.
     np.testing.assert_allclose(record.effective_disturbance, record.disturbance, atol=1e-9)
 
 

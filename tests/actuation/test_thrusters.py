@@ -73,7 +73,7 @@ def other(model):
 
 
 def test_a_force_follows_its_command_after_the_dead_time_with_the_lag(model):
-    """f(t) = f∞ + (f₀ − f∞) exp(−(t − θ)/T); f₀ hovers, f∞ gives what is asked for from t = 0."""
+    """f(t) = f∞ + (f₀ − f∞) exp(−(t − θ)/T); f₀ hovers, f∞ gives the command from t = 0."""
     bench = Bench(model, Thrusters(lag=0.12, dead_time=0.05))
     allocation = Allocation.to(ThrusterModel.of(model.thrusters))
     before, after = (allocation.forces(tau[:6]) for tau in (hovering(model), TAU))
@@ -113,7 +113,7 @@ def test_torques_pass_at_once_and_the_wrench_arrives_but_for_roll(model):
     (Thrusters(error=np.linspace(-0.3, 0.3, 8)),
      lambda file: ThrusterModel.of(file).off_by(np.linspace(-0.3, 0.3, 8))),
     (Thrusters(sag=2.0), lambda file: ThrusterModel.of(file, 2.0))])
-def test_what_the_controller_is_not_told_is_in_the_forces_only(other, part, off):
+def test_model_errors_are_in_the_forces_only(other, part, off):
     bench = Bench(other, part)
     simulator = bench.simulator()
     simulator.AdvanceTo(3.0)
@@ -126,7 +126,7 @@ def test_what_the_controller_is_not_told_is_in_the_forces_only(other, part, off)
     assert np.max(np.abs(bench.at(context, "exerted")[:6] - TAU[:6])) > 0.3
 
 
-def test_a_cloned_context_goes_on_with_what_is_on_its_way(model):
+def test_a_cloned_context_goes_on_with_the_delayed_commands(model):
     """After a step of the command, within the dead time."""
     bench = Bench(model, Thrusters(dead_time=0.05), tau=None)
     context = bench.diagram.CreateDefaultContext()

@@ -41,7 +41,7 @@ class Tip:
         return Measured(self.tip.copy(), force, touched=force > 2.0)
 
     def go(self, until, change=lambda t, measured: measured):
-        """Runs until a time [s], or the end; `change` is what goes wrong with what is measured."""
+        """Runs until a time [s], or the end; `change` falsifies the measurements."""
         while self.t < until and self.state.outcome == RUNNING:
             self.state, asked = advance(
                 self.mission, self.state, change(self.t, self.measured()), self.t)
@@ -218,7 +218,7 @@ def random_mission(rng):
 
 
 def test_random_missions_with_random_measurements_all_end_and_never_in_limbo():
-    """What is measured is made up: now a wall, now nothing, now not a number, now far away."""
+    """Random measurements: a wall, nothing, not a number, or far away."""
     rng, period, ends = np.random.default_rng(0), 0.5, []
     for _ in range(400):
         mission = random_mission(rng).checked()

@@ -17,11 +17,11 @@ from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce,
     (SaturatedForce(1.0, 0.5, largest=1.5), [1.0, 1.5]),
     (JumpedForce(1.0, 0.5, jump=np.array([3.0, -1.0])), [4.0, 1.0])])
 def test_a_sensor_measures_something_else_during_its_fault(fault, during):
-    true, held = np.array([1.0, 2.0]), np.array([7.0, 8.0])
+    true, frozen = np.array([1.0, 2.0]), np.array([7.0, 8.0])
     for time in (0.0, 0.999, 1.5, 9.0):
-        np.testing.assert_array_equal(sensed(fault, time, true, held), true)
+        np.testing.assert_array_equal(sensed(fault, time, true, frozen), true)
     for time in (1.001, 1.499):
-        np.testing.assert_array_equal(sensed(fault, time, true, held), during)
+        np.testing.assert_array_equal(sensed(fault, time, true, frozen), during)
 
 
 @pytest.mark.parametrize("start", [0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Tests of `sensing.force_fault_detector`: what is a reading, and what passes that is none."""
+"""Tests of `sensing.force_fault_detector`: detected and undetected faults."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def turning(time):
 
 
 def passed(force, state=turning, until=3.0, model=None, start=0.0, **options):
-    """Returns instants and what a reader gets that looks when the watch does."""
+    """Returns instants and values of a reader with the period of the detector."""
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=force, state=state))
     watch = ForceFaultDetector.AddToBuilder(
@@ -72,7 +72,7 @@ def frozen_in(axes):
 @pytest.mark.parametrize("repeats", [2, 3, 5])
 @pytest.mark.parametrize("axes", ["world", "tip"])
 def test_of_a_sensor_that_froze_as_many_readings_pass_as_is_said(axes, repeats):
-    """m, at 1 s to 1 s + (m − 1)T; and when it works again, one look later it is believed."""
+    """m, at 1 s to 1 s + (m − 1)T; and when it works again, one period later it is valid."""
     times, found = passed(frozen_in(axes), repeats=repeats)
     none = np.all(np.isnan(found), axis=1)
     assert not np.any(np.isnan(found[~none]))
@@ -95,7 +95,7 @@ def test_a_sensor_that_froze_is_seen_where_the_angles_are_about_a_task(uvms, pla
     assert np.all(np.isnan(found[3:]))
 
 
-def test_a_component_at_the_end_of_a_range_that_nobody_knows_is_noticed():
+def test_a_component_at_the_end_of_an_undeclared_range_is_detected():
     def cut(time):
         return np.clip(noisy(time) + np.array([10.0 * (time > 1.0), *np.zeros(5)]), -25.0, 25.0)
 
@@ -125,7 +125,7 @@ def test_zeros_during_the_tare_are_readings_and_later_ones_are_not(start):
     np.testing.assert_array_equal(np.isnan(found[:, 0]), times - start > 2.0 + 2.5 * T)
 
 
-def test_without_a_declared_number_nobody_looks():
+def test_without_a_declared_number_nothing_is_detected():
     _, found = passed(lambda time: np.ones(6), repeats=0)
     np.testing.assert_array_equal(found, 1.0)
 
@@ -150,8 +150,9 @@ def test_a_gap_is_no_look(lost):
 def test_a_clone_goes_on_as_the_run_does():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(force=frozen_in("world"), state=turning))
-    watch = ForceFaultDetector.AddToBuilder(builder, drill(), T, state=script.GetOutputPort("state"),
-                                    force_measured=script.GetOutputPort("force"))
+    watch = ForceFaultDetector.AddToBuilder(
+        builder, drill(), T, state=script.GetOutputPort("state"),
+        force_measured=script.GetOutputPort("force"))
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.15)

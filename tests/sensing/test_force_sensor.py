@@ -129,15 +129,15 @@ def test_the_reading_does_the_power_of_the_force_on_the_surface(any_model):
         bench = Bench(model, replace(PERFECT, mounting=MOUNTING), wrench=lambda t, w=wrench: w,
                       state=lambda t, state=state: state)
         bench.simulator.AdvanceTo(0.01)
-        reading, felt = bench.port("reading"), bench.port("force_measured")
+        reading, measured = bench.port("reading"), bench.port("force_measured")
         chi_dot = model.kinematics(config).J_chi @ zeta
         power = reading[:3] @ V.translational() + reading[3:] @ V.rotational()
-        assert power == pytest.approx(felt @ chi_dot, rel=1e-10)
-        np.testing.assert_allclose(felt, bench.force(0.0), rtol=1e-10, atol=1e-12)
+        assert power == pytest.approx(measured @ chi_dot, rel=1e-10)
+        np.testing.assert_allclose(measured, bench.force(0.0), rtol=1e-10, atol=1e-12)
 
 
 def test_a_wrong_attitude_is_not_in_what_the_inverse_dynamics_ask_for(model):
-    """A(𝔬)ᵀ𝔉_s at the measured attitude is the wrench at the tip, wherever it is believed to be."""
+    """A(𝔬)ᵀ𝔉_s at the measured attitude is the wrench at the tip, wherever the model has it."""
     wrench = np.array([3.0, -2.0, 20.0, 0.1, 0.2, -0.3])
     wrong = at_rest(0.0)
     wrong[3:6] += 0.2
@@ -184,7 +184,7 @@ def test_the_tool_is_taken_off_in_every_attitude(any_model):
 # Time --------------------------------------------------------------------------------------------
 
 
-def test_a_step_is_felt_as_late_as_a_first_order_lag(model):
+def test_a_step_response_is_that_of_a_first_order_lag(model):
     """F (1 − exp(−t/T)) at the samples, from x = 0."""
     wrench, T = np.array([20.0, -3.0, 1.0, 0.5, 0.1, -0.2]), 0.03
     bench = Bench(model, replace(PERFECT, lag=T, rate=200.0), wrench=lambda t: wrench)
@@ -203,7 +203,7 @@ def test_a_sensor_starts_at_what_it_feels(model):
     np.testing.assert_allclose(bench.port("reading"), wrench, rtol=1e-12)
 
 
-def test_a_sample_is_held_until_the_next_one(model):
+def test_a_sample_stays_until_the_next_one(model):
     bench = Bench(model, replace(PERFECT, rate=20.0), wrench=lambda t: np.full(6, t))
     for time, sample in ((0.049, 0.0), (0.051, 0.05), (0.0999, 0.05), (0.1234, 0.1)):
         bench.simulator.AdvanceTo(time)
@@ -245,8 +245,8 @@ def test_a_force_that_is_readable_is_in_the_range_whatever_comes_to_it(model):
     settings = replace(ForceSensor(), range=np.array([60.0, 70.0, 80.0, 40.0, 40.0, 30.0]),
                        drift=np.full(6, 0.1), tool=TOOL)
     most = readable_force(settings, 30.0)
-    beside = 5.0 + 3.0 + 3.0 * 0.25 + TOOL.largest_hold(9.81)[0]
-    assert most == pytest.approx(60.0 - beside)
+    other_errors = 5.0 + 3.0 + 3.0 * 0.25 + TOOL.largest_hold(9.81)[0]
+    assert most == pytest.approx(60.0 - other_errors)
     assert settings.reading(30.0, 1.0).largest == most
     assert readable_force(replace(settings, range=np.ones(6)), 30.0) == 0.0
 
@@ -340,7 +340,7 @@ def test_no_copy_and_no_force_of_that_rate_exceeds_the_bound(model, seed):
 
 
 def test_a_tool_of_the_wrong_weight_reaches_its_line(model):
-    """Tared upside down: twice what is wrong."""
+    """Tared upside down: twice the error."""
     settings = replace(PERFECT, tool=replace(TOOL, error=0.1), tare=0.1)
 
     def state(time):

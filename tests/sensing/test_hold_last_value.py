@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.sensing.hold_last_value`: what goes on through a gap."""
+"""Tests of `uvms_drake.sensing.hold_last_value`: the value through a gap."""
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -18,7 +18,7 @@ def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(measured=measured))
     last = HoldLastValue.AddToBuilder(builder, measured=script.get_output_port())
-    moving = builder.AddSystem(Integrator(1))  # What moves is simulated in steps.
+    moving = builder.AddSystem(Integrator(1))  # A continuous state makes steps.
     one = builder.AddSystem(ConstantVectorSource([1.0]))
     builder.Connect(one.get_output_port(), moving.get_input_port())
     diagram = builder.Build()
@@ -39,7 +39,7 @@ def test_the_last_finite_vector_goes_on_through_a_gap_also_in_a_clone():
     np.testing.assert_allclose(value(clone), [0.5, -0.5], atol=1.01 * step)
 
 
-def test_in_a_gap_it_lets_go_of_the_last_vector_if_it_is_told_to():
+def test_in_a_gap_release_zeroes_the_last_vector():
     builder = DiagramBuilder()
     script = builder.AddSystem(Script(measured=measured, release=lambda time: [time > 0.55]))
     last = HoldLastValue.AddToBuilder(builder, measured=script.GetOutputPort("measured"),

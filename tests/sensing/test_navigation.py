@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.sensing.navigation`: its bounds, reached and kept, and what each part is."""
+"""Tests of `uvms_drake.sensing.navigation`: its bounds, reached and kept, and each part."""
 
 from dataclasses import replace
 from math import erf, exp, pi, sqrt
@@ -53,7 +53,7 @@ def run(settings, times, model, state=still, seed=0):
     return np.array(out)
 
 
-def test_without_errors_it_is_the_state_sampled_and_late(model):
+def test_without_errors_it_is_the_delayed_samples_of_the_state(model):
     settings = replace(QUIET, position=Channel(10.0, 0.0, 0.25), turning=Channel(20.0, 0.0, 0.0))
     times = np.linspace(0.5013, 1.4983, 61)
     rows, k = np.arange(2 * SIZE), np.floor(times * 50.0 + 1e-9) / 50.0
@@ -74,7 +74,7 @@ def test_the_errors_keep_to_the_bounds_and_nearly_reach_them(model):
         error[rows] = channel.noise
         age[rows] = 0.0 if channel.propagated else channel.latency + 1.0 / channel.rate
     error[:3] += min(settings.drift.bound, settings.drift.rate * times[-1])
-    dvl = settings.dvl  # What it grows by over the longest gap.
+    dvl = settings.dvl  # Its growth over the longest gap.
     error[SIZE: SIZE + 3] += np.asarray(dvl.noise) + dvl.growth * dvl.most / dvl.rate
     largest = np.max(np.abs(run(settings, times, model, still, seed)), axis=0)
     assert np.all(largest <= error + 1e-12)
@@ -156,7 +156,7 @@ def test_a_navigation_that_none_is_is_refused(change, key):
 
 
 def test_the_loop_begins_at_the_measured_state():
-    """The first plan starts where the robot seems to be; the run goes on by what is measured."""
+    """The first plan starts at the measured state; the run continues with the measurements."""
     scenario = load_scenario("girona500_ideal", [
         "duration=0.4", "sensing=[!Navigation {position: {noise: 0.001}}]"])
     record = simulate(scenario)

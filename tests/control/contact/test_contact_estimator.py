@@ -1,4 +1,4 @@
-"""Tests of `control.contact.contact_estimator`: what is kept, in and between Contexts."""
+"""Tests of `control.contact.contact_estimator`: its state, in and between Contexts."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
 SENSING = ForceSensorModel(force_max=45.0, noise=1.0, period=0.1)
 HERE = np.zeros((2, 2))
-"""Where plans go: at the first place, across n."""
+"""Extent of the plans: the first place, across n."""
 MARGIN = 1e-3
 PLACE = np.array([0.03, -5.0, 0.02])
 OUTPUTS = ("safe_depth", "apex", "touched", "reading", "slope", "contact_depth", "force_lost")
@@ -39,7 +39,7 @@ def wall(time, kappa=1000.0):
 
 
 def state(time, at=depth):
-    """Of the drill, whose tip is at the vehicle's origin; its axes are those of Σ_I."""
+    """Model of the drill, whose tip is at the vehicle's origin; its axes are those of Σ_I."""
     rate = (at(time + 1e-6) - at(time - 1e-6)) / 2e-6
     return np.array([0.0, at(time), *np.zeros(6), rate, *np.zeros(5)])
 
@@ -155,7 +155,7 @@ def test_readings_of_a_watched_sensor_may_be_older():
 
 
 def test_a_wall_that_went_away_is_searched_for_again():
-    """Touched, left, and not found where it was: the front stays, the line does not."""
+    """Touched, left, and not found where it was: the safe region stays, the stiffness does not."""
     gone = partial(force, load=lambda time: wall(time) if time < 3.0 else 0.0)
     simulator, estimator, target = pressing(gone)
     simulator.AdvanceTo(2.95)
@@ -177,8 +177,8 @@ def out_and_in(time):
 
 @pytest.mark.parametrize("lost", ["state", "force"])
 def test_what_was_not_measured_is_not_taken_for_a_place_without_force(lost):
-    """A reading that is 0.3 s late tells of a place at which the tip was in a gap."""
-    def late(time):
+    """A reading delayed by 0.3 s belongs to a place at which the tip was in a gap."""
+    def delayed(time):
         gap = lost == "force" and 1.05 < time < 1.35
         return force(time, lambda t: np.nan if gap else 2000.0 * (out_and_in(t - 0.3) - 0.01))
 
@@ -186,7 +186,7 @@ def test_what_was_not_measured_is_not_taken_for_a_place_without_force(lost):
         gap = lost == "state" and 1.05 < time < 1.35
         return np.full(14, np.nan) if gap else np.array([0.0, out_and_in(time), *np.zeros(12)])
 
-    simulator, estimator, _ = pressing(late, seen, OLD_READINGS)
+    simulator, estimator, _ = pressing(delayed, seen, OLD_READINGS)
     for time in np.arange(1, 20) * 0.1 + 0.05:
         simulator.AdvanceTo(time)
         apex, = values(simulator, estimator, "apex")
@@ -198,7 +198,7 @@ def test_what_was_not_measured_is_not_taken_for_a_place_without_force(lost):
 @pytest.mark.parametrize(("kernel", "reached"), [
     ([1.0, 0.0, 0.0, 0.0], 44.0), ([0.25, 0.25, 0.25, 0.25], 35.0)])
 def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
-    """At a run into the stiffest wall, with a sensor that is 0.3 s late, or averages over them.
+    """At a run into the stiffest wall, with a sensor that delays by 0.3 s, or averages over them.
 
     By the last reading alone, the force there is F_max less ν, and less the 9 N by which the mean
     is above the first of four forces that are 6 N apart.
@@ -208,20 +208,22 @@ def test_an_old_reading_is_not_taken_for_a_new_one(kernel, reached):
     for i in range(8):
         load = np.dot(kernel, true[i: i + 4])
         tip = np.array([0.0, speed * 0.1 * i, 0.0, 0.0, speed, 0.0])
-        known = updated_contact_state(SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, load, 0.0]))
+        known = updated_contact_state(
+            SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, load, 0.0]))
         assert 2000.0 * known.apex[1] <= 45.0 + 1e-9
         if i == 6:
             known = known._replace(apex=np.full(3, np.nan))
     assert 2000.0 * known.apex[1] == pytest.approx(reached)
 
 
-def test_a_late_sensor_makes_no_wall_look_much_softer():
-    """A tip that goes in and out, and a force that is 0.3 s behind it: a press would converge."""
+def test_a_delayed_sensor_makes_no_wall_look_much_softer():
+    """A tip that goes in and out, and a force delayed by 0.3 s: a press would converge."""
     known, lowest = initial_contact_state(OLD_READINGS), np.inf
     for time in np.arange(0.0, 30.0, 0.1):
         x, old = 0.02 + 0.01 * np.sin(2.0 * np.array([time, time - 0.3]))
         tip = np.array([0.0, x, 0.0, 0.0, 0.02 * np.cos(2.0 * time), 0.0])
-        known = updated_contact_state(SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
+        known = updated_contact_state(
+            SURFACE, OLD_READINGS, HERE, known, tip, np.array([0.0, 1000.0 * old, 0.0]))
         lowest = min(lowest, slope(StiffnessEstimate.of(known.stiffness), SURFACE))
     assert lowest > 600.0
 
@@ -229,7 +231,8 @@ def test_a_late_sensor_makes_no_wall_look_much_softer():
 def test_a_tip_that_retreats_too_fast_feels_nothing():
     surface = SurfaceClass(SURFACE.direction, 2000.0, dissipation=2.0)
     tip = np.array([0.0, 0.3, 0.0, 0.0, -0.6, 0.0])
-    known = updated_contact_state(surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
+    known = updated_contact_state(
+        surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
     assert np.all(np.isnan(known.apex))
     np.testing.assert_array_equal(known.stiffness, NOTHING.state)
 
@@ -248,7 +251,7 @@ def test_no_sensor_is_like_that(bad):
         ForceSensorModel(**{"force_max": 45.0, "noise": 1.0, **bad})
 
 
-def test_it_steers_no_deeper_than_it_is_told():
+def test_it_steers_no_deeper_than_the_largest_depth():
     simulator, _, target = pressing()
     simulator.AdvanceTo(3.05)
     context = target.GetMyMutableContextFromRoot(simulator.get_mutable_context())

@@ -42,7 +42,7 @@ def test_without_a_wish_the_default_holds_and_one_that_is_not_finite_is_none():
     assert not np.any(wrench)
 
 
-def test_what_is_not_given_is_told_once_when_it_begins(caplog):
+def test_a_clipped_force_gives_one_warning_when_it_begins(caplog):
     builder = DiagramBuilder()
     forces = np.array([20.0, 45.0, 50.0, 20.0, np.nan, 20.0, -3.0])
     source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(
@@ -58,7 +58,7 @@ def test_what_is_not_given_is_told_once_when_it_begins(caplog):
         f"t = 6 s: {cut} 0 N, {can}"]
 
 
-def test_what_is_asked_for_across_the_direction_is_told(caplog):
+def test_a_desired_force_across_the_direction_gives_a_warning(caplog):
     system = DesiredForce(N, 12.0, 30.0)
     simulator = Simulator(system)
     system.GetInputPort("desired_force").FixValue(

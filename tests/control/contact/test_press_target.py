@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.contact.press_target`: the law alone, and with front and slope."""
+"""Tests of `control.contact.press_target`: the law alone, and with safe region and stiffness."""
 
 import numpy as np
 import pytest
@@ -74,28 +74,30 @@ def test_what_remains_of_noise_and_tube(ratio, claimed):
     assert claimed or bound == pytest.approx(5.0 * nu + 3.0 * kappa * E)
 
 
-def test_it_searches_beyond_the_front_until_there_is_a_wall():
+def test_it_searches_beyond_the_safe_region_until_there_is_a_wall():
     found = target_depth(20.0, np.array([0.2, 0.0]), False, 2000.0, NOWHERE, 0.25)
     assert found == pytest.approx(0.25 + SEARCH_DEPTH)
 
 
-def test_beside_its_place_it_searches_no_deeper():
-    """Where it has felt a wall, it presses as it would anywhere."""
-    for lateral_error, begins, expected in ((0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
+def test_off_its_place_it_searches_no_deeper():
+    """After a touch it presses as anywhere else."""
+    for lateral_error, begins, expected in (
+            (0.06, NOWHERE, 0.2), (0.04, NOWHERE, 0.35), (0.06, 0.5, 0.51)):
         found = target_depth(
             20.0, np.array([0.2, 0.0]), False, 2000.0, begins, 0.25, lateral_error=lateral_error)
         assert found == pytest.approx(expected)
 
 
-def test_a_light_press_searches_no_further_than_it_may():
+def test_a_small_force_searches_with_a_limited_lead():
     """At that speed the stiffest wall is pressed with twice the force until a plan knows of it."""
     delay, stiffness, lag = touch_to_plan(0.2, 0, SENSING), 1000.0, 0.4
     assert delay == pytest.approx(0.2 + 0.11 + 3 * 0.01)
     assert touch_to_plan(0.2, 2, SENSING) == pytest.approx(delay + 0.4)
     speed = search_speed(6.0, stiffness, delay)
     assert stiffness * speed * delay == pytest.approx(2.0 * 6.0)
-    for force, search_lead, expected in ((6.0, lag * speed / 6.0, 0.2 + lag * speed),
-                                   (6.0, 1.0, 0.25 + SEARCH_DEPTH), (0.0, 1e-4, 0.25 + SEARCH_DEPTH)):
+    for force, search_lead, expected in (
+            (6.0, lag * speed / 6.0, 0.2 + lag * speed), (6.0, 1.0, 0.25 + SEARCH_DEPTH),
+            (0.0, 1e-4, 0.25 + SEARCH_DEPTH)):
         found = target_depth(
             force, np.array([0.2, 0.0]), False, stiffness, NOWHERE, 0.25, search_lead=search_lead)
         assert found == pytest.approx(expected)
@@ -107,7 +109,7 @@ def test_it_comes_back_to_a_wall_that_it_has_left_and_follows_one_that_yields():
         assert found == pytest.approx(expected)
 
 
-def test_without_readings_it_goes_back_from_the_wall_or_from_where_it_felt_last():
+def test_without_readings_it_retreats_from_the_wall_or_from_the_last_reading():
     for x, begins, expected in ((0.5, 0.49, 0.44), (0.3, 0.49, 0.25), (0.5, NOWHERE, 0.45)):
         found = retreat_depth(np.array([x, 20.0]), begins)
         assert found == pytest.approx(expected)
@@ -119,8 +121,8 @@ def test_without_readings_it_goes_back_from_the_wall_or_from_where_it_felt_last(
 def test_it_presses_on_any_wall_without_ever_pressing_too_hard(stiffness, furthest, duration):
     """Fifty walls each: place, slopes, damping, noise, error of the tip, desired force, all random.
 
-    Every plan can stop within the front, the static force is never above its limit, and 5 s after
-    the touch it is within ν + κ₊E of the desired one for good, but for a twentieth.
+    Every plan can stop within the safe region, the static force never exceeds its limit, and 5 s
+    after the touch it is within ν + κ₊E of the desired one for good, but for a twentieth.
     """
     rng, count = np.random.default_rng(int(stiffness)), 50
     margin = 0.1 * FORCE_MAX / stiffness
@@ -135,15 +137,15 @@ def test_it_presses_on_any_wall_without_ever_pressing_too_hard(stiffness, furthe
 
 
 def stiffest(stiffness, count):
-    """Walls of the largest slope, a tenth of what the tip moves in a period apart."""
+    """Walls of the largest slope, a tenth of the motion in a period apart."""
     kappa = np.full(count, stiffness)
     return Walls(0.1 + 2e-4 * np.arange(count), kappa, kappa, np.zeros(count), np.zeros(count))
 
 
 def test_the_limit_of_the_force_is_reached_by_an_adversary():
-    """The stiffest wall, a sensor that shows too little, and a tip that leaps ahead at the end.
+    """The stiffest wall, a sensor that shows too little, and a tip that leaps forward at the end.
 
-    The desired force is above the limit, so the front alone holds the tip.
+    The desired force is above the limit, so the safe region alone stops the tip.
     """
     stiffness, count, margin = 2000.0, 20, 2.4e-3
     result = pressed(

@@ -51,7 +51,7 @@ def test_nowhere_in_the_cone_is_the_force_too_large(seed):
     assert 0.6 < closest <= 1.0 + 1e-9
 
 
-def test_the_front_is_where_the_stiffest_wall_has_the_largest_force():
+def test_the_region_ends_where_the_stiffest_wall_has_the_largest_force():
     surface = straight(stiffness=5000.0)
     p = np.array([0.3, 1.0, -2.0])
     force = np.array([12.0 - NOISE, 0.0, 0.0])  # The noise hides some of the 12 N.
@@ -74,7 +74,7 @@ def test_a_reading_above_the_limit_says_nothing_alone():
 
 @pytest.mark.parametrize("weights", [[1, 0, 0, 0], [0.25, 0.25, 0.25, 0.25], [0, 0.1, 0.2, 0.7]])
 def test_the_age_of_a_reading_is_paid_for(weights):
-    """On the stiffest wall, at a run into it; a front of the latest place alone is too far."""
+    """On the stiffest wall, at a run into it; a region of the latest place alone is too far."""
     surface = straight()
     x = np.array([0.0, 1e-3, 2e-3, 3e-3])
     points = x[:, None] * np.eye(3)[0]
@@ -108,13 +108,14 @@ def test_between_two_readings_no_tip_of_constant_acceleration_is_further_back():
     surface, t = straight(angle=0.5), np.linspace(0.0, period, 201)
     for first, last in rng.normal(0.0, 0.05, (300, 2, 3)):
         p = np.outer(t, first) + np.outer(0.5 * t**2 / period, last - first)
-        way = surface.advance(p[-1] - p)
-        most = max(way[0], way[-1]) + between_readings(surface, np.array([first, last]), period)
-        assert np.max(way) <= most + 1e-12
+        distance_moved = surface.advance(p[-1] - p)
+        most = max(distance_moved[0], distance_moved[-1]) + between_readings(
+            surface, np.array([first, last]), period)
+        assert np.max(distance_moved) <= most + 1e-12
 
 
 def lateral(surface, tip, place):
-    """How deep the pyramid of an apex is at a lateral place, by its facets."""
+    """Depth of the pyramid of an apex at a lateral place, by its facets."""
     along = surface.facets @ surface.direction
     depths = (tip - place) @ surface.facets.T / along
     return surface.depth(place) + np.min(depths, axis=-1)
@@ -136,7 +137,7 @@ def test_the_pyramid_is_inside_of_the_cone_and_meets_it_across_its_axes():
 
 @pytest.mark.parametrize("size", [0.0, 0.02, 0.2])
 def test_an_apex_is_replaced_iff_nothing_is_lost_in_a_box_of_places(size):
-    """The box is anywhere beside both, and sampled densely: at its ends, too."""
+    """The box is anywhere off both, and sampled densely: at its ends, too."""
     rng = np.random.default_rng(3)
     surface = SurfaceClass(random_direction(rng), angle=0.4)
     R, taken = surface.axes.T, 0
@@ -152,14 +153,15 @@ def test_an_apex_is_replaced_iff_nothing_is_lost_in_a_box_of_places(size):
     assert 20 < taken < 180
 
 
-def test_what_is_behind_a_tip_that_slides_is_given_up_and_what_is_ahead_is_not():
+def test_places_behind_a_sliding_tip_are_lost_and_those_before_it_are_not():
     """α is gained for each metre that the old apex is left behind by."""
     surface = SurfaceClass(angle=0.2)
     old, new = np.zeros(3), surface.axes.T @ [-0.9 * surface.tilt * 0.05, 0.05, 0.0]
     forward_box, both = np.array([[0.05, 0.0], [0.3, 0.0]]), np.array([[0.0, 0.0], [0.3, 0.0]])
     assert dominates(surface, new, old, forward_box)
     assert not dominates(surface, new, old, both)
-    assert not dominates(surface, new - 0.2 * surface.tilt * 0.05 * surface.direction, old, forward_box)
+    less = new - 0.2 * surface.tilt * 0.05 * surface.direction
+    assert not dominates(surface, less, old, forward_box)
 
 
 def test_any_apex_is_better_than_none_and_none_replaces_any():

@@ -1,4 +1,4 @@
-"""The explored front on hulls, pipes and bumpy walls with friction, told of their class."""
+"""Safe region on hulls, pipes and bumpy walls with friction, for walls of their class."""
 
 import numpy as np
 import pytest
@@ -20,13 +20,14 @@ def test_what_a_reading_makes_safe_is_safe(surface):
         _, direction = surface.geometry.depth_and_gradient(center)
         direction = direction / np.linalg.norm(direction) + 0.05 * rng.normal(size=3)
         direction /= np.linalg.norm(direction)
-        told = surface.membership(direction, center, REACH)
-        walls = SurfaceClass(direction, told.stiffness, told.angle, told.dissipation, told.friction)
+        bounds = surface.membership(direction, center, REACH)
+        walls = SurfaceClass(
+            direction, bounds.stiffness, bounds.angle, bounds.dissipation, bounds.friction)
         points = in_ball_of(center, REACH, 200, rng)
         velocities = rng.normal(scale=0.05, size=(200, 3))
-        felt = surface.force(*(np.pad(x, ((0, 0), (0, 3))) for x in (points, velocities)))[:, :3]
-        felt = felt + in_ball_of(np.zeros(3), NOISE, 200, rng)
-        at = apex(walls, points[:, None], velocities[:, None], felt, LARGEST, NOISE)
+        force = surface.force(*(np.pad(x, ((0, 0), (0, 3))) for x in (points, velocities)))[:, :3]
+        force = force + in_ball_of(np.zeros(3), NOISE, 200, rng)
+        at = apex(walls, points[:, None], velocities[:, None], force, LARGEST, NOISE)
         others = in_ball_of(center, REACH, 2000, rng)
         static = surface.static_force(np.pad(others, ((0, 0), (0, 3))))
         safe = free_distance(walls, at[:, None], others) >= 0.0

@@ -1,4 +1,4 @@
-"""Tests of `control.contact.stiffness_estimate`: what is learned of a wall, and what is not."""
+"""Tests of `control.contact.stiffness_estimate`: its convergence and its bounds."""
 
 import numpy as np
 import pytest
@@ -21,23 +21,23 @@ MOST, NOISE, MEMORY, PERIOD = 1000.0, 4.2, 10.0, 0.01
 SIGMA = 0.25  # N, of a reading; the bound has bias and much else in it
 WALLS = SurfaceClass(np.array([0.0, 1.0, 0.0]), MOST, np.radians(5.0))
 DEG_3 = np.tan(np.radians(3.0))
-ASIDE = np.array([0.6, 0.0, 0.8])
+LATERAL = np.array([0.6, 0.0, 0.8])
 """Unit vector across n, down which the wall here runs off."""
 
 
 def wall(kappa, tilted=0.0):
     """Returns the static force at places (..., 3) [N] of a wall through the origin."""
-    return lambda tip: kappa * np.maximum(tip @ (WALLS.direction + tilted * ASIDE), 0.0)
+    return lambda tip: kappa * np.maximum(tip @ (WALLS.direction + tilted * LATERAL), 0.0)
 
 
-def path(depth, aside=0.0):
-    """Returns places (m, 3) at depths and lengths along `ASIDE` (m,)."""
+def path(depth, lateral=0.0):
+    """Returns places (m, 3) at depths and lengths along `LATERAL` (m,)."""
     return np.multiply.outer(depth, WALLS.direction) + np.multiply.outer(
-        np.broadcast_to(aside, np.shape(depth)), ASIDE)
+        np.broadcast_to(lateral, np.shape(depth)), LATERAL)
 
 
 def read(tips, forces, estimate=NOTHING, *, walls=WALLS, memory=MEMORY, period=PERIOD):
-    """Returns the beliefs after each reading of a contact."""
+    """Returns the estimates after each reading of a contact."""
     estimates = []
     for tip, force in zip(tips, forces, strict=True):
         estimate = with_reading(estimate, walls, tip, force, True, NOISE, memory, period)
@@ -45,15 +45,15 @@ def read(tips, forces, estimate=NOTHING, *, walls=WALLS, memory=MEMORY, period=P
     return estimates
 
 
-def felt(tips, force, seed=0, **options):
+def estimated(tips, force, seed=0, **options):
     noise = SIGMA * np.clip(np.random.default_rng(seed).standard_normal(len(tips)), -3.0, 3.0)
     return read(tips, force(tips) + noise, **options)
 
 
 def pressed(kappa, force=20.0, tilted=0.0, count=150):
-    """Returns what is believed after a press to a force, as fast at first as at the end slow."""
+    """Returns the estimate after a press to a force, as fast at first as at the end slow."""
     depth = force / kappa * (1.0 - np.linspace(1.0, 0.0, count) ** 2)
-    return felt(path(depth), wall(kappa, tilted))[-1]
+    return estimated(path(depth), wall(kappa, tilted))[-1]
 
 
 def test_it_is_the_least_squares_fit_of_a_wall_that_is_straight():
@@ -110,7 +110,7 @@ def test_a_tip_at_rest_neither_learns_nor_forgets():
     """Nor one whose position is measured with an error of 2 mm at most."""
     before, rng = pressed(300.0), np.random.default_rng(1)
     tips = before.at + 6.7e-4 * np.clip(rng.standard_normal((500, 3)), -2.0, 2.0)
-    after = felt(tips, lambda tips: np.full(500, 20.0), estimate=before)[-1]
+    after = estimated(tips, lambda tips: np.full(500, 20.0), estimate=before)[-1]
     np.testing.assert_array_equal(after.mean, before.mean)
     np.testing.assert_array_equal(after.covariance[1:], before.covariance[1:])
 
@@ -118,48 +118,49 @@ def test_a_tip_at_rest_neither_learns_nor_forgets():
 @pytest.mark.parametrize("kappa", [100.0, 700.0])
 def test_a_slide_on_a_wall_that_runs_off_teaches_how_it_is_inclined(kappa):
     """At one force, 0.6 m along the wall: the wall that recedes does not look soft."""
-    before, aside = pressed(kappa, tilted=DEG_3), np.linspace(0.0, 0.6, 200)
-    estimates = felt(path(20.0 / kappa - DEG_3 * aside, aside), wall(kappa, DEG_3), estimate=before)
+    before, lateral = pressed(kappa, tilted=DEG_3), np.linspace(0.0, 0.6, 200)
+    estimates = estimated(
+        path(20.0 / kappa - DEG_3 * lateral, lateral), wall(kappa, DEG_3), estimate=before)
     learned = np.array([slope(estimate, WALLS) for estimate in estimates])
     assert np.all(learned >= 0.9 * kappa)
     assert np.all(learned <= min(1.6 * kappa, MOST))
-    np.testing.assert_allclose(tilt(estimates[-1], WALLS), DEG_3 * ASIDE, atol=0.15 * DEG_3)
+    np.testing.assert_allclose(tilt(estimates[-1], WALLS), DEG_3 * LATERAL, atol=0.15 * DEG_3)
 
 
 @pytest.mark.parametrize("kappa", [300.0, 900.0])
 def test_a_slide_along_which_the_position_is_wrong_teaches_no_stiffness(kappa):
-    """By 2 mm at most, at 50 Hz: depths that are not there would make the wall look soft."""
+    """Depths with errors of 2 mm at most, at 50 Hz, would make the wall look soft."""
     before, rng, count = pressed(kappa, 10.0, DEG_3), np.random.default_rng(2), 1500
-    aside = np.linspace(0.0, 0.6, count)
-    tips = path(10.0 / kappa - DEG_3 * aside, aside)
+    lateral = np.linspace(0.0, 0.6, count)
+    tips = path(10.0 / kappa - DEG_3 * lateral, lateral)
     seen = tips + np.repeat(
         6.7e-4 * np.clip(rng.standard_normal((count // 2, 3)), -3.0, 3.0), 2, axis=0)
     last = read(seen, wall(kappa, DEG_3)(tips), estimate=before)[-1]
     assert 0.9 * kappa <= slope(last, WALLS) <= min(1.6 * kappa, MOST)
-    np.testing.assert_allclose(tilt(last, WALLS), DEG_3 * ASIDE, atol=0.25 * DEG_3)
+    np.testing.assert_allclose(tilt(last, WALLS), DEG_3 * LATERAL, atol=0.25 * DEG_3)
 
 
 def test_hard_below_soft_and_soft_below_hard_are_noticed_within_a_few_noises():
     for first, second in ((100.0, MOST), (MOST, 100.0)):
         before, start = pressed(first), 20.0 / first
         deeper = start + np.linspace(0.0, 5.0 * NOISE / MOST, 60)
-        last = felt(path(deeper), lambda tips, at=start, k=second: 20.0 + k * (
+        last = estimated(path(deeper), lambda tips, at=start, k=second: 20.0 + k * (
             tips @ WALLS.direction - at), estimate=before)[-1]
         assert slope(last, WALLS) > 0.8 * MOST or second < first
         longer = start + np.linspace(0.0, 15.0 / second, 120)
-        last = felt(path(longer), lambda tips, at=start, k=second: 20.0 + k * (
+        last = estimated(path(longer), lambda tips, at=start, k=second: 20.0 + k * (
             tips @ WALLS.direction - at), estimate=before)[-1]
         assert 0.9 * second <= slope(last, WALLS) <= max(2.0 * second, 0.3 * MOST)
 
 
 def test_a_wall_that_hardens_is_followed():
     depth = np.linspace(0.0, 0.06, 300)
-    estimates = felt(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
+    estimates = estimated(path(depth), lambda tips: 5e3 * (tips @ WALLS.direction) ** 2)
     for i in (150, 299):
         assert 0.6 <= slope(estimates[i], WALLS) / (1e4 * depth[i]) <= 1.5
 
 
-def test_a_wall_that_is_gone_is_forgotten_and_one_ahead_is_not():
+def test_a_wall_that_is_gone_is_forgotten_and_one_not_reached_is_not():
     before = pressed(500.0)
     for depth, forgotten in ((-0.05, False), (0.0, False), (0.04, True)):
         after = with_reading(before, WALLS, path(depth), 0.2, False, NOISE, MEMORY, PERIOD)
@@ -168,28 +169,30 @@ def test_a_wall_that_is_gone_is_forgotten_and_one_ahead_is_not():
 
 
 @pytest.mark.parametrize("kappa", [100.0, 400.0, MOST])
-@pytest.mark.parametrize("late", [0.0, 0.03, 0.14])
-def test_a_fast_press_teaches_the_slope_too(kappa, late):
-    """However late the readings are: at 50 mm/s, and with a stop within 30 mm at 20 N."""
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.14])
+def test_a_fast_press_teaches_the_slope_too(kappa, delay):
+    """For any delay of the readings: at 50 mm/s, and with a stop within 30 mm at 20 N."""
     window, speed = 0.14, 0.05
     time = np.arange(0.0, 2.0 + 20.0 / kappa / speed, PERIOD)
     depth = np.where(time * speed < 20.0 / kappa, time * speed, 20.0 / kappa)
     before = np.interp(time - window, time, depth, left=0.0)
-    force = kappa * np.interp(time - late, time, depth, left=0.0)
+    force = kappa * np.interp(time - delay, time, depth, left=0.0)
     estimate, rng = NOTHING, np.random.default_rng(3)
-    for tip, F, way in zip(path(depth), force, depth - before, strict=True):
+    for tip, F, distance_moved in zip(path(depth), force, depth - before, strict=True):
         F += SIGMA * np.clip(rng.standard_normal(), -3.0, 3.0)
-        estimate = with_reading(estimate, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, way)
+        estimate = with_reading(
+            estimate, WALLS, tip, F, F > NOISE, NOISE, MEMORY, PERIOD, distance_moved)
         assert slope(estimate, WALLS) > 0.6 * kappa  # A press converges from half of κ on.
     assert slope(estimate, WALLS) < max(2.0 * kappa, 0.25 * MOST)
 
 
 def test_a_reading_that_may_be_of_another_place_is_of_another_wall_only_beyond_that():
-    before, way = pressed(500.0), 8.0 * NOISE / MOST
+    before, distance_moved = pressed(500.0), 8.0 * NOISE / MOST
     expected = 20.0 + 500.0 * 0.02
-    for off, forgotten in ((-0.9 * 500.0 * way, False), (-NOISE - 2.0 * 500.0 * way, True)):
+    for off, forgotten in ((-0.9 * 500.0 * distance_moved, False),
+                           (-NOISE - 2.0 * 500.0 * distance_moved, True)):
         after = with_reading(before, WALLS, path(20.0 / 500.0 + 0.02), expected + off, False,
-                             NOISE, MEMORY, PERIOD, way)
+                             NOISE, MEMORY, PERIOD, distance_moved)
         assert np.isnan(after.mean[0]) == forgotten
 
 
@@ -216,7 +219,7 @@ def test_the_state_has_all_of_it():
 
 @pytest.mark.parametrize("known", [False, True])
 def test_a_slide_leaves_no_force_error_once_the_inclination_is_known(known):
-    """A tip that follows its target T late, along a wall that comes nearer; else κ̂Tv tan θ is."""
+    """A tip that lags its target by T, along a wall that comes nearer; else κ̂Tv tan θ is."""
     kappa, speed, lag, desired = 700.0, 0.02, 0.6, 20.0
     estimate, force_at = pressed(kappa, tilted=DEG_3), wall(kappa, DEG_3)
     tip = path(desired / kappa)

@@ -16,7 +16,7 @@ LAG, PERIOD = 0.5, 0.01
 
 
 class Setup:
-    """The system behind a force that can be set."""
+    """Filter of a force that can be set."""
 
     def __init__(self, force: np.ndarray):
         builder = DiagramBuilder()
@@ -35,7 +35,7 @@ class Setup:
             context or self.simulator.get_context()))
 
 
-def test_what_is_across_comes_behind_a_lag_and_the_rest_at_once():
+def test_the_tangential_part_lags_and_the_normal_part_passes():
     setup = Setup(np.array([*FORCE, 0.1, 0.2, 0.3]))
     setup.simulator.Initialize()
     for steps in (0, 1, 20, 100):
@@ -57,7 +57,7 @@ def test_a_force_that_is_no_number_teaches_nothing():
 
 
 def test_nothing_is_across_where_nothing_is_pressed():
-    """A wall that was left, or a force that the law is told to be none."""
+    """A wall that was left, or a released force."""
     setup = Setup(np.append(FORCE, np.zeros(3)))
     setup.simulator.AdvanceTo(1.0)
     setup.give(np.zeros(6))
@@ -82,14 +82,14 @@ def test_times_are_positive(lag, period, key):
 def swing(tangential_filter: bool, m: float = 1.5, c: float = 64.0, tau: float = 0.03) -> float:
     """Returns the acceleration of a tip over the one that a law means, at 0.7 Hz.
 
-    The tip of inertia m is held by friction cv, and the law cancels what it measures τ late.
+    Friction cv resists the tip of inertia m, and the law cancels the measured force τ later.
     """
     h, lag, omega = 1e-3, 1.0, 2.0 * np.pi * 0.7
-    late = round(tau / h)
-    v, slow, forces, found = 0.0, np.zeros(3), [0.0] * late, []
+    delay = round(tau / h)
+    v, slow, forces, found = 0.0, np.zeros(3), [0.0] * delay, []
     for i in range(12_000):
         forces.append(c * v)
-        force = np.array([0.0, forces[-1 - late], 0.0])
+        force = np.array([0.0, forces[-1 - delay], 0.0])
         slow = followed(slow, force, np.array([1.0, 0.0, 0.0]), h / lag)
         cancelled = slow[1] if tangential_filter else force[1]
         rate = (m * np.sin(omega * i * h) - c * v + cancelled) / m
@@ -98,7 +98,7 @@ def swing(tangential_filter: bool, m: float = 1.5, c: float = 64.0, tau: float =
     return float(np.max(np.abs(found[-3000:])))
 
 
-def test_friction_that_is_cancelled_late_makes_a_tip_heavier():
+def test_delayed_friction_compensation_makes_a_tip_heavier():
     """By cτ; and that is for slow friction the same as none: the tip is damped instead."""
     assert swing(tangential_filter=False) == pytest.approx(1.5 / (1.5 + 64.0 * 0.03), rel=0.05)
     omega = 2.0 * np.pi * 0.7

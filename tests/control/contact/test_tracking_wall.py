@@ -1,7 +1,7 @@
-"""The whole chain on one robot: a wall that nobody measured is found, and pressed as asked for.
+"""The whole chain on one robot: an unknown wall is found and pressed with the desired force.
 
-The robot follows the plan exactly: what is tried is whether front, target and planner fit together,
-and what they make of a force sensor that fails.
+The robot follows the plan exactly: the tests are of safe region, target and planner together,
+also with a force sensor that fails.
 """
 
 from dataclasses import replace
@@ -125,11 +125,11 @@ def press(place: float, stiffness: float, duration: float, fault: ForceFault | N
             "depth": kinematics.chi[:, :3] @ DIRECTION - place, "lost": lost.data()[0] > 0.0}
 
 
-@pytest.mark.parametrize(("ahead", "share"), [(0.06, 1.0), (0.03, 0.3)])
-def test_a_wall_that_nobody_measured_is_pressed_as_asked_for_and_never_harder(ahead, share):
+@pytest.mark.parametrize(("distance", "share"), [(0.06, 1.0), (0.03, 0.3)])
+def test_an_unknown_wall_is_pressed_with_the_desired_force_and_never_harder(distance, share):
     """At most F_max at rest in any state that is passed; every problem of the planner feasible."""
     stiffness = share * WALLS.stiffness
-    run = press(POSITION @ DIRECTION + ahead, stiffness, 12.0)
+    run = press(POSITION @ DIRECTION + distance, stiffness, 12.0)
     force = stiffness * np.maximum(run["depth"], 0.0)
     assert force[0] == 0.0, "it begins in the water"
     assert np.max(force) <= SENSING.force_max
@@ -161,7 +161,7 @@ FAULTS = {"lost": LostForce, "frozen": FrozenForce,
     pytest.param(kind, start, marks=[] if (kind, start) == ("frozen", AT) else pytest.mark.long)
     for kind in FAULTS for start in (BEFORE, AT, WHILE)])
 def test_a_sensor_that_fails_for_a_while_presses_no_harder_and_it_goes_on_afterwards(kind, start):
-    """It lets go of the wall, if what is read is none; what is covered changes nothing."""
+    """It leaves the wall if readings are missing; covered faults change nothing."""
     run = press(POSITION @ DIRECTION + 0.03, WALLS.stiffness, 13.5, FAULTS[kind](start, DURATION))
     force = WALLS.stiffness * np.maximum(run["depth"], 0.0)
     assert np.max(force) <= SENSING.force_max
@@ -178,8 +178,8 @@ def test_a_sensor_that_fails_for_a_while_presses_no_harder_and_it_goes_on_afterw
         assert np.all(force[np.abs(run["time"] - over) < 0.1] < 0.6 * SENSING.force_max)
 
 
-def test_a_frozen_sensor_that_nobody_watches_makes_it_press_as_hard_as_it_can():
-    """So that the watch is what the tests above are about."""
+def test_a_frozen_sensor_without_a_detector_makes_it_press_as_hard_as_it_can():
+    """The detector matters for the tests above."""
     run = press(POSITION @ DIRECTION + 0.03, WALLS.stiffness, 4.0, FrozenForce(BEFORE, 5.0),
                 replace(SENSING, repeats=0))
     assert WALLS.stiffness * np.max(run["depth"]) > 2.0 * SENSING.force_max

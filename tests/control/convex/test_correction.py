@@ -17,7 +17,7 @@ from uvms_drake.station.scenario.scenario import load_scenario
 
 @pytest.fixture(scope="module")
 def ocp() -> TrackingOcp:
-    """Whose tip has far to go, and is soon as fast as it may be."""
+    """A problem whose tip has far to go and soon reaches its speed limit."""
     return tracking_ocp().aimed(TrackingTarget(POSITION + 0.6 * DIRECTION, POSITION[0] + 0.5))
 
 
@@ -49,7 +49,8 @@ def revalued_is_the_program(ocp, guess) -> None:
     for one, another in zip(moved.norms, own.norms, strict=True):
         np.testing.assert_allclose(one.value, another.value, atol=1e-12)
     if own.terminal.radius_bound is not None:
-        np.testing.assert_allclose(moved.terminal.radius_bound.size, own.terminal.radius_bound.size, atol=1e-12)
+        np.testing.assert_allclose(
+            moved.terminal.radius_bound.size, own.terminal.radius_bound.size, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["girona500_contact", "girona500_ideal", "paper_kinematic",
@@ -78,7 +79,7 @@ def test_the_gradients_of_excesses_are_those_of_differences(ocp, guess, derivati
 
 
 def test_a_corrected_step_is_within_the_limits_at_the_same_cost(ocp, guess):
-    """What is left is of the order of the square of what the step leaves."""
+    """The remainder is of the order of the square of that of the step."""
     program = ocp.staged_program(guess)
     step = solve_staged(program).w
     plan = guess.redone(guess.start, guess.decision + step)
@@ -91,8 +92,8 @@ def test_a_corrected_step_is_within_the_limits_at_the_same_cost(ocp, guess):
     assert after.cost == pytest.approx(before.cost, rel=1e-3)
 
 
-def test_where_there_is_room_for_nothing_the_end_comes_back_all_the_same():
-    """At the apex of a front of facets, where the terminal set is the kink of a cone."""
+def test_at_a_terminal_radius_of_zero_the_end_is_corrected_all_the_same():
+    """At the apex of a safe region, where the terminal set is the kink of a cone."""
     facets = SurfaceClass(DIRECTION, angle=0.2).facets
     ocp = tracking_ocp(facets=facets)
     aim = TrackingTarget(POSITION + [0.3, 0.1, 0.0], facets @ (POSITION + [0.02, 0.0, 0.0]))
@@ -115,7 +116,7 @@ def test_where_there_is_room_for_nothing_the_end_comes_back_all_the_same():
 
 
 def test_a_sound_plan_takes_the_whole_step_in_one_iteration(ocp, guess):
-    """Almost all of what it gains; a step cut until it is sound gains a part of it."""
+    """Almost all of its gain; a step cut until it is sound gains a part of it."""
     whole = ocp.evaluate(guess.redone(
         guess.start, guess.decision + solve_staged(ocp.staged_program(guess)).w))
     assert not ocp.is_sound(whole)

@@ -145,7 +145,7 @@ def test_random_programs_have_the_solution_of_the_program_in_full(seeds):
 
 @pytest.mark.parametrize("off", [0.0, 1.0])
 @pytest.mark.parametrize("size", [-0.1, 0.0, 0.2])
-def test_the_end_has_to_be_where_there_is_room_for_it(size, off):
+def test_the_end_keeps_its_radius_bounds(size, off):
     """A second bound of the same norm, which changes with the end; and a plan that ends there."""
     mattered = 0
     for seed in range(12):
@@ -162,7 +162,7 @@ def test_the_end_has_to_be_where_there_is_room_for_it(size, off):
     assert mattered > 2
 
 
-def test_plans_in_front_of_a_wall_end_where_there_is_room_for_nothing():
+def test_plans_at_the_safe_region_end_at_a_terminal_radius_of_zero():
     """The kink of the terminal set's cone, which is no cone there but equalities."""
     facets = SurfaceClass(DIRECTION, angle=0.2).facets
     ocp = tracking_ocp(facets=facets)
@@ -230,7 +230,8 @@ def test_without_an_excess_the_price_of_one_is_the_derivative_by_it():
         if here is not None and there is not None:
             saved = [0.5 * np.sum(each.r**2) + program.slack_penalty * each.slack
                      for each in (here, there)]
-            assert (saved[0] - saved[1]) / 1e-4 == pytest.approx(here.multiplier, rel=0.05, abs=1e-2)
+            assert (saved[0] - saved[1]) / 1e-4 == pytest.approx(
+                here.multiplier, rel=0.05, abs=1e-2)
             seen.append(here.multiplier)
     assert max(seen) > program.excess_penalty > min(seen)
 

@@ -44,7 +44,7 @@ class Slow(CostTerm):
 
 
 class Unsigned(CostTerm):
-    """What complex steps cannot see through."""
+    """Functions for which complex steps fail."""
 
     def residual(self, at: Points) -> np.ndarray:
         return np.abs(at.config[..., :3])

@@ -28,7 +28,7 @@ def test_it_is_a_norm_but_for_its_width():
     assert COST.value(np.zeros(3)) == 0.0
 
 
-def test_against_a_force_it_gives_way_by_what_it_says():
+def test_against_a_gradient_its_minimum_moves_as_derived():
     """The minimum of V_o(e) − fᵀe, found by its own majorants."""
     for pull in (6.0, 30.0, 54.0):
         f, e = pull * np.array([0.6, 0.0, 0.8]), np.zeros(3)

@@ -82,16 +82,16 @@ def test_a_command_that_is_cut_does_not_wind_it_up(model):
     assert np.max(np.abs(moved[6:])) > 0.02
 
 
-@pytest.mark.parametrize(("axis", "push", "dead"), [(0, 1.5, ()), (1, 0.25, (4,))])
-def test_thrusters_at_their_limits_do_not_wind_it_up(model, axis, push, dead):
-    """A push that they cannot hold, or one against a thruster that is dead, which nobody knows.
+@pytest.mark.parametrize(("axis", "disturbance", "dead"), [(0, 1.5, ()), (1, 0.25, (4,))])
+def test_thrusters_at_their_limits_do_not_wind_it_up(model, axis, disturbance, dead):
+    """A disturbance beyond their limits, or one against a dead thruster that the model has alive.
 
-    The estimate is that of (O) for what acts, with all that a dead one is taken to give.
+    The estimate is that of (O) for the applied forces, with those modelled of the dead one.
     """
     parts = Thrusters(period=0.02, dead_time=0.04, error=np.where(
         np.isin(np.arange(5), dead), -0.999, 0.0))
-    d, B = push * np.eye(10)[axis], parts.known(model).B
-    robot = Hovering(model, LAW, disturbance=ConstantDisturbance(push, direction=d),
+    d, B = disturbance * np.eye(10)[axis], parts.known(model).B
+    robot = Hovering(model, LAW, disturbance=ConstantDisturbance(disturbance, direction=d),
                      actuation=[parts])
 
     def signal(name: str) -> np.ndarray:
@@ -128,7 +128,7 @@ def test_gaps_of_a_dvl_move_it_by_no_more_than_what_the_velocity_is_off(model):
 
 
 def test_a_state_that_is_frozen_is_no_news(model):
-    """Nobody says so; the law goes on pushing, and the estimate stays where it was."""
+    """Without a flag; the law goes on, and the estimate stays constant."""
     robot = Hovering(model, LAW, bound=BOUND, sensing=[FrozenState(0.42, 0.4)], step=0.05)
     robot.simulator.AdvanceTo(0.46)
     before = robot.read("observer", "estimate")

@@ -42,54 +42,54 @@ def planned_forces(model, plan: DynamicPlan, time: float) -> np.ndarray:
 
 
 def test_it_is_what_the_plans_forces_change_until_they_act(model):
-    plan, time, late = jumping(), 0.25, ActuationDelay(0.3, 0.04)
-    preview = previewed_forces(model, plan, time, late, plan.at(time))
+    plan, time, delay = jumping(), 0.25, ActuationDelay(0.3, 0.04)
+    preview = previewed_forces(model, plan, time, delay, plan.at(time))
     now = planned_forces(model, plan, time)
     np.testing.assert_allclose(preview[:6], planned_forces(model, plan, 0.55)[:6] - now[:6],
                                atol=1e-9)
     np.testing.assert_allclose(preview[6:], planned_forces(model, plan, 0.29)[6:] - now[6:],
                                atol=1e-9)
-    # Beyond the end the last forces are meant; what is on time asks for nothing.
+    # After the end the last forces are used; without a delay the preview is zero.
     np.testing.assert_array_equal(*(
         previewed_forces(model, plan, time, ActuationDelay(vehicle), plan.at(time))[:6]
         for vehicle in (N * H - time, 9.0)))
     assert not previewed_forces(model, plan, time, ON_TIME, plan.at(time)).any()
 
 
-def test_of_a_wall_that_is_felt_it_is_what_the_plan_will_press_more(model):
-    """By the slope and the inclination, deeper or less deep; never less than no force at all."""
-    plan, time, late = jumping(), 0.25, ActuationDelay(0.3, 0.04)
+def test_of_an_unknown_wall_it_is_the_change_of_the_planned_force(model):
+    """With stiffness and inclination, deeper or less deep; never less than no force at all."""
+    plan, time, delay = jumping(), 0.25, ActuationDelay(0.3, 0.04)
     n, inclined = np.array([0.6, 0.0, 0.8]), np.array([0.6, 0.1, 0.8])
-    tips, jacobians = (np.array([of(plan.at(time + each)[0])[:3] for each in (0.0, *late)])
+    tips, jacobians = (np.array([of(plan.at(time + each)[0])[:3] for each in (0.0, *delay)])
                        for of in (model.task_pose, model.task_jacobian))
     deeper = (tips - tips[0]) @ inclined
-    free = previewed_forces(model, plan, time, late, plan.at(time))
+    free = previewed_forces(model, plan, time, delay, plan.at(time))
     for force, slope, cut in ((8.0, 500.0, False), (8.0, -500.0, False), (2.0, -500.0, True)):
         along = force + slope * deeper
         assert np.any(along < 0.0) == cut
         torques = np.maximum(along, 0.0)[:, None] * (n @ jacobians)
-        more = previewed_forces(model, plan, time, late, plan.at(time),
+        more = previewed_forces(model, plan, time, delay, plan.at(time),
                             SurfaceReaction(n, force, slope * inclined)) - free
         np.testing.assert_allclose(more, np.append(
             torques[1, :6] - torques[0, :6], torques[2, 6:] - torques[0, 6:]), atol=1e-9)
         assert np.linalg.norm(more[:6]) > 1.0
 
 
-def test_only_a_law_that_knows_of_actuators_asks_ahead(short_ocp):
-    late = ActuationDelay(0.25, 0.02)
-    assert committed_intervals(TipFirst(), late, H) == 2
+def test_only_a_law_that_takes_the_wrench_has_a_preview(short_ocp):
+    delay = ActuationDelay(0.25, 0.02)
+    assert committed_intervals(TipFirst(), delay, H) == 2
     assert committed_intervals(TipFirst(), ActuationDelay(0.4, 0.02), H) == 2
-    for law, actuation_delay in ((Resolved(), late), (TipFirst(), ON_TIME)):
+    for law, actuation_delay in ((Resolved(), delay), (TipFirst(), ON_TIME)):
         assert committed_intervals(law, actuation_delay, H) == 0
         assert not make_tube_mpc(short_ocp, law, actuation_delay=actuation_delay).HasSubsystemNamed(
             "previewed_forces")
-    controller = make_tube_mpc(short_ocp, TipFirst(), actuation_delay=late)
+    controller = make_tube_mpc(short_ocp, TipFirst(), actuation_delay=delay)
     preview, feedback = (controller.GetSubsystemByName(name) for name in (
         "previewed_forces", "ancillary"))
     assert controller.AreConnected(preview.get_output_port(), feedback.GetInputPort("preview"))
 
 
-def test_it_is_as_late_as_the_parts_of_the_actuation_together(model):
+def test_the_delay_is_the_sum_of_the_parts_of_the_actuation(model):
     scenario = load_scenario("girona500_ideal", [
         "actuation=[!SampledCommand {period: 0.02, delay: 0.01}, "
         "!Thrusters {lag: 0.1, dead_time: 0.05, period: 0.01}]"])
@@ -115,7 +115,7 @@ def test_as_a_system_it_reads_the_plan_of_now(model):
         previewed_forces(model, plan, 0.25, ActuationDelay(0.3, 0.04), plan.at(0.25)))
 
 
-def test_as_a_system_it_reads_what_was_felt(model):
+def test_as_a_system_it_reads_the_contact_state(model):
     n, tilt = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.02, 0.01])
     system, plan = FeedforwardPreview(model, ActuationDelay(0.3, 0.04), n), jumping()
     context = system.CreateDefaultContext()
@@ -139,7 +139,7 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
     """A plan that hovers, and then speeds up, behind a lag of 0.1 s.
 
     The vehicle's errors are within the bound of (e^{sT} − 1 − Ts)/Δ, and several times as large if
-    nothing is asked for ahead.
+    there is no preview.
     """
     lag, plan = 0.1, jumping(before=1)
     law = TipFirst(BlockGains(*GAINS), BlockGains(20.0, 10.0))
@@ -154,11 +154,11 @@ def test_on_the_full_dynamics_it_leaves_what_the_rows_say(model):
     def moved(**settings) -> Motion:
         return run(model, law, lambda time, J: np.zeros(10), 1.0, plan=nominal, lag=lag, **settings)
 
-    early, late = moved(preview=preview), moved()
-    e, largest = early.error[:, :6], np.max(np.abs(late.error[:, :6]), axis=0)
-    f = np.einsum("tij,tj->ti", late.carried, late.asked[:, :6]) - late.feedback[:, :6]
+    previewed, plain = moved(preview=preview), moved()
+    e, largest = previewed.error[:, :6], np.max(np.abs(plain.error[:, :6]), axis=0)
+    f = np.einsum("tij,tj->ti", plain.carried, plain.asked[:, :6]) - plain.feedback[:, :6]
     assert np.all(np.max(np.abs(e), axis=0) < 0.2 * largest)
-    assert np.max(np.abs(early.error[:, 6:])) < 1e-4  # the tip
+    assert np.max(np.abs(previewed.error[:, 6:])) < 1e-4  # the tip
     gains = RowLoop(*GAINS, lag=lag, preview=lag).gains
     assert np.all(np.max(np.abs(e), axis=0)
                   <= 1.1 * gains["planned"].position * 0.5 * np.ptp(f, axis=0))

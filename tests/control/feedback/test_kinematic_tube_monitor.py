@@ -32,7 +32,7 @@ CONSTANT = ConstantDisturbance(W_BOUND, np.array([1.0, -2.0, 0.5, 0.3, -0.4, 1.0
 ATTACKS = {"constant": CONSTANT, "sinusoid": SinusoidalDisturbance(W_BOUND, frequency=2.0),
            "random": RandomDisturbance(W_BOUND, 2.0), "adversary": None}
 START = np.array([0.4, -1.2, 2.0, 0.1, -0.1, 0.7, 0.1, 0.9, 0.2, -0.4])
-PUSH = np.array([0.01, -0.02, 0.01, 0.02, -0.01, 0.03, 0.01, -0.02, 0.01, 0.02])
+OFFSET = np.array([0.01, -0.02, 0.01, 0.02, -0.01, 0.03, 0.01, -0.02, 0.01, 0.02])
 
 
 def nominal_velocity(time: float) -> np.ndarray:
@@ -210,10 +210,10 @@ def test_under_transpose_the_bound_along_the_run_is_never_exceeded(model, attack
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_start_beside_the_nominal_one_is_where_the_bound_starts(model, name):
+def test_the_bound_starts_at_a_start_off_the_nominal_one(model, name):
     """Without w, every 𝔢_b of `resolved` shrinks exactly as its bound."""
     run = closed_loop(
-        model, LAWS[name], ConstantDisturbance(0.0), start=START + PUSH, w_bound=0.0)
+        model, LAWS[name], ConstantDisturbance(0.0), start=START + OFFSET, w_bound=0.0)
     assert run.report.trajectory_exits == 0.0
     if name == "resolved":
         np.testing.assert_allclose(run.bound[0, :4], run.deviation[0, :4], rtol=1e-12)
@@ -247,7 +247,7 @@ def test_a_disturbance_above_its_bound_is_reported(model):
 
 
 def test_samples_at_the_steps_see_the_same_as_periodic_ones(model):
-    reports = [closed_loop(model, LAWS["resolved"], CONSTANT, start=START + PUSH, duration=0.2,
+    reports = [closed_loop(model, LAWS["resolved"], CONSTANT, start=START + OFFSET, duration=0.2,
                            period=period).report for period in (0.01, 0.0)]
     for field in TUBE_REPORT:
         assert getattr(reports[0], field) == pytest.approx(
@@ -255,7 +255,7 @@ def test_samples_at_the_steps_see_the_same_as_periodic_ones(model):
 
 
 def test_a_cloned_context_goes_on_identically(model):
-    run = closed_loop(model, LAWS["resolved"], CONSTANT, start=START + PUSH, duration=0.1)
+    run = closed_loop(model, LAWS["resolved"], CONSTANT, start=START + OFFSET, duration=0.1)
     twin = Simulator(run.simulator.get_system(), run.simulator.get_context().Clone())
     use_fixed_steps(twin)
     twin.get_mutable_integrator().set_maximum_step_size(0.01)
@@ -283,7 +283,7 @@ def scripted(model, law, state, nominal, **options):
 @pytest.mark.parametrize("name", LAWS)
 def test_where_nothing_moves_the_bounds_are_closed_forms(model, name):
     law, nominal = LAWS[name], np.concatenate([START, nominal_velocity(0.3)])
-    state = np.concatenate([START + PUSH, nominal_velocity(0.3)])
+    state = np.concatenate([START + OFFSET, nominal_velocity(0.3)])
     simulator, monitor, context = scripted(model, law, state, nominal)
     J_x, J_x_nominal = (model.task_jacobian(x[:10]) for x in (state, nominal))
     e_y = model.task_pose(state[:10]) - model.task_pose(nominal[:10])
@@ -320,7 +320,7 @@ def test_where_nothing_moves_the_bounds_are_closed_forms(model, name):
 @pytest.mark.parametrize("begin", [0.0, 0.33])
 def test_it_may_start_at_any_time_and_starts_at_its_first_sample_that_counts(model, begin):
     nominal = np.concatenate([START, np.zeros(10)])
-    state = np.concatenate([START + PUSH, np.zeros(10)])
+    state = np.concatenate([START + OFFSET, np.zeros(10)])
     simulator, monitor, context = scripted(model, LAWS["resolved"], state, nominal, period=0.01,
                                            begin=begin)
     simulator.get_mutable_context().SetTime(0.123)

@@ -142,7 +142,7 @@ def test_under_transpose_there_is_no_bound_along_a_run_of_the_dynamics(model, pa
     np.testing.assert_array_equal(monitor.GetOutputPort("ratio").Eval(context), 0.0)
 
 
-def test_a_pair_that_somebody_has_is_not_computed_again(model, pair):
+def test_a_connected_pair_is_not_computed_again(model, pair):
     """It is taken as it is, although it is not that of the states."""
     monitor = TubeMonitor(model, LAW, D_BOUND, {})
     context = monitor.CreateDefaultContext()
@@ -157,10 +157,10 @@ def test_a_pair_that_somebody_has_is_not_computed_again(model, pair):
 @pytest.mark.parametrize("period", [0.01, 0.0])
 def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, period, caplog):
     """Out of the set-wise tube twice, and of the disturbance's bound three times."""
-    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
 
     def state(t):
-        moved = rest.copy()
+        moved = at_rest.copy()
         moved[0] += 0.002 * (0.3 < t < 0.5) + 0.004 * (0.7 < t < 0.8)
         return moved
 
@@ -168,7 +168,7 @@ def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, pe
         return 0.15 * np.eye(10)[0] * (np.sin(2.0 * np.pi * t / 0.4) > 0.5)
 
     simulator, monitor, context = scripted(
-        model, radii={"position": 0.001, "r": 1.0}, state=state, nominal=lambda t: rest,
+        model, radii={"position": 0.001, "r": 1.0}, state=state, nominal=lambda t: at_rest,
         disturbance=disturbance, period=period)
     caplog.set_level(logging.WARNING, LOGGER.name)
     alarm = monitor.GetOutputPort("alarm")
@@ -196,16 +196,16 @@ def test_exits_are_counted_and_said_and_the_first_one_is_dated(model, states, pe
 
 
 def test_what_is_before_it_begins_is_not_looked_at(model, states):
-    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
 
     def state(t):
-        moved = rest.copy()
+        moved = at_rest.copy()
         moved[0] += 0.005 * (0.1 < t < 0.3) + 0.002 * (0.45 < t < 0.5)
         return moved
 
     for begin, exits, worst in ((0.0, 2.0, 5.0), (0.4, 1.0, 2.0)):
         simulator, monitor, context = scripted(
-            model, radii={"position": 0.001}, state=state, nominal=lambda t: rest, begin=begin)
+            model, radii={"position": 0.001}, state=state, nominal=lambda t: at_rest, begin=begin)
         simulator.AdvanceTo(0.6)
         report = report_of(monitor, context)
         assert report["set_exits"] == exits
@@ -213,10 +213,10 @@ def test_what_is_before_it_begins_is_not_looked_at(model, states):
 
 
 def test_a_disturbance_counts_before_it_begins(model, states):
-    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
     simulator, monitor, context = scripted(
-        model, radii={"position": 0.001}, state=lambda t: rest, nominal=lambda t: rest, begin=0.3,
-        disturbance=lambda t: 0.2 * np.eye(10)[0] * (t < 0.1))
+        model, radii={"position": 0.001}, state=lambda t: at_rest, nominal=lambda t: at_rest,
+        begin=0.3, disturbance=lambda t: 0.2 * np.eye(10)[0] * (t < 0.1))
     simulator.AdvanceTo(0.5)
     report = report_of(monitor, context)
     assert report["disturbance_exits"] == 1.0
@@ -225,10 +225,10 @@ def test_a_disturbance_counts_before_it_begins(model, states):
 
 def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states):
     """0.03 m/s² is 3 times what a hull of 0.01 m/s² is bounded by, and nothing to a joint."""
-    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
     for channel, ratio in ((0, 3.0), (9, 0.3)):
         simulator, monitor, context = scripted(
-            model, state=lambda t: rest, nominal=lambda t: rest, weights=WEIGHTS,
+            model, state=lambda t: at_rest, nominal=lambda t: at_rest, weights=WEIGHTS,
             disturbance=lambda t, channel=channel: 0.03 * np.eye(10)[channel])
         simulator.AdvanceTo(0.1)
         report = report_of(monitor, context)
@@ -237,10 +237,10 @@ def test_a_disturbance_is_measured_by_the_bounds_of_its_components(model, states
 
 
 def test_samples_at_the_steps_leave_the_steps_as_they_are(model, states):
-    rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
+    at_rest = np.concatenate([states["free"][0][:10], np.zeros(10)])
     steps = []
     for period in (0.0, 1e-3):
-        simulator, *_ = scripted(model, state=lambda t: rest, nominal=lambda t: rest,
+        simulator, *_ = scripted(model, state=lambda t: at_rest, nominal=lambda t: at_rest,
                                  period=period)
         simulator.AdvanceTo(0.1)
         steps.append(simulator.get_num_steps_taken())

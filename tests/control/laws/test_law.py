@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.laws.law`: what all laws have in common."""
+"""Tests of `uvms_drake.control.laws.law`: properties of all laws."""
 
 import numpy as np
 import pytest
@@ -35,14 +35,14 @@ def turned(state: np.ndarray, angle: float) -> np.ndarray:
 @pytest.mark.parametrize("law", [resolved_input, transpose_input, tip_first_input])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_errors_across_the_jump_of_the_yaw_angle_are_small(uvms, states, law, sign):
-    """Real yaw π − ε against nominal −π + ε gives the input of −ε against ε, from behind."""
+    """Real yaw π − ε against nominal −π + ε gives the input of −ε against ε, across π."""
     floor = UnilateralPlane(point=np.array([0.0, 0.0, 50.0]), normal=np.array([0.0, 0.0, -1.0]))
     model = ContactModel(uvms, check_surface(floor))  # The same seen from north and from south.
     for real, ideal, nominal, _ in pairs(model, states, "free"):
         real, ideal = real.copy(), ideal.copy()
         real[5] += -0.02 * sign - dh.chi(real[:10])[5]
         ideal[5] += 0.02 * sign - dh.chi(ideal[:10])[5]
-        behind = turned(real, np.pi), turned(ideal, np.pi)
-        assert abs(dh.chi(behind[0][:10])[5] - dh.chi(behind[1][:10])[5]) > 6.0
-        np.testing.assert_allclose(law(model, *behind, nominal, K, SIGMA),
+        wrapped = turned(real, np.pi), turned(ideal, np.pi)
+        assert abs(dh.chi(wrapped[0][:10])[5] - dh.chi(wrapped[1][:10])[5]) > 6.0
+        np.testing.assert_allclose(law(model, *wrapped, nominal, K, SIGMA),
                                    law(model, real, ideal, nominal, K, SIGMA), atol=1e-9)

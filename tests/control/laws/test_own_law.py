@@ -1,4 +1,4 @@
-"""A law of one's own, which nobody has heard of: it runs, and it is certified of nothing."""
+"""A law of one's own without a theory: it runs, and it is not certified."""
 
 from dataclasses import dataclass, replace
 
@@ -42,7 +42,7 @@ def with_law(name: str, law: AncillaryLaw):
 
 @pytest.mark.parametrize("name", ["girona500_ideal", "paper_kinematic_certified"])
 @pytest.mark.parametrize("law", [Sloppy(), Derived()])
-def test_a_law_that_nobody_has_proven_anything_of_is_void_and_says_so(name, law):
+def test_a_law_without_a_proof_is_not_certified_and_says_so(name, law):
     certificate = certify(with_law(name, law))
     assert not certificate.certified
     assert certificate.tube is None

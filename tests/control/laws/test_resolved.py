@@ -76,17 +76,17 @@ def test_the_law_resolved_keeps_a_closed_loop_within_its_bound(model):
 
 @pytest.mark.parametrize("where", ["free", "skin", "deep"])
 def test_with_a_measured_force_the_law_resolved_asks_nothing_of_the_surface(model, states, where):
-    """Only M⁻¹Jᵀ(𝔉_s − 𝔉) is added to what a perfect model commands, whatever the true 𝔉 is."""
+    """Only M⁻¹Jᵀ(𝔉_s − 𝔉) is added to the command of a perfect model, whatever the true 𝔉 is."""
     rng = np.random.default_rng(5)
     for state, nominal, acceleration, _ in pairs(model, states, where):
         true, off = rng.normal(size=6) * [30.0, 30.0, 30.0, 1.0, 1.0, 1.0], rng.normal(size=6)
         now = pair_of(model, state, nominal)
-        known, felt, wrong = (
+        known, exact, wrong = (
             Resolved(K, SIGMA).command(
                 model, now._replace(contact=contact), lambda a=acceleration: a, not_asked).u()
             + model.drift(state[:10], state[10:], contact if contact is None else true)
             for contact in (None, true, true + off))
-        np.testing.assert_allclose(felt, known, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(exact, known, rtol=1e-9, atol=1e-9)
         kinematics = model.kinematics(state[:10])
-        np.testing.assert_allclose(wrong - felt, np.linalg.solve(
+        np.testing.assert_allclose(wrong - exact, np.linalg.solve(
             model.mass_matrix(kinematics), kinematics.J_chi.T @ off), rtol=1e-8, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.laws.tip_first`: what it promises, whatever thrusters do."""
+"""Tests of `uvms_drake.control.laws.tip_first`: its closed loop, whatever thrusters do."""
 
 from dataclasses import replace
 
@@ -75,7 +75,7 @@ def test_every_row_is_a_loop_of_its_own_where_the_actuators_give_what_is_asked_f
 
 @pytest.mark.parametrize("where", ["free", "deep"])
 def test_the_tip_obeys_its_rows_whatever_the_thrusters_give(model, states, derivative, where):
-    """Also where one of them is dead: the wrench has nothing to do with what is asked for."""
+    """Also where one of them is dead: the wrench is independent of the commanded one."""
     for state, nominal, acceleration, d in pairs(model, states, where):
         asked = command(model, state, nominal, acceleration)
         tau = command(model, state, nominal, acceleration, wrench=WRENCH)

@@ -46,7 +46,7 @@ class Elbow(Limit):
 
 
 class KnownElbow(Elbow):
-    """The same for small radii, with what the tube takes of it."""
+    """The same for small radii, with its tightening."""
 
     def tube_takes(self, tube: TubeRadii) -> np.ndarray:
         return np.array([5.0 * tube.joints])
@@ -148,9 +148,10 @@ def test_the_terminal_set_knows_them(scenario):
     assert {"tip_velocity[0]", "tip_velocity[2]", "elbow"} <= set(loop.names)
 
 
-def test_only_where_it_is_known_what_the_tube_takes_there_is_room(scenario):
+def test_only_a_known_tightening_leaves_a_margin(scenario):
     model = make_ocp(scenario).model
-    margins = {name: condition.holds for own in (Elbow(), KnownElbow()) for condition in tightening_margins(
+    margins = {name: condition.holds for own in (Elbow(), KnownElbow())
+               for condition in tightening_margins(
         with_own(scenario, *scenario.limits.more, own), scenario.tube, model)
         for name in [condition.name] if "elbow" in name or "tip_" in name}
     unknown = "limits.{}, of which nobody says what the tube takes"

@@ -32,7 +32,7 @@ def test_slopes_are_those_of_complex_steps(limit, points):
         np.testing.assert_allclose(found.zeta, expected.zeta, atol=1e-9)
 
 
-def test_values_are_depths_now_and_half_an_interval_ahead(model, points):
+def test_values_are_depths_now_and_half_an_interval_later(model, points):
     depth = SafeDepth(FACETS, DEPTHS).values(points)
     between = SafeDepthBetweenKnots(FACETS, DEPTHS, H).values(points)
     still = np.zeros((1, 10))

@@ -33,12 +33,12 @@ PLANE = check_surface(UnilateralPlane(
 
 
 def less(limits, tube, q_lower=Q_LOWER, q_upper=Q_UPPER) -> dict[str, Limit]:
-    """Returns what the tube leaves of the limits."""
+    """Returns the tightened limits."""
     return tighten(make_limits(limits, q_lower, q_upper, PLANE), tube)
 
 
 def margins(limits, tube) -> list[tuple[str, float, float]]:
-    """Returns label, radius and room of every limit."""
+    """Returns label, tightening and available margin of every limit."""
     tube = resolved_radii(tube)
     return [available for limit in make_limits(limits, Q_LOWER, Q_UPPER, PLANE).values()
             for available in limit.margins(tube)]
@@ -53,7 +53,8 @@ def test_every_limit_loses_the_radius_of_its_own_block():
     assert remaining["pitch"].upper[0] == pytest.approx(0.29)
     assert remaining["tip_pitch"].upper[0] == pytest.approx(0.79)
     np.testing.assert_allclose(remaining["u"].upper, [0.3, 0.2, 0.2, 0.2, 0.2, 0.2, 5.5, 7.3])
-    np.testing.assert_allclose(remaining["tau"].upper, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
+    np.testing.assert_allclose(
+        remaining["tau"].upper, [81.0, 72.0, 63.0, 54.0, 45.0, 36.0, 4.5, 3.6])
     np.testing.assert_allclose(remaining["q"].lower, [-0.488, -1.288])
     np.testing.assert_allclose(remaining["q"].upper, [1.388, 0.688])
 
@@ -141,7 +142,7 @@ def test_joints_without_limits_stay_so():
     np.testing.assert_allclose(remaining["q"].upper, [np.inf, 0.688])
 
 
-# What is left ------------------------------------------------------------------------------------
+# Tightened limits--------------------------------------------------------------------------------
 
 
 def test_the_parts_are_every_limit_with_its_radius():

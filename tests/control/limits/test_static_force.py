@@ -35,10 +35,10 @@ def test_what_the_tube_leaves_of_the_force_keeps_its_limit_and_no_less_would_do(
     rng = np.random.default_rng(0)
     nominal = np.concatenate([rng.normal(size=(4000, 3)), 0.02 * rng.normal(size=(4000, 3))], 1)
     if surface is SPRING:
-        rest = np.zeros((4000, 6))
-        rest[:, 3:] = nominal[:, 3:]
+        turned = np.zeros((4000, 6))
+        turned[:, 3:] = nominal[:, 3:]
         direction = nominal[:, :3] / np.linalg.norm(nominal[:, :3], axis=1)[:, None]
-        missing = bound * direction - (rest @ surface.stiffness)[:, :3]
+        missing = bound * direction - (turned @ surface.stiffness)[:, :3]
         nominal[:, :3] = np.linalg.solve(surface.stiffness[:3, :3], missing.T).T
         nominal += surface.equilibrium
     else:

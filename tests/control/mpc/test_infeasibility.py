@@ -19,7 +19,7 @@ def first_guess(*overrides):
 
 
 @pytest.mark.long
-def test_a_task_out_of_reach_is_told_from_limits_that_cannot_be_kept():
+def test_a_task_out_of_reach_differs_from_limits_that_cannot_be_kept():
     ocp, guess = first_guess("start.eta.0=-50")
     plan = SequentialConvexSolver(ocp).solve(guess, FIRST_SOLVE_ITERATIONS).plan
     why = infeasibility_reason(ocp, guess, plan, FEASIBLE)
@@ -37,7 +37,8 @@ def test_a_limit_that_is_broken_at_rest_is_named_with_its_first_instant_and_the_
 
 
 def test_a_solver_that_finds_nothing_where_nothing_is_broken_is_to_blame_itself():
-    assert infeasibility_reason(*first_guess(), None, FEASIBLE).startswith("the solver finds no plan")
+    reason = infeasibility_reason(*first_guess(), None, FEASIBLE)
+    assert reason.startswith("the solver finds no plan")
 
 
 @pytest.mark.parametrize("name", ["nu1", "roll", "u"])
@@ -50,6 +51,6 @@ def test_the_first_instant_of_an_excess_is_where_it_begins(name):
     middle = float(np.sort(np.max(excess, axis=1))[len(excess) // 2])
     ocp.limits = {name: ocp.limits[name]}
     first = first_violation(ocp, plan, middle)
-    late = np.max(excess, axis=1) > middle
-    assert first.time <= times[np.argmax(late)]
+    exceeded = np.max(excess, axis=1) > middle
+    assert first.time <= times[np.argmax(exceeded)]
     assert first_violation(ocp, plan, np.inf) is None

@@ -17,10 +17,10 @@ from uvms_drake.control.mpc.planner import (
     FAILED,
     HOVERED,
     KEPT,
-    TIMED_OUT,
     MPC_REPORT,
     SOLVED,
     SOLVERS_KEPT,
+    TIMED_OUT,
     Planner,
     Targets,
 )
@@ -216,9 +216,9 @@ def test_a_failed_solve_takes_the_continued_plan_and_the_next_one_recovers(short
 def test_a_plan_that_is_kept_because_it_is_sounder_is_no_failure(
         short_ocp, caplog, slack, status):
     """It is within the terminal set and the new one, which may cost less, is not."""
-    rest = np.concatenate([short_ocp.model.configuration(short_ocp.y_des), np.zeros(10)])
+    at_rest = np.concatenate([short_ocp.model.configuration(short_ocp.y_des), np.zeros(10)])
     solver = MissingSolver(short_ocp, slack)
-    setup = Setup(solver, rest)
+    setup = Setup(solver, at_rest)
     setup.simulator.Initialize()
     plan = setup.read("plan")
     assert short_ocp.evaluate(plan).terminal_slack == 0.0
@@ -411,7 +411,7 @@ def test_outputs_before_initialization_say_what_is_missing(short_ocp, start):
         setup.read("nominal_state")
 
 
-def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
+def test_a_cloned_context_continues_identically(short_ocp, start):
     """All that changes in time is in the Context, at a sampling instant and between two."""
     for pause in (0.5, 2 * H):
         solver = FailingSolver(short_ocp)
@@ -430,9 +430,9 @@ def test_a_cloned_context_goes_on_in_the_same_way(short_ocp, start):
         assert solver.calls - at_end == at_end - at_pause >= 3
 
 
-def test_what_was_asked_for_ahead_is_what_then_comes(short_ocp, start):
+def test_previewed_forces_are_those_of_the_later_plan(short_ocp, start):
     """Of every plan, also after a sample that failed or was dropped; the first one coasts there."""
-    n, ahead = 2, 7  # Intervals, and quarters of them.
+    n, delay = 2, 7  # Intervals, and quarters of them.
     setup = Setup(FailingSolver(short_ocp), start, committed=n)
     asked, later, came = [], [], []
     for step in range(36):
@@ -440,12 +440,12 @@ def test_what_was_asked_for_ahead_is_what_then_comes(short_ocp, start):
         setup.go((0.25 * step + 0.125) * H)
         time, plan = setup.simulator.get_context().get_time(), setup.read("plan")
         assert len(plan.zeta_dot) == n + short_ocp.horizon
-        for many, quarters in ((asked, ahead), (later, ahead + 4)):
+        for many, quarters in ((asked, delay), (later, delay + 4)):
             many.append(np.concatenate(plan.at(time + 0.25 * quarters * H)))
         came.append(np.append(setup.read("nominal_state"), setup.read("nominal_acceleration")))
     asked, later, came = map(np.array, (asked, later, came))
-    np.testing.assert_allclose(came[ahead:], asked[:-ahead], rtol=0.0, atol=1e-12)
-    assert np.max(np.abs(came[ahead + 4:] - later[: -ahead - 4])) > 1e-3  # That is free.
+    np.testing.assert_allclose(came[delay:], asked[:-delay], rtol=0.0, atol=1e-12)
+    assert np.max(np.abs(came[delay + 4:] - later[: -delay - 4])) > 1e-3  # That is free.
     coasting = slice(4 * n)
     np.testing.assert_array_equal(came[coasting, 10:], np.tile(np.pad(start[10:], (0, 10)), (8, 1)))
     assert setup.report()["violation"] < 1e-4
@@ -453,8 +453,8 @@ def test_what_was_asked_for_ahead_is_what_then_comes(short_ocp, start):
 
 def test_the_problem_is_that_of_what_is_free(short_ocp, start):
     """From rest it is the one without anything committed, as much later."""
-    rest = start * np.repeat([1.0, 0.0], 10)
-    later, plain = (Setup(SequentialConvexSolver(short_ocp), rest, committed=n) for n in (2, 0))
+    at_rest = start * np.repeat([1.0, 0.0], 10)
+    later, plain = (Setup(SequentialConvexSolver(short_ocp), at_rest, committed=n) for n in (2, 0))
     for setup in (later, plain):
         setup.go(1.5 * H)
     assert later.report() == pytest.approx(plain.report())
@@ -514,22 +514,22 @@ def test_it_may_start_at_any_sampling_instant(short_ocp, start, time):
 
 
 def test_it_hovers_until_it_is_to_begin_and_then_plans_as_at_a_start(short_ocp, start):
-    """From where it was measured at first, whatever is measured then, and with the same plan."""
-    rest = start * np.repeat([1.0, 0.0], 10)
+    """At the place measured first, whatever is measured then, and with the same plan."""
+    at_rest = start * np.repeat([1.0, 0.0], 10)
     hovering, plain = FailingSolver(short_ocp), FailingSolver(short_ocp)
-    setup = Setup(hovering, rest)
+    setup = Setup(hovering, at_rest)
     setup.ocp.hover = 2.0 * H - 0.5 * H  # That is from the second sample on.
     setup.go(0.5 * H)
-    setup.jump(rest + 0.001)
+    setup.jump(at_rest + 0.001)
     setup.give("fault", [FAILED])
     setup.go(1.5 * H)
-    np.testing.assert_array_equal(setup.read("nominal_state"), rest)
+    np.testing.assert_array_equal(setup.read("nominal_state"), at_rest)
     np.testing.assert_array_equal(setup.read("nominal_acceleration"), np.zeros(10))
     assert setup.report() == {**dict.fromkeys(MPC_REPORT, 0.0), "time": H, "status": HOVERED}
     assert hovering.calls == 0
     setup.give("fault", [SOLVED])
     setup.go(3.5 * H)
-    other = Setup(plain, rest)
+    other = Setup(plain, at_rest)
     other.simulator.get_mutable_context().SetTime(2.0 * H)
     other.go(3.5 * H)
     assert hovering.calls == plain.calls == 2
@@ -608,7 +608,7 @@ def test_why_a_force_is_refused_is_said_once(short_ocp, start, caplog, asked):
 
 
 def test_the_problem_of_the_start_outlives_all_others(short_ocp):
-    """However many forces were asked for, it is not made anew; the others are, when needed."""
+    """For any number of desired forces it is not made anew; the others are, when needed."""
     made = []
 
     def problem(force: np.ndarray):

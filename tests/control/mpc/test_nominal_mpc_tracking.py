@@ -120,7 +120,7 @@ def test_a_start_whose_plan_cannot_end_in_the_set_is_refused(ocp):
         Loop(ocp, start, target=POSITION).simulator.Initialize()
 
 
-def test_a_start_beyond_the_front_is_refused(ocp):
+def test_a_start_beyond_the_safe_region_is_refused(ocp):
     with pytest.raises(RunFailed, match=r"at rest, limits\.safe_depth is exceeded by 0\.1"):
         Loop(ocp, at_rest(ocp, POSITION), target=POSITION,
              safe_depth=POSITION @ DIRECTION - 0.1).simulator.Initialize()

@@ -15,7 +15,7 @@ WALLS = SurfaceClass(DIRECTION, angle=0.1)
 
 @pytest.fixture(scope="module")
 def planned():
-    """A plan aside, and its problem."""
+    """A plan off to the side, and its problem."""
     ocp = tracking_ocp(overrides=("mpc.horizon=4",)).aimed(
         TrackingTarget(POSITION + [0.0, 0.3, -0.2], POSITION[0] + 0.1))
     guess = ocp.resting_plan(0.0, at_rest(ocp, POSITION))

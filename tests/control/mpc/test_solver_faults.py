@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.control.mpc.planner import DROPPED, FAILED, TIMED_OUT, SOLVED
+from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
 from uvms_drake.control.mpc.solver_faults import (
     DroppedPeriod,
     SolverFailure,

@@ -22,7 +22,7 @@ ITERATIONS, TOLERANCE = 300, 1e-10  # at most, and of the merit, for a converged
 COMPARED = {"off": 6, "on": 4, "before": 2}
 """Of the states of `start_plans`, those from which SNOPT solves the problem too."""
 TIGHT = SolverOptions()
-"""SNOPT's own tolerances are about as large as what is asked for here."""
+"""SNOPT's own tolerances are about as large as the tolerances here."""
 for name in ("Major feasibility tolerance", "Major optimality tolerance"):
     TIGHT.SetOption(SnoptSolver.id(), name, 1e-8)
 
@@ -148,10 +148,10 @@ def test_the_solver_remembers_nothing(short_ocp, solver, start_plans):
     assert first.evaluation == again.evaluation
 
 
-# Limits that the scenario leaves aside -----------------------------------------------------------
+# Limits that the scenario does not have -----------------------------------------------------------
 
 
-def solve_both_ways(ocp: Ocp, guess: Plan) -> Solution:
+def solve_with_both(ocp: Ocp, guess: Plan) -> Solution:
     """Returns the fast solver's converged solution, after comparison with SNOPT's."""
     one = SequentialConvexSolver(ocp).solve(guess, ITERATIONS, TOLERANCE)
     other = NonlinearSolver(ocp, SnoptSolver(), TIGHT).solve(guess)
@@ -177,7 +177,7 @@ def test_limits_on_forces_are_kept_at_the_cost_of_the_nonlinear_program(
     """With 4/5 of the forces that the plan without such limits takes, in all channels."""
     free = fast[where][i]
     tau = 0.8 * np.max(forces(short_ocp, free.plan), axis=0)
-    limited = solve_both_ways(with_limits(short_ocp, tau=tau), start_plans[where][i])
+    limited = solve_with_both(with_limits(short_ocp, tau=tau), start_plans[where][i])
     peaks = np.max(forces(short_ocp, limited.plan), axis=0) / tau
     assert np.max(peaks) < 1.0 + 1e-6
     assert np.sum(peaks > 1.0 - 1e-4) >= 5
@@ -209,7 +209,7 @@ def test_limits_on_attitude_and_joints_are_kept_at_the_cost_of_the_nonlinear_pro
         joint = ANGLES[kind] - 6
         bound = getattr(short_ocp.limits["q"], kind.removeprefix("q_")).copy()
         bound[joint] = start - furthest if kind == "q_lower" else start + furthest
-    limited = solve_both_ways(with_limits(short_ocp, **{kind: bound}), guess)
+    limited = solve_with_both(with_limits(short_ocp, **{kind: bound}), guess)
     assert np.max(gone(limited.plan)) == pytest.approx(furthest, abs=1e-6)
     assert limited.evaluation.cost > free.evaluation.cost
 
@@ -217,7 +217,7 @@ def test_limits_on_attitude_and_joints_are_kept_at_the_cost_of_the_nonlinear_pro
 @pytest.mark.parametrize("surface", ["plane", "spring"])
 def test_a_limit_on_the_force_is_kept_at_the_cost_of_the_nonlinear_program(
         short_ocp, start_plans, surface):
-    """With 9/10 of what the plan without the limit asks for at its second knot or later."""
+    """With 9/10 of the value of the plan without the limit at its second knot or later."""
     if surface == "plane":
         ocp, guess = with_limits(short_ocp, static_force=None), start_plans["on"][0]
     else:
@@ -232,7 +232,7 @@ def test_a_limit_on_the_force_is_kept_at_the_cost_of_the_nonlinear_program(
 
     free = SequentialConvexSolver(ocp).solve(guess, ITERATIONS, TOLERANCE)
     assert pressed(free.plan) > 15.0
-    limited = solve_both_ways(with_limits(ocp, static_force=0.9 * pressed(free.plan)), guess)
+    limited = solve_with_both(with_limits(ocp, static_force=0.9 * pressed(free.plan)), guess)
     assert pressed(limited.plan) == pytest.approx(0.9 * pressed(free.plan), rel=1e-6)
     assert limited.evaluation.cost > free.evaluation.cost
 
@@ -258,7 +258,7 @@ def test_where_the_linearised_limits_cannot_be_kept_a_plan_is_found_all_the_same
     hard = program.linear._replace(soft=np.zeros_like(program.linear.soft))
     assert solve_staged(replace(program, linear=hard)) is None
     assert solve_staged(program).excess > 1e-3
-    solve_both_ways(ocp, guess)
+    solve_with_both(ocp, guess)
 
 
 @pytest.mark.parametrize("where", ["off", "on"])
@@ -318,7 +318,7 @@ def test_one_iteration_a_sample_costs_what_the_reference_costs(short_ocp, solver
     np.testing.assert_allclose(states, expected, atol=1e-3)
 
 
-def test_how_many_rows_of_limits_mattered_is_told(short_ocp, start_plans):
+def test_the_number_of_active_rows_is_reported(short_ocp, start_plans):
     """None for a motion that keeps all by itself, and more where the limits are tighter."""
     plan = start_plans["off"][0]
     wide, tight = (SequentialConvexSolver(ocp).solve(plan, 1).rows for ocp in (

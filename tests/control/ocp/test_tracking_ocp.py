@@ -77,7 +77,7 @@ def test_cost_and_limits_have_the_derivatives_of_differences(aimed, derivative):
             gradient[0, j], slope, rtol=1e-6, atol=1e-7 * np.max(np.abs(gradient)))
         column = derivative(lambda s, e=e: nlp._constraints(values + s * e, guess)[0], 1e-5)
         assert np.all(np.abs(jacobian[:, j] - column) <= 1e-5 * scale + 1e-8), f"column {j}"
-    assert np.all(gradient[0, 3:10] == 0.0), "what the stage before the first does not decide"
+    assert np.all(gradient[0, 3:10] == 0.0), "unused decisions of the stage before the first"
 
 
 @pytest.mark.parametrize(("seed", "aim"), [
@@ -100,7 +100,7 @@ def test_the_optimum_is_that_of_the_nonlinear_program(seed, aim):
     radius = ocp.terminal.radius if np.isinf(aim.safe_depth) else (
         aim.safe_depth - ocp.reference(one.plan)[0]) / ocp.depth_reach
     assert ocp.terminal_radius(one.plan) == pytest.approx(radius)
-    if seed:  # The front leaves less than the whole set, and all of that is used.
+    if seed:  # The safe region leaves less than the whole set, and all of that is used.
         end = ocp.errors(one.plan, ocp.model.task_pose(one.plan.config))[-1]
         assert np.linalg.norm(ocp.terminal.root @ end) == pytest.approx(radius, abs=EXCEEDED)
         assert radius < ocp.terminal.radius
@@ -131,11 +131,11 @@ def test_300_random_retargets_leave_every_problem_feasible_and_no_limit_exceeded
         moved += np.linalg.norm(positions[1] - positions[0])
         closest = min(closest, problem.aim.safe_depth - np.max(positions @ DIRECTION))
     assert moved > 1.0, "it does go somewhere"
-    assert closest < 0.02, "and plans close to the front"
+    assert closest < 0.02, "and plans close to the boundary"
 
 
 def test_each_problem_has_a_continuation_for_the_next_whatever_that_asks_for(ocp):
-    """The same plan, continued, for aims that have nothing in common but the front."""
+    """The same plan, continued, for aims that have nothing in common but the safe region."""
     problem = ocp.aimed(TrackingTarget(POSITION + DIRECTION, POSITION[0] + 0.05))
     plan = SequentialConvexSolver(problem).solve(
         problem.resting_plan(0.0, at_rest(ocp, POSITION)), 20).plan
@@ -157,7 +157,7 @@ def test_it_converges_to_a_target_within_reach(ocp, iterations):
     assert np.max(np.abs(plan.zeta)) < 1e-3
 
 
-def test_behind_the_front_it_converges_to_the_place_nearest_to_the_target(ocp):
+def test_within_the_safe_region_it_converges_to_the_place_nearest_to_the_target(ocp):
     """For a V_o that is a function of the distance, the projection of the target."""
     depth = POSITION[0] + 0.05
     aims = 70 * [TrackingTarget(POSITION + [0.2, -0.1, 0.05], depth)]
@@ -168,12 +168,13 @@ def test_behind_the_front_it_converges_to_the_place_nearest_to_the_target(ocp):
     np.testing.assert_allclose(tip(problem, plan.config)[0], nearest, atol=5e-4)
 
 
-def test_between_knots_the_tip_stays_behind_the_front_but_for_its_third_derivative(ocp):
-    """It runs into the front as fast as it may."""
+def test_between_knots_the_tip_stays_in_the_safe_region_but_for_its_third_derivative(ocp):
+    """It runs into the boundary as fast as it may."""
     depth = POSITION[0] + 0.06
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
     deepest, jerk = -np.inf, 0.0
-    for problem, _, plan in follow(ocp, 20 * [TrackingTarget(POSITION + DIRECTION, depth)], start, 2):
+    targets = 20 * [TrackingTarget(POSITION + DIRECTION, depth)]
+    for problem, _, plan in follow(ocp, targets, start, 2):
         times = plan.start_time + np.linspace(0.0, 0.2, 81)
         x = np.array([tip(problem, plan.at(t, plan.start_time)[0]) @ DIRECTION for t in times])
         deepest = max(deepest, np.max(x) - depth)
@@ -202,7 +203,8 @@ def test_about_its_own_reference_a_plan_costs_what_the_fixed_problem_says(ocp):
     """Whose penalty and input at rest are the same, wherever the task is."""
     plan = somewhere(ocp, 4)
     fixed = DynamicOcp(ocp.model, mpc_of(ocp), ocp.reference(plan), ocp.limits)
-    here, there = ocp.aimed(TrackingTarget(ocp.reference(plan)[:3])).evaluate(plan), fixed.evaluate(plan)
+    aimed = ocp.aimed(TrackingTarget(ocp.reference(plan)[:3]))
+    here, there = aimed.evaluate(plan), fixed.evaluate(plan)
     assert here.cost == pytest.approx(there.cost, rel=1e-9)
     assert here.terminal_slack == pytest.approx(there.terminal_slack, abs=1e-9)
     np.testing.assert_allclose(fixed.terminal.P, ocp.terminal.P, rtol=1e-6)

@@ -18,7 +18,7 @@ from uvms_drake.model.frames.euler import rotation_matrix
 from uvms_drake.tube.terminal_set import TerminalLoop, boundary_samples, largest_radius
 
 TURN = 0.25
-"""As far as the reference may turn [rad]."""
+"""Largest turn of the reference [rad]."""
 EXCEEDED = 1e-6
 
 
@@ -52,7 +52,7 @@ def turned(plan: TrackingPlan, turn: float) -> TrackingPlan:
 
 
 @pytest.mark.parametrize("turn", [-0.2, 0.1])
-def test_all_that_is_turned_costs_the_same_and_goes_on_in_the_same_way(turn):
+def test_a_turned_problem_has_the_same_cost_and_motion(turn):
     """Without forces of a wall, whose direction stays: the whole loop turns with the robot."""
     ocp = tracking_ocp(force=0.0, turn=TURN)
     plan, place = in_motion(ocp, 1), np.array([0.1, -0.05, 0.05])
@@ -90,7 +90,8 @@ def test_cost_and_limits_have_the_derivatives_of_differences(ocp, derivative):
 def test_it_turns_as_asked_about_a_tip_at_its_place(ocp):
     """All of the robot turns: the joints are what they were, the tip where it was."""
     start = ocp.resting_plan(0.0, at_rest(ocp, POSITION))
-    *_, (problem, _, plan) = follow(ocp, 150 * [TrackingTarget(POSITION, POSITION[0] + 0.02, 0.15)], start)
+    targets = 150 * [TrackingTarget(POSITION, POSITION[0] + 0.02, 0.15)]
+    *_, (problem, _, plan) = follow(ocp, targets, start)
     y = problem.model.task_pose(plan.config)[0]
     np.testing.assert_allclose(y[:3], POSITION, atol=5e-4)
     np.testing.assert_allclose(y[3:6], [0.0, 0.0, 0.15], atol=3e-3)
@@ -109,7 +110,7 @@ def test_it_turns_no_further_than_it_may_and_keeps_its_terminal_set_there(ocp):
 
 @pytest.mark.parametrize("facets", [DIRECTION[None], SURFACE.facets])
 def test_turns_and_places_at_random_leave_every_problem_feasible(facets):
-    """Another place and another turn at every sample; the front never falls."""
+    """Another place and another turn at every sample; the safe region never shrinks."""
     ocp = tracking_ocp(overrides=("mpc.horizon=3",), facets=facets, turn=TURN)
     rng, depth = np.random.default_rng(5), POSITION[0] + 0.02
 
@@ -153,7 +154,7 @@ def test_there_is_one_terminal_set_for_all_turns(ocp, found):
 
 
 @pytest.mark.slow
-def test_in_that_set_the_continued_plan_keeps_front_and_inputs_however_it_is_turned(ocp, found):
+def test_in_that_set_the_continued_plan_keeps_safe_region_and_inputs_for_every_turn(ocp, found):
     """At fresh states and turns, between those that were looked at, too."""
     rng = np.random.default_rng(83)
     states = boundary_samples(ocp.terminal.P, 120, rng)

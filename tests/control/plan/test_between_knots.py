@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.control.plan.between_knots`: against random parabolas and a front."""
+"""Tests of `uvms_drake.control.plan.between_knots`: against random parabolas and a safe region."""
 
 import numpy as np
 import pytest
@@ -43,8 +43,8 @@ def test_where_the_tube_is_thicker_than_what_the_wall_forgives_there_is_no_appro
     assert distance < 0.0
 
 
-def test_a_tip_that_swings_back_hides_more_from_the_room():
-    """The front after a reading of 0 N + ν of a tip that retreats with 0.1 m/s at c₊ = 2 s/m."""
+def test_a_tip_that_swings_back_reduces_the_distance():
+    """After a reading of 0 N + ν of a tip that retreats with 0.1 m/s at c₊ = 2 s/m."""
     surface = SurfaceClass(np.array([1.0, 0.0, 0.0]), 2000.0, dissipation=2.0)
     point, velocity = np.zeros((1, 3)), np.array([[-0.1, 0.0, 0.0]])
     edge = apex(surface, point, velocity, np.array([1.0, 0.0, 0.0]), 45.0, 1.0)[0]
