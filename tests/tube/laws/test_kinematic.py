@@ -309,6 +309,11 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
         assert np.max(np.linalg.norm(run.error, axis=1)) <= tube.e
         assert np.max(np.linalg.norm(run.zeta, axis=1)) <= tube.z
         assert np.all(np.max(np.abs(run.attitude), axis=0) <= [tube.roll, tube.pitch])
+    # An error along the weakest direction of J, which then turns into the strongest, against w.
+    fastest = 12.0 * value["J_max"] ** 2 * 0.05 / (12.0 * value["J_min"]) + 0.05
+    assert tube.tip_speed is not None and fastest <= tube.tip_speed
+    assert tube.tip_speed == pytest.approx(
+        12.0 * (value["J_max"] ** 2 + value["J_min"]) * tube.e)
 
 
 # The terminal set

@@ -62,7 +62,8 @@ def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
     joints = e if law.joints or num_joints == 0 else np.inf
     roll, pitch = attitude_radii(basis.declared, e, joints, num_joints)
     tube = TubeRadii(e=e, position=e, orientation=e, joints=joints, z=z, nu1=z, nu2=z, qdot=z,
-                     tip_speed=2.0 * law.sigma * e, roll=roll, pitch=pitch)
+                     tip_speed=L_c * e + J_max * z + basis.d_bound,  # 𝔢̇ = 𝔟 + J𝔷 + w
+                     roll=roll, pitch=pitch)
     return LawTube(tube, (found.condition, undetermined_joints(law, basis.model)),
                    estimated=tuple(vars(tube)), check=lambda: checked_constants(
                        basis.model, basis.declared,
