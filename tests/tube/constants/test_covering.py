@@ -178,7 +178,7 @@ def only(k: int) -> Callable:
 @pytest.mark.parametrize("robot", ["girona", "oblique", "turret", "drill", *(
     pytest.param(f"slide {i}", marks=[pytest.mark.slow, pytest.mark.long]) for i in (1, 2, 3))])
 @pytest.mark.parametrize("block", ["attitude", "task"])
-def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block, weights):
+def test_the_remainder_of_the_taylor_series_is_bounded(model, robot, block, weights):
     """Of position rows, attitude rows and constraints, at states about a centre."""
     arm, bounds = arm_and_bounds(robot, model)
     weights = weights[: arm.size]
@@ -198,9 +198,9 @@ def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block, weights):
         g = boxes._constraints(axes, C, np.tile(centre[-1], (2, 17)), np.tile(h, (17, 1)))
         slack = g.value[0, 0] + delta @ g.slope[0, 0].T - g.value[0, 1:]
         for i, (actual, bound) in enumerate((
-                (rest(P * weights, delta), 0.5 * np.sqrt(second[0][0])),
-                (rest(Q * weights, delta), 0.5 * np.sqrt(second[1][0])),
-                (np.max(slack / (g.rest[0, 0] + 1e-12)), 1.0))):
+                (remainder(P * weights, delta), 0.5 * np.sqrt(second[0][0])),
+                (remainder(Q * weights, delta), 0.5 * np.sqrt(second[1][0])),
+                (np.max(slack / (g.remainder[0, 0] + 1e-12)), 1.0))):
             if i == 0 and block == "attitude":
                 continue
             assert actual <= bound * (1.0 + 1e-6) + 1e-9
@@ -215,7 +215,7 @@ def test_the_rest_of_the_taylor_series_is_bounded(model, robot, block, weights):
     assert nearest[2] > 0.5
 
 
-def rest(rows: np.ndarray, delta: np.ndarray) -> float:
+def remainder(rows: np.ndarray, delta: np.ndarray) -> float:
     """Returns the largest norm of K(x + δ) − K − Σ δᵢ∂ᵢK over the shifts δ (m, n+1)."""
     linear = rows[0, 0] + np.einsum("mi,irc->mrc", delta, rows[0, 1:])
     return float(np.max(np.linalg.norm(rows[1:, 0] - linear, ord=2, axis=(1, 2))))

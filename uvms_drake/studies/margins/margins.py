@@ -160,11 +160,11 @@ def _allowed(scenario: Scenario) -> Scenario:
     The contact then declares the delay and the error of the measurement.
     """
     contact, motion = sensed_contact(scenario), motion_of(scenario)
-    felt = motion.contact_force(scenario)
-    assert felt is not None  # The contact is sensed.
+    bounds = motion.contact_force(scenario)
+    assert bounds is not None  # The contact is sensed.
     later = replace(scenario, contact=replace(
-        contact, delay=max(contact.delay, LAGS * felt.lag + felt.period)))
-    off = largest_reading_error(later, felt)
+        contact, delay=max(contact.delay, LAGS * bounds.lag + bounds.period)))
+    off = largest_reading_error(later, bounds)
     return replace(later, contact=replace(
         sensed_contact(later), force_error=max(contact.force_error, off)))
 

@@ -95,7 +95,7 @@ class LaggedWrenchTube:
         # Feedforward of plans, rate of A, and maps of arm and readings to the vehicle.
         plan = self._claim(
             checks, "delayed forces of plans", planned_feedforward, [np.eye(1)], 3, 6)
-        self._level, self._level_rate, self._smooth = plan[:, 0].reshape(3, 2)
+        self._level, self._level_rate, self._smooth = plan.reshape(3, 2)
         K = self._claim(checks, "‖ȦA⁻¹‖", turning_map, [eye6[:, half] for half in HALVES], 3, 2,
                         within=False)
         maps = self._claim(checks, "‖A M_vq‖ and ‖A J_Evᵀ‖", arm_and_wrench, [
@@ -121,16 +121,17 @@ class LaggedWrenchTube:
         self._tip_w = float(before[W])
         self._tip_w_rate = float((tip.k + tip.sigma) * before[ACCELERATION]
                                  + tip.k * tip.sigma * before[RATE])
-        self._by_arm = maps[:, 0]
+        self._by_arm, by_force, by_torque = maps.T
+        force_turning, torque_turning = turns.T
         rate = contact.rate + contact.tangential_rate + inputs.turning * contact.size
         moved = rate * (age + contact.period)
         twice = contact.error + contact.ripple + contact.tangential_ripple
         once, squared = moments_of_ages(K, age - path.lag, path.lag)
-        self._contact = (maps[:, 1] * (min(moved, 2.0 * contact.size) + 2.0 * twice)
-                         + 2.0 * maps[:, 2] * contact.torque_error
-                         + rate * (squared + contact.period * once) @ turns[:, 0]
+        self._contact = (by_force * (min(moved, 2.0 * contact.size) + 2.0 * twice)
+                         + 2.0 * by_torque * contact.torque_error
+                         + rate * (squared + contact.period * once) @ force_turning
                          + 2.0 * once @ (
-                             twice * turns[:, 0] + contact.torque_error * turns[:, 1]))
+                             twice * force_turning + contact.torque_error * torque_turning))
 
         # The feedforward off the plan, by a fixed point with the errors.
         found, ratio = self._fixed_point(checks)

@@ -31,7 +31,7 @@ from uvms_drake.tube.conditions import Condition
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.law_tube import Basis, LawTube
 from uvms_drake.tube.loops.actuator_path import Actuators, lagged_alone
-from uvms_drake.tube.loops.row_loop import RowLoop
+from uvms_drake.tube.loops.row_loop import RATE, E, RowLoop
 from uvms_drake.tube.rows.disturbance_gains import (
     ATTITUDE,
     DEPTH,
@@ -39,13 +39,14 @@ from uvms_drake.tube.rows.disturbance_gains import (
     TIP,
     VEHICLE,
     DisturbanceInputs,
+    LoopGains,
     Parts,
     euler_stretch,
     grown_gains,
     in_joints,
     loop_gains,
 )
-from uvms_drake.tube.rows.image import arm_of, free_arm, tip_first_image
+from uvms_drake.tube.rows.image import Arm, TipFirstImage, arm_of, free_arm, tip_first_image
 from uvms_drake.tube.search.estimate import no_estimates, together
 
 THEOREM = "tube/theory.md#tube-of-the-law-tip-first"
@@ -90,13 +91,7 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
 
     # Disturbance and sensor by block of rows, and then the actuators, which depend on both.
     inputs = DisturbanceInputs(basis)
-    stretch, weights = euler_stretch(basis.declared.pitch), basis.weights
-    tip_norm = basis.row_norm("position")
-    table: dict[str, Parts] = {
-        VEHICLE: inputs.of(vehicle, float(np.max(weights[:3])), VEHICLE),
-        ATTITUDE: inputs.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
-        TIP: inputs.of(tip, tip_norm, TIP), DEPTH: inputs.of(tip, tip_norm, DEPTH),
-        JOINTS: in_joints(basis, arm, joints, inputs)}
+    table = _table(basis, arm, inputs, vehicle, tip, joints)
     actuation: ActuationTube | ZohCommandTube | LaggedWrenchTube | None = None
     free_check = no_estimates
     limits = np.array([basis.declared.nu1, basis.declared.nu2, basis.declared.qdot])
@@ -116,11 +111,12 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
 
     # The sums by block are the radii of the rows; their parts are the budget.
     sums = {name: np.sum(list(parts.values()), axis=0) for name, parts in table.items()}
-    budget = {name: {source: float(value[0]) for source, value in parts.items()}
+    budget = {name: {source: float(value[E]) for source, value in parts.items()}
               for name, parts in table.items()}
     sensed = basis.contact is not None
     if sensed:
-        budget["depth_speed"] = {source: float(value[1]) for source, value in table[DEPTH].items()}
+        budget["depth_speed"] = {
+            source: float(value[RATE]) for source, value in table[DEPTH].items()}
     else:
         del budget[DEPTH]
     if actuation is not None:
@@ -129,27 +125,45 @@ def tip_first_law_tube(law: TipFirst, basis: Basis) -> LawTube:
         return LawTube(TubeRadii(), tuple(conditions), budget)
 
     # The other radii are images of those of the rows.
-    size = model.size
     image = tip_first_image(
-        model, basis.declared, rows, block_bounds(sums, size),
-        basis.u_limit, settings, forces=basis.forces, largest_rate=basis.largest_rate)
-    position, attitude = float(sums[TIP][0]), float(sums[ATTITUDE][0])
+        model, basis.declared, rows, block_bounds(sums, model.size), basis.u_limit, settings,
+        forces=basis.forces, largest_rate=basis.largest_rate)
     extra_input = inputs.reading if actuation is None else inputs.reading + actuation.extra_input
-    nu1, nu2, qdot = np.maximum(
+    speeds = np.maximum(
         [image.nu1, image.nu2, image.qdot], (1.0 - SHARE) * limits if is_lagged else 0.0)
-    tube = TubeRadii(
-        e=float(np.linalg.norm([position, image.orientation, image.joints])), position=position,
-        orientation=image.orientation, joints=image.joints,
-        z=float(np.linalg.norm([nu1, nu2, qdot])), nu1=float(nu1), nu2=float(nu2),
-        qdot=float(qdot), tip_speed=float(sums[TIP][1]), roll=attitude, pitch=attitude,
-        depth=float(sums[DEPTH][0]) if sensed else None,
-        depth_speed=float(sums[DEPTH][1]) if sensed else None, u=image.u + extra_input[:size],
-        tau=None if image.tau is None else image.tau + extra_input[size:])
+    tube = _radii(sums, image, speeds, extra_input, sensed)
     return LawTube(tube, tuple(conditions), budget, tuple(vars(tube)), together(
         arm.check, turning_check, free_check, inputs.check, image.check,
         no_estimates if actuation is None else actuation.check,
         lambda: checked_constants(
             model, basis.declared, (basis.constants["J_dot_max"],), settings.seed)))
+
+
+def _table(basis: Basis, arm: Arm, inputs: DisturbanceInputs, vehicle: LoopGains, tip: LoopGains,
+           joints: LoopGains) -> dict[str, Parts]:
+    """Returns the parts of the blocks by disturbance and sensor, for the gains of their loops."""
+    stretch, weights = euler_stretch(basis.declared.pitch), basis.weights
+    tip_norm = basis.row_norm("position")
+    return {
+        VEHICLE: inputs.of(vehicle, float(np.max(weights[:3])), VEHICLE),
+        ATTITUDE: inputs.of(vehicle, stretch * float(np.max(weights[3:6])), ATTITUDE),
+        TIP: inputs.of(tip, tip_norm, TIP), DEPTH: inputs.of(tip, tip_norm, DEPTH),
+        JOINTS: in_joints(basis, arm, joints, inputs)}
+
+
+def _radii(sums: dict[str, np.ndarray], image: TipFirstImage, speeds: np.ndarray,
+           extra_input: np.ndarray, sensed: bool) -> TubeRadii:
+    """Returns the radii, of the rows' bounds (4,) by block, their image, and speeds (3,)."""
+    position, attitude = float(sums[TIP][E]), float(sums[ATTITUDE][E])
+    (nu1, nu2, qdot), size = speeds, len(image.u)
+    return TubeRadii(
+        e=float(np.linalg.norm([position, image.orientation, image.joints])), position=position,
+        orientation=image.orientation, joints=image.joints,
+        z=float(np.linalg.norm([nu1, nu2, qdot])), nu1=float(nu1), nu2=float(nu2),
+        qdot=float(qdot), tip_speed=float(sums[TIP][RATE]), roll=attitude, pitch=attitude,
+        depth=float(sums[DEPTH][E]) if sensed else None,
+        depth_speed=float(sums[DEPTH][RATE]) if sensed else None, u=image.u + extra_input[:size],
+        tau=None if image.tau is None else image.tau + extra_input[size:])
 
 
 def _structural_conditions(law: TipFirst, basis: Basis, rows: np.ndarray,

@@ -208,7 +208,8 @@ def tube_image(model: ContactModel, constraint_set: ConstraintSet, u_limits: np.
     if forces:
         inertia, check = _inertia(model, constraint_set, weights, safety_factor, seed)
         checks.append(check)
-        tau = (remainders[4 + size:] + inertia[:, 0] * u + inertia[:, 1] * extra
+        weighted, plain = inertia[:, :2].T
+        tau = (remainders[4 + size:] + weighted * u + plain * extra
                + inertia[:, 2:] @ sensor_effect.w)
     return TubeImage(
         nu1=float(remainders[0] + z[0] + sigma * shift),

@@ -24,6 +24,8 @@ BISECTIONS = 12
 """Halvings of a segment from a feasible to an infeasible sample: less than 1 mrad remains."""
 BATCH = 2048
 """Number of candidates drawn at a time."""
+TIP_PITCH = 4
+"""Component of χ: pitch of the end-effector."""
 MAX_ATTEMPTS = 200
 """Number of batches without a feasible sample until the set counts as empty."""
 
@@ -91,7 +93,7 @@ class ConstraintSet:
         """
         chi = model.kinematics(config).chi
         return np.stack([
-            chi[:, 4] / self.tip_pitch,
+            chi[:, TIP_PITCH] / self.tip_pitch,
             model.surface.contact_measure(chi, self.force_max),
             np.sum(zeta[:, :3] ** 2, axis=1) / self.nu1**2,
             np.sum(zeta[:, 3:6] ** 2, axis=1) / self.nu2**2,
@@ -159,7 +161,7 @@ class ConstraintSet:
 
     def _pitch_is_kept(self, model: ContactModel, x: np.ndarray) -> np.ndarray:
         config = np.concatenate([np.zeros((len(x), 3)), x], axis=1)
-        return np.abs(model.kinematics(config).chi[:, 4]) <= self.tip_pitch
+        return np.abs(model.kinematics(config).chi[:, TIP_PITCH]) <= self.tip_pitch
 
     def _positions(self, model: ContactModel, config: np.ndarray,
                    rng: np.random.Generator) -> np.ndarray:
