@@ -1,8 +1,8 @@
 """The closed loop without the command line: a stiffer wall, a smaller force, another start.
 
-The numbers of the robot's limits and of the MPC's weights come from the shipped scenario; wall,
-task, start and disturbance are set here. Prints the force on the wall every second. Nothing is
-certified here: tube and terminal radius are those of the shipped wall and force.
+The robot's limits and the weights of the MPC come from the shipped scenario; wall, task, start and
+disturbance are set here. Prints the force on the wall every second. Not certified: tube and
+terminal radius are those of the shipped wall and force.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """The controller against a simulator of one's own: state in, τ out, no plant in the Diagram.
 
 Here the other simulator is a fixed-step Runge-Kutta method on the prediction model; it could as
-well be a socket to another program. The command is held between two samples of 20 ms.
+well be a socket to another program. The command is under a zero-order hold of 20 ms.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Missions that are drawn: a wall, a place, a line, a current and, mostly, a fault.
+"""Random missions: wall, place, line, current and, mostly, a fault are drawn.
 
-The vehicle is that of `jacket_inspection_real`, which is told what all walls are within: 10 degrees
-off a direction, 1000 N/m, a friction of 0.5. What is drawn is a plate, a leg or bumps of 5 mm, less
-than 10 degrees off, 150 to 990 N/m, a friction up to 0.45; one wall in ten is further ahead than
-the mission looks. Each is to end, with no more force along the direction than is allowed.
+The vehicle is that of `jacket_inspection_real`, specified for walls within 10 degrees of a
+direction, up to 1000 N/m, with friction up to 0.5. Drawn are a plate, a leg or bumps of 5 mm,
+within 10 degrees, 150 to 990 N/m, friction up to 0.45; one wall in ten is beyond the search
+distance of the mission. Each mission has to end, without more force than is allowed.
 """
 
 import argparse
@@ -20,14 +20,14 @@ from uvms_drake.station.scenario.scenario import Scenario
 FAULTS = ("!LostForce {{start: {0}, duration: 2.0}}", "!FrozenForce {{start: {0}, duration: 2.0}}",
           "!SaturatedForce {{start: {0}, duration: 2.0, largest: 6.0}}",
           "!SolverFailure {{start: {0}, duration: 2.0}}", "!LostState {{start: {0}}}")
-"""What fails at a time [s], in the hold or in the slide if the wall is where it may be."""
+"""Faults with their start [s], during the hold or the slide if the wall is within reach."""
 SHAPES = ("!Plane {{point: {0}, normal: {1}}}",
           "!Cylinder {{point: {0}, normal: {1}, axis: {2}, radius: 0.6}}",
           "!Bumpy {{point: {0}, normal: {1}, axis: {2}, amplitude: 0.0025, wavelength: 0.15}}")
 
 
 def drawn(number: int, duration: float) -> Scenario:
-    """Returns a mission of one spot."""
+    """Returns a random mission at one place."""
     rng = np.random.default_rng([17, number])
     lean, turn = rng.uniform(-0.08, 0.08, 2)
     normal = np.array([-np.cos(lean) * np.cos(turn), np.sin(turn), np.sin(lean) * np.cos(turn)])
@@ -37,9 +37,9 @@ def drawn(number: int, duration: float) -> Scenario:
     tip = load_model(base).task_pose(np.append(start, base.start.q))[:3]
     at = (tip[[2, 1]] * [1.0, -1.0] + rng.uniform(-0.02, 0.02, 2)).tolist()
     along = rng.uniform(0.03, 0.05) * np.array([np.cos(w := rng.uniform(0.0, 6.28)), np.sin(w)])
-    ahead = rng.choice([rng.uniform(0.03, 0.06), 0.3], p=[0.9, 0.1])
+    distance = rng.choice([rng.uniform(0.03, 0.06), 0.3], p=[0.9, 0.1])
     shape = SHAPES[rng.integers(len(SHAPES))].format(
-        (tip + [ahead, 0.0, 0.0]).tolist(), normal.tolist(),
+        (tip + [distance, 0.0, 0.0]).tolist(), normal.tolist(),
         (axis / np.linalg.norm(axis)).tolist())
     fault = FAULTS[rng.integers(len(FAULTS))].format(rng.uniform(6.0, 16.0))
     return uv.load_scenario("jacket_inspection_real", [
@@ -57,7 +57,7 @@ def drawn(number: int, duration: float) -> Scenario:
 def main() -> None:
     """Prints a line for each mission."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--missions", type=int, default=2, help="how many; each takes a minute")
+    parser.add_argument("--missions", type=int, default=2, help="number of missions; a minute each")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
     parser.add_argument("--duration", type=float, default=34.0, help="longest simulated time [s]")
     arguments = parser.parse_args()
@@ -79,8 +79,8 @@ def main() -> None:
               flush=True)
         outcomes[mission["outcome"]] += 1
         shares.append(most / sensed_contact(scenario).force)
-    print(f"{len(shares)} missions: " + ", ".join(f"{n} {how}" for how, n in outcomes.items())
-          + f"; at most {max(shares):.2f} of the force that is allowed")
+    counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items())
+    print(f"{len(shares)} missions: {counts}; at most {max(shares):.2f} of the allowed force")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""What a vehicle as it is bears of each thing that its controller does not know, one at a time.
+"""Effect of each model error and imperfection on a realistic vehicle, one at a time.
 
-The vehicle is that of `girona500_real_loop`: thrusters that lag, 50 Hz, a navigation with noise, a
-felt wall, 4 s of hovering; without its current and wrong mass, from near by. `--before` does the
-same to `girona500_ideal`: the law `resolved`, an ideal loop, a wall that is known.
+The vehicle is that of `girona500_real_loop`: thrusters with lag, 50 Hz, noisy navigation, an
+unknown wall, 4 s of hovering; without its current and mass error, from a closer start. `--before`
+does the same to `girona500_ideal`: the law `resolved`, an ideal loop, a known wall.
 """
 
 import argparse
@@ -18,7 +18,7 @@ REAL = ["start.eta=[-1.04, -0.04, -0.04, 0.0, 0.0, 0.02]", "start.q=[0.0, 1.17, 
 BEFORE = ["disturbance.bound=0.0"]
 TO_AND_FRO = ["waves=[{amplitude: 0.3236, period: 6.0, depth: 10.0, sea_depth: 10.0}]"]
 ROUND = ["waves=[{amplitude: 0.25, period: 6.0, depth: 2.4}]"]
-FOR_WAVES = [  # A quicker vehicle, an elbow that is bent more, and room for it in limits and tube.
+FOR_WAVES = [  # A faster vehicle, a more bent elbow, and limits and a tube wide enough for both.
     "ancillary.vehicle.k=4.0", "ancillary.vehicle.observer=3.0", "task.pose=[0, 0, 0, 0, -0.17, 0]",
     "task.posture=[0.0, 1.05, 0.35, 0.0]", "start.q=[0.0, 1.05, 0.35, 0.0]", "tube.e=0.25",
     "start.eta=[-1.12, -0.03, -0.11, 0.0, 0.0, 0.02]", "limits.q_lower=[-0.45, 0.5, -0.25, -0.6]",
@@ -37,7 +37,7 @@ ROBOT = {
     "wall 50 mm off": ["surface_error.shift=[0.05, 0.0, 0.0]"],
     "wall turned by 5 deg": ["surface_error.turn=[0.0, 0.0, 0.0873]"],
     **{f"wall of {by} x N/m": [f"surface_error.stiffness={by}"] for by in (1.4, 0.5)}}
-"""What of robot, water and wall is another than the controller knows; waves of 0.2 m/s, 6 s."""
+"""Errors of robot, water and wall, unknown to the controller; waves of 0.2 m/s, 6 s."""
 LOOP: dict[str, tuple[list[str], list[str] | None]] = {
     "to and fro, for it": (TO_AND_FRO + FOR_WAVES, None),
     "round, for it": (ROUND + FOR_WAVES, None),
@@ -47,16 +47,16 @@ LOOP: dict[str, tuple[list[str], list[str] | None]] = {
     "20 Hz, slower tip": ([*AT_20_HZ, "ancillary.tip.k=12.0", "ancillary.tip.sigma=6.0"], None),
     "DVL gaps of 0.4 s": ([f"sensing.0.dvl={DVL}"],
                           [f"sensing=[!Navigation {{dvl: {DVL}, drift: {{rate: 0.0}}}}]"])}
-"""What the loop is worse by, or made for it, now and before; an ideal wrench has no thrusters."""
+"""Changes of the loop now and before, None without counterpart: no thrusters before."""
 ROWS = {**{name: (each, each) for name, each in ROBOT.items()}, **LOOP}
 AFTER = 5.0
-"""Time from the first touch on after which the force counts [s]."""
+"""Time from the first touch to a settled force [s]."""
 PARTS = ("position", "orientation", "joints", "z")
-"""Of the tube."""
+"""Parts of the tube."""
 
 
 def measured(record: uv.Record) -> str:
-    """Returns the row of a run: the worst all along, and what holds once the force has settled."""
+    """Returns the row of a run: largest errors overall, then errors after the force has settled."""
     tip, vehicle = (1e3 * np.linalg.norm(now[:, :3] - planned[:, :3], axis=1)
                     for now, planned in ((record.chi, record.chi_nominal),
                                          (record.state, record.nominal_state)))
@@ -64,32 +64,33 @@ def measured(record: uv.Record) -> str:
     tubes = {part: report[f"worst_set_{part}"] for part in PARTS}
     row = f"{np.max(tip):8.2f}{np.max(vehicle):8.1f}{max(tubes.values()):8.2f}"
     touching = record.penetration > 0.0
-    held = record.time >= AFTER + (record.time[np.argmax(touching)] if touching.any() else np.inf)
-    if not held.any():
+    touch = record.time[np.argmax(touching)] if touching.any() else np.inf
+    settled = record.time >= touch + AFTER
+    if not settled.any():
         return f"{row}  not pressed for {AFTER:g} s"
     desired = record.desired_force[-1] / np.linalg.norm(record.desired_force[-1])
-    off = (record.force - record.desired_force)[held] @ desired
-    lost = np.count_nonzero(np.diff(touching[held].astype(int)) < 0)
-    left = [name for name, (signal, limit) in constraint_signals(record).items()
-            if (np.min(signal) < limit if name.endswith("_min") else np.max(signal) > limit)]
-    left += ["cut"] * bool(record.input_limited.any())
-    left += [f"tube of {part}" for part in PARTS if tubes[part] > 1.0]
-    return (f"{row}{np.max(tip[held]):8.2f}{np.sqrt(np.mean(off**2)):8.2f}"
-            f"{np.max(np.abs(off)):8.2f}{lost:6d}  {', '.join(left) or 'all kept'}")
+    error = (record.force - record.desired_force)[settled] @ desired
+    lost = np.count_nonzero(np.diff(touching[settled].astype(int)) < 0)
+    violated = [name for name, (signal, limit) in constraint_signals(record).items()
+                if (np.min(signal) < limit if name.endswith("_min") else np.max(signal) > limit)]
+    violated += ["cut"] * bool(record.input_limited.any())
+    violated += [f"tube of {part}" for part in PARTS if tubes[part] > 1.0]
+    return (f"{row}{np.max(tip[settled]):8.2f}{np.sqrt(np.mean(error**2)):8.2f}"
+            f"{np.max(np.abs(error)):8.2f}{lost:6d}  {', '.join(violated) or 'all kept'}")
 
 
 def main() -> None:
-    """Runs every row, and prints it."""
+    """Prints the row of every run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--duration", type=float, help="of each [s]; 20, and 16 before")
+    parser.add_argument("--duration", type=float, help="of each run [s]; 20, and 16 before")
     parser.add_argument("--row", choices=ROWS, action="append", help="all if it is left out")
     parser.add_argument("--before", action="store_true", help="the law before, in its ideal loop")
     arguments = parser.parse_args()
     name, common = ("girona500_ideal", BEFORE) if arguments.before else (
         "girona500_real_loop", REAL)
     duration = arguments.duration or (16.0 if arguments.before else 20.0)
-    print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'held':>8}{'rms N':>8}{'worst':>8}"
-          f"{'lost':>6}  what is left")
+    print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'settled':>8}{'rms N':>8}{'worst':>8}"
+          f"{'lost':>6}  violated")
     for row in arguments.row or ROWS:
         if (overrides := ROWS[row][arguments.before]) is not None:
             scenario = uv.load_scenario(name, [f"duration={duration}", *common, *overrides])

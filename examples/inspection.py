@@ -1,8 +1,8 @@
-"""An inspection job on a wall that nobody measured, put together in a script.
+"""An inspection mission on an unknown wall, put together in a script.
 
-The mission is a system beside the station: it looks at what is felt, and says how hard and where to
-press. In a scenario's file it is the key `mission`, see `girona500_inspection`. Here the wall is
-5 cm ahead of the tip, to save the way there.
+The mission is a system next to the station: it reads the measurements and puts out desired force
+and place. In a scenario file it is the key `mission`, see `girona500_inspection`. Here the wall is
+5 cm from the tip, for a short approach.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from uvms_drake.mission.system import MissionControl
 from uvms_drake.station.diagram import make_station, read_logs
 from uvms_drake.station.problem import load_model
 
-PLACE = np.array([0.0, -0.06, -0.06])  # m, (0, 0) of the mission: ahead of where the tip starts
+PLACE = np.array([0.0, -0.06, -0.06])  # m, (0, 0) of the mission: in front of the tip's start
 NEAR = "surface.geometry.point.0=-0.25"
 JOB = Mission(steps=[
     Approach(at=np.zeros(2), force=10.0, on_failure="retry"),
@@ -28,7 +28,7 @@ JOB = Mission(steps=[
 
 
 def main() -> None:
-    """Does the job, and says how it went."""
+    """Runs the mission and prints its progress."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=35.0, help="simulated time [s]")
     arguments = parser.parse_args()
@@ -37,10 +37,10 @@ def main() -> None:
 
     builder = DiagramBuilder()
     station = builder.AddSystem(make_station(scenario))
-    felt = {name: station.GetOutputPort(name)
-            for name in ("state", "force_last_valid", "touched", "force_lost")}
+    measurements = {name: station.GetOutputPort(name)
+                    for name in ("state", "force_last_valid", "touched", "force_lost")}
     mission = MissionControl.AddToBuilder(
-        builder, JOB, load_model(scenario), walls, PLACE, **felt)
+        builder, JOB, load_model(scenario), walls, PLACE, **measurements)
     for name in ("desired_force", "place", "deepest"):
         builder.Connect(mission.GetOutputPort(name), station.GetInputPort(name))
     builder.ExportOutput(mission.GetOutputPort("progress"), "progress")

@@ -1,7 +1,7 @@
-"""Actuator parts between controller and plant: thrusters that lag, behind a command that is held.
+"""User-defined actuators between controller and plant: a thruster lag behind a zero-order hold.
 
-The lag is a part of one's own, made of Drake's FirstOrderLowPassFilter; the hold is a part that
-comes with the project. What each takes of the theory it says itself.
+The lag is a user-defined part, made of Drake's FirstOrderLowPassFilter; the hold comes with the
+project. Each part declares the assumption of the proofs that it violates.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pydrake.systems.primitives import FirstOrderLowPassFilter
 import uvms_drake as uv
 from uvms_drake.actuation.sampled_command import SampledCommand
 
-FASTEST = 4e-3  # s, of the joints, which do not lag here
+FASTEST = 4e-3  # s, of the joints, practically without lag
 
 
 @dataclass
@@ -25,8 +25,8 @@ class ThrusterLag(uv.Part):
     """Time constant of the thrusters [s]."""
 
     def assumption(self) -> str:
-        """Returns what the proofs take for granted."""
-        return "the proofs take actuators for ideal"
+        """Returns the assumption of the proofs that it violates."""
+        return "the proofs assume ideal actuators"
 
     def add_to(self, builder: DiagramBuilder, model: uv.UvmsModel, port: OutputPort,
                signals: uv.Signals, seed: int) -> OutputPort:

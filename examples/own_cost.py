@@ -1,7 +1,7 @@
-"""A term of one's own in the cost of the MPC: a joint that would rather not move.
+"""A user-defined cost term of the MPC: it penalises the speed of one joint.
 
-A term is a dataclass with a residual r of a point of the motion, and adds ‖r‖² per second; what the
-convex programs need follows by complex steps. No proof covers it: there is no certificate.
+A term is a dataclass with a residual r of a point of the motion, and adds ‖r‖² per second; its
+derivatives follow by complex steps. No proof covers it, so the scenario is not certified.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import uvms_drake as uv
 
 @dataclass
 class SlowElbow(uv.CostTerm):
-    """weight q̇₂²: the second joint, which carries the arm, is moved as little as possible."""
+    """weight q̇₂²: the second joint, which carries the arm, moves as little as possible."""
 
     about = "speed"
     weight: float = 2000.0
@@ -36,8 +36,9 @@ def main() -> None:
         if terms:
             print(f"certificate: {uv.certify(scenario).failed}")
         record = uv.simulate(scenario)
-        fastest, how = np.max(np.abs(record.nominal_zeta[:, 7])), "with" if terms else "without"
-        print(f"{how} the term: the second joint turns at {fastest:.3f} rad/s at most")
+        fastest = np.max(np.abs(record.nominal_zeta[:, 7]))
+        print(f"{'with' if terms else 'without'} the term: "
+              f"the second joint turns at {fastest:.3f} rad/s at most")
     print(f"force at the end: {record.force[-1, 0]:.2f} N, desired {scenario.task.force[0]:.2f} N")
 
 

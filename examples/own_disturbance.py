@@ -1,7 +1,7 @@
-"""A disturbance of one's own in a scenario: waves that fade with depth push the vehicle.
+"""A user-defined disturbance in a scenario: waves that decay with depth.
 
-Who writes a disturbance answers for its bound, for which the certificate holds: the waves push with
-at most their amplitude, which is the bound.
+The certificate holds for the declared bound, which has to be one: here it is the amplitude of the
+waves at the surface of the water.
 """
 
 import argparse
@@ -25,14 +25,14 @@ class Waves(uv.Disturbance):
 
     def add_to(self, builder: DiagramBuilder, model: uv.UvmsModel, seed: int,
                signals: Mapping[str, OutputPort]) -> OutputPort:
-        """Adds a system that knows the robot's state."""
+        """Adds a source whose input is the robot's state."""
         source = builder.AddNamedSystem("waves", WaveSource(self, model.size))
         builder.Connect(signals["state"], source.get_input_port())
         return source.get_output_port()
 
 
 class WaveSource(LeafSystem):
-    """Puts out d (6+n) in the paper's order; input (𝔮, ζ) (2(6+n)); without state."""
+    """Source of d (6+n) in the paper's order; input (𝔮, ζ) (2(6+n)); without state."""
 
     def __init__(self, waves: Waves, size: int):
         super().__init__()
@@ -44,12 +44,13 @@ class WaveSource(LeafSystem):
         x, _, z, _, pitch, yaw = self.get_input_port().Eval(context)[:6]
         omega = 2.0 * np.pi / self._waves.period
         k = omega**2 / 9.81
-        size = self._waves.bound * np.exp(-k * max(z - self._waves.surface, 0.0))
-        north, down = size * np.cos(k * x - omega * context.get_time() - np.array([0.0, np.pi / 2]))
-        ahead = np.cos(yaw) * north  # Roll is small: it is left out of the way to body axes.
+        amplitude = self._waves.bound * np.exp(-k * max(z - self._waves.surface, 0.0))
+        north, down = amplitude * np.cos(
+            k * x - omega * context.get_time() - np.array([0.0, np.pi / 2]))
+        forward = np.cos(yaw) * north  # Roll is small and neglected.
         d = np.zeros(output.size())
-        d[:3] = (np.cos(pitch) * ahead - np.sin(pitch) * down, -np.sin(yaw) * north,
-                 np.sin(pitch) * ahead + np.cos(pitch) * down)
+        d[:3] = (np.cos(pitch) * forward - np.sin(pitch) * down, -np.sin(yaw) * north,
+                 np.sin(pitch) * forward + np.cos(pitch) * down)
         output.SetFromVector(d)
 
 

@@ -1,7 +1,7 @@
-"""A feedback law of one's own: proportional and derivative in the coordinates of the robot.
+"""A user-defined feedback law: proportional and derivative in the coordinates of the robot.
 
-It is a dataclass of its gains with one method, the command. No theory is known for it, so there is
-no certificate, and the certificate says so; the scenario runs all the same, and is watched.
+It is a dataclass of its gains with one method, the command. No tube is known for it, so it is not
+certified; the scenario runs all the same, and is monitored.
 """
 
 import argparse
@@ -27,9 +27,10 @@ class ProportionalDerivative(uv.AncillaryLaw):
                 nominal_acceleration: Callable[[], np.ndarray],
                 nominal_input: Callable[[], np.ndarray]) -> uv.Command:
         """Returns the acceleration u, and the force M(𝔮)u."""
-        off = now.inverse @ pose_difference(*now.y)
-        faster = now.zeta[0] - now.zeta[1]
-        u = nominal_input() - self.derivative * faster - self.proportional * off
+        pose_error = now.inverse @ pose_difference(*now.y)
+        velocity_error = now.zeta[0] - now.zeta[1]
+        u = (nominal_input() - self.derivative * velocity_error
+             - self.proportional * pose_error)
         M = model.mass_matrix(now.kinematics.at(0))
         return uv.Command(u=lambda: u, tau=lambda: M @ u, M=lambda: M)
 

@@ -1,7 +1,7 @@
-"""A limit of one's own: the vehicle keeps its distance from a pillar beside its way to the wall.
+"""A user-defined limit: the vehicle keeps its distance from a pillar next to its path to the wall.
 
-A limit says which values of a motion are bounded; the nominal MPC, tables and figures ask it.
-This one does not say what the tube takes of it (`tube_takes`), so there is no certificate.
+A limit returns the values of a motion that it bounds, for the nominal MPC, tables and figures.
+This one has no tightening by the tube (`tube_takes`), so it is not certified.
 """
 
 import argparse
@@ -25,7 +25,7 @@ class KeepAway(uv.Limit):
     """Smallest distance [m]."""
 
     def values(self, at: uv.Points) -> np.ndarray:
-        """Returns the distance (..., 1) [m], of complex numbers too."""
+        """Returns the distance (..., 1) [m], for complex numbers, too."""
         away = at.config[..., :2] - self.place
         return np.sqrt(np.sum(away**2, axis=-1, keepdims=True))
 

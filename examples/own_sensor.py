@@ -1,7 +1,7 @@
-"""A sensor of one's own between plant and controller: a compass that is off by a constant angle.
+"""A user-defined sensor between plant and controller: a compass with a constant error.
 
-A part is a dataclass with `add_to`; what it adds to `signals` is logged. Nothing is proven about
-this one, so there is no certificate, and the certificate says so; the scenario runs all the same.
+A part is a dataclass with `add_to`; its `signals` are logged. No proof covers this one, so it is
+not certified; the scenario runs all the same.
 """
 
 import argparse
@@ -37,7 +37,7 @@ class CompassError(uv.Part):
 
 
 def main() -> None:
-    """Presses on the wall with a wrong heading."""
+    """Presses on the wall with an error of the heading."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=8.0, help="simulated time [s]")
     arguments = parser.parse_args()
@@ -47,7 +47,7 @@ def main() -> None:
 
     record = uv.simulate(scenario)
     heading = record.signals["compass_state"][-1, YAW] - record.config[-1, YAW]
-    print(f"the heading is off by {heading:.3f} rad")
+    print(f"error of the heading: {heading:.3f} rad")
     print(f"force at the end: {record.force[-1, 0]:.2f} N, desired {scenario.task.force[0]:.2f} N")
 
 

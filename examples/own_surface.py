@@ -1,6 +1,6 @@
-"""A surface of one's own, for the plant and for the controller's model: a soft sphere.
+"""A user-defined surface, for the plant and for the controller's model: a soft sphere.
 
-What the methods return is said in `Surface`. A limit on the force, and a certificate, ask for more.
+`Surface` documents the methods. A limit of the force, and a certificate, need more of them.
 """
 
 import argparse
@@ -30,7 +30,7 @@ class Buoy(uv.Surface):
 
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
         inward = self.center - chi[..., :3]
-        distance = np.sqrt(np.sum(inward**2, axis=-1, keepdims=True))  # Of complex numbers too.
+        distance = np.sqrt(np.sum(inward**2, axis=-1, keepdims=True))  # For complex numbers.
         load = self.stiffness * plane_load(self.radius - distance, self.skin)
         return np.concatenate([load * inward / distance, np.zeros_like(inward)], axis=-1)
 

@@ -27,10 +27,10 @@ CONTROLS = 20  # pixels, height of Meshcat's bar at the top, which is cut off
 def main() -> None:
     """Makes the pictures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, metavar="DIR", help="where 'run' has written")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of a finished run")
     parser.add_argument("--output", type=Path, metavar="DIR", help="default: the run's folder")
     parser.add_argument("--times", type=float, nargs=3, default=[3.0, 6.9, 12.0], metavar="S")
-    parser.add_argument("--close", action="store_true", help="of what is about the end-effector")
+    parser.add_argument("--close", action="store_true", help="close to the end-effector")
     arguments = parser.parse_args()
     record = load_record(arguments.folder)
     output = arguments.output or arguments.folder
@@ -53,13 +53,13 @@ def find_browser() -> str | None:
 
 def take_screenshot(html: Path, png: Path, size: tuple[int, int] = (1280, 720),
                     seconds: float = 3.0) -> list[str]:
-    """Writes the picture of a page and returns what the page said on the browser's console.
+    """Writes the picture of a page and returns the messages on the browser's console.
 
     Args:
         html: The page.
         png: The picture.
         size: Width and height [pixels].
-        seconds: For how long the page runs before [s of its own time].
+        seconds: Time that the page runs before [s of its own time].
 
     Raises:
         RunFailed: There is no browser, or it did not write the picture.

@@ -1,8 +1,8 @@
-"""How well a force is kept on the way: along a leg, over bumps, across a weld.
+"""Force error during slides: along a leg, over bumps, across a weld.
 
-The vehicle is that of `jacket_inspection_real`: thrusters that lag, 50 Hz, a navigation, a current,
-a surface of which it is told nothing. It stands near, to save the way there. What is off is the
-real force along the declared direction, from what is due at that instant.
+The vehicle is that of `jacket_inspection_real`: thrusters with lag, 50 Hz, a navigation, a current,
+an unknown surface; it starts nearby, for a short approach. The error is that of the real force
+along the declared direction, from the desired force of that instant.
 """
 
 import argparse
@@ -13,7 +13,7 @@ from uvms_drake.report.mission.mission import summarise_mission
 
 PLACE = "!Approach {at: [-0.096, 0.065]}, !Hold {seconds: 3.0}"
 LEANS = "normal: [-0.9975641, 0.0, 0.0697565]"
-"""By 4 degrees."""
+"""Normal of a surface that leans by 4 degrees."""
 JOBS = {
     "leg": ("!Cylinder {point: [-0.27, 0.0, 0.0], axis: [0.0697565, 0.0, 0.9975641], radius: 0.75, "
             f"{LEANS}}}",
@@ -27,11 +27,11 @@ JOBS = {
     "weld of 3 mm": (
         f"!Bead {{point: [-0.27, 0.0, 0.0], {LEANS}, axis: [0.0, 1.0, 0.0], height: 0.003, "
         "width: 0.03}", "!Slide {along: [0.2, 0.0], speed: 0.02}")}
-"""Of each surface, its geometry and the slides."""
+"""Geometry and slides of each surface."""
 
 
 def main() -> None:
-    """Does every job, and prints a line for each of its slides."""
+    """Prints a line for each slide of every job."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=140.0, help="longest simulated time [s]")
     parser.add_argument("--job", choices=JOBS, action="append", help="all if it is left out")

@@ -1,8 +1,8 @@
-"""Drake's own Propeller as thrusters of the vehicle: six of them, wired as its header says.
+"""Drake's own Propeller as thrusters of the vehicle: six of them, wired as its documentation says.
 
 The controller asks for a wrench; its allocation to the thrusters is one matrix here. Their forces
-come to the robot by the port `applied_spatial_force`, and move the water with it. Thrusters that
-lag, saturate and have dead bands are a part of a scenario, `actuation: [!Thrusters {}]`.
+act on the robot by the port `applied_spatial_force`, and accelerate its added mass, too. Thrusters
+with lag, saturation and dead band are a part of a scenario, `actuation: [!Thrusters {}]`.
 """
 
 import argparse
@@ -43,7 +43,7 @@ def main() -> None:
         builder.Connect(controller.GetOutputPort("tau"), gain.get_input_port())
     builder.Connect(joints.get_output_port(), uvms.GetInputPort("tau"))
 
-    # A propeller pushes along its z-axis.
+    # The thrust of a propeller is along its z-axis.
     vehicle = uvms.GetSubsystemByName("plant").GetBodyByName("vehicle").index()
     thrusters = builder.AddSystem(Propeller([PropellerInfo(vehicle, RigidTransform(
         RotationMatrix.MakeFromOneVector(axis, 2), place))

@@ -1,10 +1,10 @@
-"""Thrusters that lag, on three laws: two hold the tip with the vehicle, the third with the arm.
+"""Thruster lag under three laws: two position the tip by the vehicle, the third by the arm.
 
-The laws `resolved` and `transpose` ask the vehicle to hold the tip, too late: beyond a lag of
-(k + sigma)/(k sigma), 0.25 s for the first, the loop swings up. The law `tip first` takes what the
-thrusters give now as it is, and holds the tip with the arm whatever that is. To a lag of 0.15 s
-comes a dead time of 0.05 s. The wall is 5 mm nearer than the controller believes, a wrist sensor
-feels it, and something pushes the vehicle back and aside, as hard as the declared bound allows.
+The laws `resolved` and `transpose` ask the vehicle to hold the tip: beyond a lag of
+(k + sigma)/(k sigma), 0.25 s for the first, the loop is unstable. The law `tip first` takes the
+present wrench of the thrusters as given, and holds the tip with the arm. To a lag of 0.15 s comes a
+dead time of 0.05 s. The wall is 5 mm nearer than modelled, a wrist sensor measures the force, and a
+pulse of the disturbance, as large as the declared bound, acts backwards and sideways.
 """
 
 import argparse
@@ -25,13 +25,13 @@ DEAD_TIME = 0.05  # s, of the thrusters
 
 
 @dataclass
-class Push(OpenLoopDisturbance):
-    """Half a sine that pushes the vehicle back and aside."""
+class Pulse(OpenLoopDisturbance):
+    """Half a sine that accelerates the vehicle backwards and sideways."""
 
     start: float = 5.0
-    """When it begins [s]."""
+    """Start [s]."""
     length: float = 1.0
-    """How long it takes [s]."""
+    """Duration [s]."""
 
     def system(self, size: int, seed: int = 0) -> LeafSystem:
         """Returns its source; see `OpenLoopDisturbance`."""
@@ -46,14 +46,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=9.0, help="simulated time [s]")
     parser.add_argument("--lag", type=float, default=0.15, help="of the thrusters [s]")
-    parser.add_argument("--figure", type=Path, help="where to draw it, as PNG")
+    parser.add_argument("--figure", type=Path, help="PNG file to write")
     arguments = parser.parse_args()
     scenario = uv.load_scenario("girona500_ideal", [
         f"duration={arguments.duration}", "surface_error.shift=[-0.005, 0, 0]"])
     scenario.actuation = [Thrusters(lag=arguments.lag, dead_time=DEAD_TIME)]
-    push = scenario.disturbance = Push(bound=0.1)
+    pulse = scenario.disturbance = Pulse(bound=0.1)
     figure, panels = plt.subplots(3, sharex=True, figsize=(5.0, 4.5), layout="constrained")
-    # There are five thrusters: roll is left to weight and buoyancy.
+    # With five thrusters roll is not driven: weight and buoyancy restore it.
     for law in (Transpose(k=20.0, sigma=1.0), Resolved(k=20.0, sigma=5.0),
                 TipFirst(undriven=["roll"])):
         sensing = [ForceSensor()] if law.takes_force else []
@@ -69,14 +69,14 @@ def main() -> None:
         axis.set_ylabel(name)
         axis.set_yscale("linear" if axis is panels[-1] else "log")
         axis.grid(alpha=0.3)
-        axis.axvspan(push.start, push.start + push.length, color="0.9")
+        axis.axvspan(pulse.start, pulse.start + pulse.length, color="0.9")
     for axis in panels[:2]:
         axis.set_ylim(bottom=0.05)
     panels[-1].axhline(scenario.task.force[0], color="0.4", linestyle=":", linewidth=1.0)
     panels[-1].annotate("desired", (0.0, scenario.task.force[0]), va="bottom", color="0.4")
     panels[0].legend(ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     panels[-1].set_xlabel(f"time [s]; thrusters: dead time {DEAD_TIME:g} s, lag "
-                          f"{arguments.lag:g} s; grey: a push")
+                          f"{arguments.lag:g} s; grey: the pulse")
     if arguments.figure:
         figure.savefig(arguments.figure, dpi=200)
 

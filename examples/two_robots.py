@@ -23,10 +23,10 @@ def main() -> None:
     builder, robots = DiagramBuilder(), {}
     for name, y in SIDES.items():
         # The scenario, moved along the wall.
-        aside = np.array([0.0, y, 0.0, 0.0, 0.0, 0.0])
-        task = replace(main_scenario.task, pose=main_scenario.task.pose + aside,
+        offset = np.array([0.0, y, 0.0, 0.0, 0.0, 0.0])
+        task = replace(main_scenario.task, pose=main_scenario.task.pose + offset,
                        force=np.array([FORCES[name], 0.0, 0.0, 0.0, 0.0, 0.0]))
-        start = replace(main_scenario.start, eta=main_scenario.start.eta + aside)
+        start = replace(main_scenario.start, eta=main_scenario.start.eta + offset)
         scenario = replace(main_scenario, task=task, start=start)
         ocp = uv.make_ocp(scenario)
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.long
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+CONTRIBUTING = (EXAMPLES.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_the_loop_by_hand_comes_to_the_desired_force(run):
     assert abs(reached - desired) < 1.0
 
 
-def test_waves_of_ones_own_push_to_and_fro(run):
+def test_user_defined_waves_accelerate_the_vehicle_both_ways(run):
     text = run("own_disturbance.py", 5.0)
     lowest, highest = (float(x) for x in re.search(r"surge (\S+) to (\S+) m", text).groups())
     assert -0.1 < lowest < -0.02 < 0.02 < highest < 0.1
@@ -91,36 +91,36 @@ def test_waves_of_ones_own_push_to_and_fro(run):
     assert abs(reached - desired) < 2.0
 
 
-@pytest.mark.parametrize(("name", "void"), [
+@pytest.mark.parametrize(("name", "reason"), [
     ("own_sensor.py", "sensing[0], CompassError: nothing is proven about it"),
-    ("own_actuator.py", "actuation[1], ThrusterLag: the proofs take actuators for ideal"),
+    ("own_actuator.py", "actuation[1], ThrusterLag: the proofs assume ideal actuators"),
     ("own_law.py", "certificate of the law ProportionalDerivative, none is known"),
     ("own_cost.py", "mpc.terms[0], SlowElbow, which the terminal set leaves out"),
     ("own_surface.py", None),
     ("thrusters.py", None),
     ("controller_alone.py", None),
     ("two_robots.py", None)])
-def test_the_force_settles_with_a_part_of_ones_own_and_a_void_certificate_says_so(
-        name, void, run):
+def test_the_force_settles_with_a_user_defined_part_and_a_missing_certificate_has_its_reason(
+        name, reason, run):
     text = run(name, 4.0)
     reached, desired = last_numbers(text)
     assert abs(reached - desired) < 2.0
-    assert void is None or void in text
+    assert reason is None or reason in text
 
 
 def test_behind_thrusters_that_lag_only_the_law_tip_first_holds_the_tip(run):
     tips = re.findall(r"the tip is off by up to (\S+) mm", run("tip_first.py", 1.2))
-    *swing, held = map(float, tips)
-    assert held < 1.0 < 5.0 < min(swing)
+    *others, tip_first = map(float, tips)
+    assert tip_first < 1.0 < 5.0 < min(others)
 
 
-def test_a_wall_that_is_felt_keeps_the_tube_wherever_it_is(run):
-    text = run("felt_wall.py", 1.6)
-    known, felt = (float(x) for x in re.findall(r"up to (\d+\.\d+) of the tube", text))
-    assert felt < 0.5 < 2.0 < known
+def test_with_a_measured_force_the_error_of_the_wall_does_not_leave_the_tube(run):
+    text = run("sensed_wall.py", 1.6)
+    modelled, measured = (float(x) for x in re.findall(r"up to (\d+\.\d+) of the tube", text))
+    assert measured < 0.5 < 2.0 < modelled
 
 
-def test_a_force_that_changes_is_followed_on_a_wall_that_nobody_measured(run):
+def test_a_time_varying_force_is_tracked_on_an_unknown_wall(run):
     text = run("changing_force.py", 4.0)
     rows = np.array(table(text))
     np.testing.assert_allclose(
@@ -131,7 +131,7 @@ def test_a_force_that_changes_is_followed_on_a_wall_that_nobody_measured(run):
     assert 0.0 < rms < worst < 25.0
 
 
-def test_a_limit_of_ones_own_is_kept_by_the_plan(run):
+def test_a_user_defined_limit_is_kept_by_the_plan(run):
     text = run("own_limit.py", 3.0)
     assert "limits.pillar, of which nobody says what the tube takes" in text
     without, kept = (float(x) for x in re.findall(r"limit: (\d+\.\d+) m", text))
@@ -139,12 +139,11 @@ def test_a_limit_of_ones_own_is_kept_by_the_plan(run):
     assert kept >= 0.22 - 1e-3
 
 
-def test_the_examples_of_the_readmes_table_are_as_short_as_it_says():
-    (most,) = re.findall(r"script of at most (\d+) lines", README)
-    lines = {name: (EXAMPLES / name).read_text(encoding="utf-8").count("\n")
-             for name in re.findall(r"^\|.*\(examples/(\w+\.py)\) \|$", README, re.MULTILINE)}
-    assert len(lines) == 10
-    assert max(lines.values()) <= int(most), lines
+def test_the_example_of_an_extension_derives_from_the_class_that_the_guide_names():
+    rows = re.findall(r"`uv\.(\w+)`.*\(examples/(\w+\.py)\) \|$", CONTRIBUTING, re.MULTILINE)
+    assert len(rows) == 7
+    for base, name in rows:
+        assert f"(uv.{base})" in (EXAMPLES / name).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
@@ -171,12 +170,12 @@ def test_a_drawn_mission_ends_and_presses_no_harder_than_it_may(run):
 
 @pytest.mark.parametrize("row", ["mass + 20 %", "current 0.25 m/s", "thrusters - 10 %",
                                  "20 Hz, slower tip", "DVL gaps of 0.4 s"])
-def test_what_the_controller_does_not_know_is_borne(row, run):
+def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
     found = run("each_alone.py", 11.0, f"--row={row}").splitlines()[-1]
     assert found.startswith(row)
     assert found.endswith(" all kept")
-    tip, vehicle, of_tube, held, rms, worst, lost = map(float, found[22:].split()[:7])
-    assert held < 3.0
+    tip, vehicle, of_tube, settled, rms, worst, lost = map(float, found[22:].split()[:7])
+    assert settled < 3.0
     assert tip < 3.5
     assert vehicle < 15.0
     assert of_tube < 1.0
@@ -184,7 +183,7 @@ def test_what_the_controller_does_not_know_is_borne(row, run):
     assert lost == 0.0
 
 
-def test_a_tip_that_is_too_fast_for_20_hz_is_told(run):
+def test_a_tip_that_is_too_fast_for_20_hz_leaves_its_tube(run):
     found = run("each_alone.py", 1.5, "--row=20 Hz").splitlines()[-1]
     tip, _, of_tube = map(float, found[22:].split()[:3])
     assert tip > 10.0
@@ -192,7 +191,7 @@ def test_a_tip_that_is_too_fast_for_20_hz_is_told(run):
     assert "not pressed" in found
 
 
-def test_a_mission_beside_the_station_presses_and_slides(run):
+def test_a_mission_next_to_the_station_presses_and_slides(run):
     *lines, last = run("inspection.py", 9.0).splitlines()
     rows = [line.split() for line in lines[1:]]
     assert [row[1] for row in rows] == [*["Approach"] * 5, *["Hold"] * 2, *["Slide"] * 3]

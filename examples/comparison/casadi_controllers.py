@@ -4,8 +4,8 @@ All controllers solve the same multiple-shooting problem, ordered (x_0, u_0, x_1
 from the shifted solution of the step before (multipliers unshifted: shifting them saves no
 iterations). They differ in three things:
 
-* derivatives: what CasADi makes of the plain model, with the exact Hessian; or, as an expert
-  would, RK4 Jacobians chained by hand and a Gauss-Newton Hessian that keeps the curvature of the
+* derivatives: CasADi's of the plain model, with the exact Hessian; or, as an expert would, RK4
+  Jacobians chained by hand and a Gauss-Newton Hessian that keeps the curvature of the
   norm limits;
 * compiled or not: derivatives by CasADi's virtual machine, or as C code by gcc;
 * solver: IPOPT, or SQP whose quadratic programs HPIPM solves; to convergence or one iteration.
@@ -55,9 +55,9 @@ class Transcription:
     f: ca.MX
     g: ca.MX
     hessian: ca.MX
-    """Gauss-Newton, with the curvature of the norm limits."""
+    """Gauss-Newton Hessian, with the curvature of the norm limits."""
     multipliers: ca.MX
-    """Of g, in `hessian`."""
+    """Multipliers of g, in `hessian`."""
     lbx: np.ndarray
     ubx: np.ndarray
     lbg: np.ndarray

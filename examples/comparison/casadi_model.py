@@ -89,7 +89,7 @@ def drift(config: Symbol, zeta: Symbol, chi_eq: np.ndarray, smoothing: float) ->
 def drift_jacobian(config: Symbol, zeta: Symbol, chi_eq: np.ndarray, smoothing: float) -> Symbol:
     """Returns ∂f/∂(𝔮, ζ) (10, 20), with the arguments of `drift`, as an expert would write it.
 
-    From M f + b = 0: ∂f = −M⁻¹ ∂(M ζ̇ + b) at ζ̇ = f held fixed; M⁻¹ is not differentiated.
+    From M f + b = 0: ∂f = −M⁻¹ ∂(M ζ̇ + b) at constant ζ̇ = f; M⁻¹ is not differentiated.
     """
     acceleration = ca.SX.sym("acceleration", 10)
     tau = _inverse_dynamics(config, zeta, acceleration, chi_eq, smoothing)
@@ -99,7 +99,7 @@ def drift_jacobian(config: Symbol, zeta: Symbol, chi_eq: np.ndarray, smoothing: 
 
 
 def runge_kutta(rate: Callable[[Symbol, Symbol], Symbol], x: Symbol, u: Symbol, h: float) -> Symbol:
-    """Returns x after one classical step of ẋ = rate(x, u) with the input held."""
+    """Returns x after one classical step of ẋ = rate(x, u) with constant input."""
     k1 = rate(x, u)
     k2 = rate(x + h / 2 * k1, u)
     k3 = rate(x + h / 2 * k2, u)
@@ -163,7 +163,7 @@ def _inverse_dynamics(config: Symbol, zeta: Symbol, acceleration: Symbol, chi_eq
     q, q_dot, q_ddot = config[6:], zeta[6:], acceleration[6:]
     R_WB = euler_rotation(config[3:6])
 
-    # Outwards: velocity and its rate of change in the link's axes, and where down is.
+    # Outwards: velocity and its rate of change in the link's axes, and the vertical.
     v, w, v_dot, w_dot = zeta[:3], zeta[3:6], acceleration[:3], acceleration[3:6]
     base = ca.DM(ARM_BASE)
     v, v_dot, down = v + ca.cross(w, base), v_dot + ca.cross(w_dot, base), R_WB[2, :].T

@@ -1,7 +1,7 @@
 """A controller and the plant in closed loop, with the wall time of every controller step.
 
 The plant is the same for every controller: one RK4 step of this package's `ContactModel` in NumPy,
-with the input held. Its drag is exact, |v|; what a controller makes of |v| is its own affair.
+with the input constant. Its drag is exact, |v|; a controller may approximate |v|.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from uvms_drake.model.uvms_model import configuration_rate
 
 
 class Controller(Protocol):
-    """What a controller offers to the closed loop."""
+    """Interface of a controller to the closed loop."""
 
     name: str
     status: bool
@@ -31,7 +31,7 @@ class Controller(Protocol):
 
 @dataclass(frozen=True)
 class History:
-    """What happened in n steps."""
+    """States, inputs and step times of n steps."""
 
     states: np.ndarray
     """x_0, ..., x_n (n+1, nx)."""

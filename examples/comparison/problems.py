@@ -4,7 +4,7 @@ Both move the end-effector of `models/ocp_robot` from the paper's χ(0) to its �
 paper's kinematic problem, 𝔮̇ = Γ(𝔮)ζ with the velocity ζ as input; ocp-d adds the dynamics,
 ζ̇ = f(𝔮, ζ) + u, and a spring that the end-effector presses into.
 
-    minimise  Σ_{k<N} h L(x_k, u_k) + V(x_N)        subject to  x_{k+1} = one RK4 step, u_k held
+    minimise  Σ_{k<N} h L(x_k, u_k) + V(x_N)        subject to  x_{k+1} = one RK4 step, u_k const.
     L = a‖e‖² + b‖ζ‖² + c‖u − u_eq‖²,   V = a‖e‖² + d‖ζ‖²,   e = χ(𝔮) − χ_des
 
     limits (of the inputs at k < N, of the states at 0 < k ≤ N):
@@ -62,7 +62,7 @@ class Problem:
     terminal_velocity_weight: float
     """d."""
     input_limit: float
-    """Of |u_i| [m/s², rad/s²]."""
+    """Largest |u_i| [m/s², rad/s²]."""
 
     @property
     def dynamic(self) -> bool:
@@ -84,7 +84,7 @@ class Problem:
                             + self.input_weight * np.sum((inputs - U_EQ)**2))
 
     def violation(self, states: np.ndarray, inputs: np.ndarray) -> float:
-        """Returns by how much a history leaves a limit at worst [rad, m/s, rad/s, m/s²]."""
+        """Returns the largest violation of a limit in a history [rad, m/s, rad/s, m/s²]."""
         q, pitch = states[:, 6:10], states[:, 4]
         zeta = states[:, 10:] if self.dynamic else inputs
         excess = [JOINT_LOWER - q, q - JOINT_UPPER, np.abs(pitch) - PITCH_LIMIT,

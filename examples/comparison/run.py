@@ -4,13 +4,13 @@
                                       [--output FILE]
 
 needs the extra `comparison` (`pip install '.[comparison]'`) and gcc. All controllers run in turn
-in one process on one core, R times over, so that what disturbs the machine disturbs them all; a
+in one process on one core, R times over, so that disturbances of the machine affect them all; a
 time is the median over the repetitions of the percentile in each, and a ratio that of two medians.
 Compare ratios, not milliseconds. `--reference` adds SNOPT on the whole problem (minutes).
 
 Every controller sees the same plant, problem, horizon, limits and tolerance (a KKT residual of
 1e-6; here, a step that improves the cost by less than 1e-6 of it). J is the closed-loop cost,
-"violation" by how much the closed loop leaves a limit at worst.
+"violation" the largest one of a limit in closed loop.
 """
 
 import argparse
@@ -20,7 +20,7 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-# One core each: BLAS threads help nobody here, and would make the comparison one of core counts.
+# One core each: BLAS threads gain nothing here, and would compare numbers of cores.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ[_variable] = "1"
 

@@ -1,10 +1,9 @@
 """This project's own solvers on the two problems: the fast one and the reference.
 
-ocp-k is `KinematicOcp` as it stands. ocp-d holds the input over a step where `DynamicOcp` holds the
-acceleration and lets the input follow it. `HeldInput` takes for the held input the mean of what the
-acceleration needs at both ends of the interval: the trapezoidal rule for ζ̇ = f + u. What is left of
-the difference is seen in the closed loop, whose plant is the RK4 step: in its cost, and as a
-violation of the speed limits, since a limit that the plan touches is missed by the rule's error.
+ocp-k is `KinematicOcp` as it stands. In ocp-d the input is constant over a step; in `DynamicOcp`
+the acceleration is, and the input follows it. `ZeroOrderHoldOcp` takes the mean of the inputs at
+both ends of the interval, by the trapezoidal rule for ζ̇ = f + u. Its error is seen in the closed
+loop, whose plant is the RK4 step: in the cost, and in the speed limits that the plan touches.
 """
 
 from dataclasses import replace
@@ -37,19 +36,19 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import DynamicPlan, Plan
 
 
-class HeldInput(DynamicOcp):
+class ZeroOrderHoldOcp(DynamicOcp):
     """The dynamic problem with ū constant on every interval."""
 
     input_ends = 1
 
     def inputs(self, plan: DynamicPlan) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the held ū (N, 10), twice."""
+        """Returns the constant ū (N, 10), twice."""
         begin, end = super().inputs(plan)
         return 0.5 * (begin + end), 0.5 * (begin + end)
 
     def linearised_inputs(self, plan: DynamicPlan, model: Linearisation, A: np.ndarray,
                           B: np.ndarray) -> list[Inputs]:
-        """Returns the held ū and how it changes, once."""
+        """Returns the constant ū and its derivatives, once."""
         begin, end = super().linearised_inputs(plan, model, A, B)
         return [begin._replace(
             points=replace(begin.points, u=0.5 * (begin.points.u + end.points.u)),
@@ -72,7 +71,7 @@ def make_ocp(problem: Problem) -> Ocp:
     if not problem.dynamic:
         return KinematicOcp(load_model(), config, y_des, limits)
     limits["u"] = Accelerations(np.full(10, problem.input_limit))
-    ocp = HeldInput(load_model(), config, y_des, limits)
+    ocp = ZeroOrderHoldOcp(load_model(), config, y_des, limits)
     ocp.task_cost = replace(ocp.task_cost, u_ref=U_EQ)
     return ocp
 
@@ -81,7 +80,7 @@ class FastController:
     """The fast solver, warm-started by its shifted plan; the first step iterates to convergence.
 
     Args:
-        problem: What it solves.
+        problem: Problem to solve.
         iterations: At most so many convex programs a step.
         tolerance: Converged when a step improves the merit by less than this fraction of it.
     """
