@@ -120,10 +120,10 @@ def test_an_allowance_without_a_meaning_is_refused(girona, allowance, known, mes
                     Free(), thrusters=girona.thrusters if known else None)
 
 
-def test_the_tube_has_to_say_what_it_takes_of_the_forces(girona):
+def test_the_tube_needs_the_radii_of_the_forces(girona):
     limits = make_limits(Limits(u=np.ones(10), thrusters=np.array([5.0])), np.full(4, -1.0),
                          np.ones(4), Free(), thrusters=girona.thrusters)
-    with pytest.raises(InvalidParameter, match=r"^limits\.thrusters = .* unless tube\.tau says"):
+    with pytest.raises(InvalidParameter, match=r"^limits\.thrusters = .* unless tube\.tau has"):
         tighten(limits, TubeRadii(u=np.zeros(10)))
     much = TubeRadii(u=np.zeros(10), tau=np.array([0, 0, 0, 0, 0, 60.0, 0, 0, 0, 0]))
     with pytest.raises(InvalidParameter, match=r"^limits\.thrusters\.surge_port = 99\.\d*: must"):
