@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.campaign.contact_kinds`: walls that are felt, in scenarios."""
+"""Tests of `uvms_drake.campaign.contact_kinds`: draws of scenarios with unknown surfaces."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -45,7 +45,7 @@ def base():
 
 @pytest.fixture(scope="module")
 def ocp(base):
-    """The problem at t = 0, with the front of a tip that has felt nothing."""
+    """The problem at t = 0, with the safe region before any contact."""
     model = load_model(base)
     problem = make_ocp(base, model)
     return motion_of(base).first_problem(base, model, problem, start_state(base, problem))
@@ -134,7 +134,7 @@ def test_what_is_followed_is_followed_late(ocp):
 @pytest.mark.parametrize("force", [6.0, 26.0])
 def test_the_time_to_press_is_no_less_than_that_of_the_way_at_the_speed_that_is_left(
         base, ocp, force):
-    """∫ dx/v with v = s/T, summed up, if the front, the target or the limit is what is next."""
+    """∫ dx/v with v = s/T, with s to the end of the safe region, the target, or by the limit."""
     contact, stiffness = sensed_contact(base), 150.0
     most = contact.walls.share * contact.stiffness
     start, _ = tips(base, ocp)

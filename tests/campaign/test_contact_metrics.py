@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.campaign.contact_metrics`: made-up runs, and what is told of them."""
+"""Tests of `uvms_drake.campaign.contact_metrics`: synthetic runs and their metrics."""
 
 from dataclasses import replace
 
@@ -34,16 +34,16 @@ LARGEST = 45.0
 """contact.force of the scenario [N]."""
 
 
-def pressing(depth, *, stiffness=STIFFNESS, tilt=TILT, aside=0.0):
+def pressing(depth, *, stiffness=STIFFNESS, tilt=TILT, lateral=0.0):
     """A record of 20 s in which the tip is that deep (T,) in a plane, at rest at every sample."""
     scenario = load_scenario("girona500_contact", ["duration=20", "log_period=0.02"])
     into = np.array([np.cos(tilt), 0.0, np.sin(tilt)])
     wall = ShapedSurface(Plane(np.zeros(3), -into), Linear(stiffness, 0.001), 0.0, 0.0)
     scenario = replace(scenario, surface=wall,
-                       task=replace(scenario.task, pose=[0.0, aside, 0.0, 0.0, 0.0, 0.0]))
+                       task=replace(scenario.task, pose=[0.0, lateral, 0.0, 0.0, 0.0, 0.0]))
     chi = np.zeros((len(depth), 6))
-    chi[:, :3] = depth[:, None] * into + [0.0, aside, 0.0]
-    chi[0, :3] = [-0.2, aside, 0.0]
+    chi[:, :3] = depth[:, None] * into + [0.0, lateral, 0.0]
+    chi[0, :3] = [-0.2, lateral, 0.0]
     force = stiffness * np.maximum(depth - 0.0005, 0.0)
     forces = np.concatenate([force[:, None] * into, np.zeros((len(depth), 3))], axis=1)
     return synthetic_record(scenario=scenario, chi=chi, force=forces,
@@ -92,7 +92,7 @@ def test_a_wall_that_is_left_is_told():
 @pytest.mark.parametrize(("settings", "force"), [
     ({"stiffness": 1100.0}, 20.0), ({"tilt": 0.1}, 20.0), ({"stiffness": 50.0}, 20.0)])
 def test_what_is_not_in_the_class_or_not_shown_to_be_is_told(settings, force):
-    """Too stiff, too tilted, or touched where nobody looked: half a metre aside."""
+    """Too stiff, too tilted, or touched outside of the proven ball, half a metre away."""
     stiffness = settings.get("stiffness", STIFFNESS)
     record = pressing(depths((0.0, -0.1), (4.0, deep(force, stiffness))), **settings)
     if stiffness == 50.0:
@@ -114,7 +114,7 @@ def test_a_force_that_changes_too_fast_is_none_of_the_class():
 
 
 def test_a_wall_that_is_pressed_too_hard_stays_in_the_class():
-    """However deep the tip is then: what it was shown for is up to the largest force."""
+    """For any depth after that: membership is proven up to the largest force."""
     wall = press_metrics(pressing(depths((0.0, -0.1), (4.0, 1.0))))
     assert wall["in_class"]
     assert wall["static"] > 10.0
@@ -122,7 +122,7 @@ def test_a_wall_that_is_pressed_too_hard_stays_in_the_class():
 
 @pytest.fixture
 def results():
-    """Those of three runs; the second presses too hard."""
+    """Metrics of three runs; the second presses too hard."""
     walls = [press_metrics(pressing(depths((0.0, -0.1), (4.0, deep(force)))))
              for force in (20, 46, 19)]
     return [{"index": i, "mpc_failures": 0, "wall": wall} for i, wall in enumerate(walls)]

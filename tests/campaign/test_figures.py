@@ -3,6 +3,7 @@
 
 
 import pytest
+
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, make_campaign_figures
 from uvms_drake.campaign.run import run_one
 from uvms_drake.campaign.summary import (

@@ -1,4 +1,4 @@
-"""`campaign.induced_disturbance`: what the controller does not know, predicted and measured."""
+"""`campaign.induced_disturbance`: the effect of model errors, predicted and measured."""
 
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def test_what_is_predicted_from_the_first_plan_is_what_the_run_then_has(first, o
 
 
 def test_what_is_induced_is_measured_by_the_bounds_of_the_components(first):
-    """Where the hull's bounds are a tenth, a current, which pushes the hull, is up to ten times."""
+    """A tenth of the hull's bounds makes the norm of a current up to ten times as large."""
     ocp, plan = first
     sizes = [predicted_disturbance(load_scenario("girona500_ideal", [
         *CALM, "current=[0, 0.02, 0]", f"disturbance.weights={weights}"]), plan, ocp)
@@ -66,7 +66,7 @@ ALL_OF_IT = {
     "0.4 mm of its position": "surface_error.shift=[0.0004, 0, 0]",
     "7 mrad of its tilt": "surface_error.turn=[0, 0.007, 0]",
     "0.08 m/s of current": "current=[-0.08, 0, 0]"}
-"""What the README says would use up all of the ideal scenario's d̃, and how it is put into it."""
+"""Errors that use up all of the ideal scenario's d̃ by the README, as overrides."""
 
 
 @pytest.mark.parametrize("words", ALL_OF_IT)

@@ -1,9 +1,9 @@
 """Tests of `uvms_drake.campaign.model_uncertainty`."""
 
-import pytest
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from support.campaigns import CLOSE
 from support.true_model import model_with_error
 
@@ -65,7 +65,7 @@ def test_what_is_unknown_is_as_large_as_the_bound_covers(campaign):
 
 
 def test_without_a_bound_what_is_declared_is_drawn_up_to_its_size():
-    """Of either sign and from anywhere; what the scenario knows stays known, and it all counts."""
+    """Errors of either sign and currents of any direction; exact values stay exact, all count."""
     scenario = load_scenario("girona500_real_loop", ["model_error.payload.mass=0.2"])
     drawn = [as_declared(scenario, np.random.default_rng(seed)) for seed in range(200)]
     masses = np.array([each.model_error.mass for each in drawn])

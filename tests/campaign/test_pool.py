@@ -38,7 +38,7 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 
 
 def workers_of(process: subprocess.Popen) -> list[int]:
-    """Returns the process ids of a campaign's workers, as Linux tells."""
+    """Returns the process ids of a campaign's workers, by Linux."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     return [int(child) for child in children
             if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]

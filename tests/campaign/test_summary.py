@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.campaign.summary`: what is promised, and whether it was kept."""
+"""Tests of `uvms_drake.campaign.summary`: guarantees and their violations."""
 
 from dataclasses import replace
 

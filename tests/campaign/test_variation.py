@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.campaign.variation`: what is drawn is inside the bounds."""
+"""Tests of `uvms_drake.campaign.variation`: draws are inside the bounds."""
 
 from dataclasses import replace
 

@@ -1,6 +1,6 @@
-"""Tests of `certify`, and of `run` with a certificate: files, exit status, what is refused.
+"""Tests of `certify`, and of `run` with a certificate: files, exit status, refusals.
 
-All of them certify by few samples and searches: what decides here is what is done with it.
+All of them certify by few samples and searches; the use of the certificate is tested.
 """
 
 import shlex
@@ -33,7 +33,7 @@ def few():
 
 @pytest.fixture(scope="module")
 def certified(few, tmp_path_factory):
-    """Runs half a second of the ideal scenario with a certificate: its folder, and what is said."""
+    """Runs half a second of the ideal scenario with a certificate: its folder and its messages."""
     output, said = tmp_path_factory.mktemp("certified") / "out", StringIO()
     with redirect_stdout(said):
         assert main(["run", "girona500_ideal", "--duration", "0.5", "--output", str(output),

@@ -1,4 +1,4 @@
-"""Scenario files that nobody would write: exit status 0, 2 or 3, one line for an error, never more.
+"""Random scenario files: exit status 0, 2 or 3, one line for an error, never more.
 
 Status 1 is for a run that was started from values that mean something and could not be carried
 through. Every case is a function of its number, so that one that fails can be looked at alone.
@@ -217,7 +217,7 @@ def command_line(number):
 
 def test_any_command_line_is_refused_in_one_line_or_goes_on(
         tmp_path, capsys, deadline, monkeypatch):
-    """What would take long is stopped where it begins, after all that is looked at before."""
+    """Long computations are stopped at their beginning, after all checks."""
     class Begun(Exception):
         pass
 

@@ -1,4 +1,4 @@
-"""Tests of what ends a command early: signals, closed pipes, full disks, what is in the way."""
+"""Tests of the early end of a command: signals, closed pipes, full disks, foreign files."""
 
 import os
 import random
@@ -35,7 +35,7 @@ def catches(pid):
 @pytest.mark.parametrize(("number", "status", "seconds"), [
     (signal.SIGINT, 130, 0.0), (signal.SIGTERM, 143, 0.5), (signal.SIGINT, 130, 4.0)])
 def test_a_signal_ends_certify_with_one_line_at_any_time(number, status, seconds, tmp_path):
-    """While it imports, computes constants, or is inside of SNOPT."""
+    """An interrupt during imports, the search of constants, or inside of SNOPT."""
     process = command("certify", "girona500_ideal", "--output", str(tmp_path / "out"),
                       env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")})
     while not catches(process.pid):

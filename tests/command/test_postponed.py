@@ -1,4 +1,4 @@
-"""Tests of a signal that is held back until what was done so far is kept."""
+"""Tests of a signal that is postponed until the results so far are kept."""
 
 import signal
 
@@ -9,7 +9,7 @@ from uvms_drake.command.interrupt import postponed, run_interruptible
 
 @pytest.fixture(autouse=True)
 def interrupted():
-    """What a process in the background ignores, interrupts here too."""
+    """Signals that a process in the background ignores interrupt here too."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -1,4 +1,4 @@
-"""What JSON can hold of numbers, arrays and what is not finite."""
+"""Numbers, arrays and values that are not finite in JSON."""
 
 import json
 

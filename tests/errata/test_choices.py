@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.errata.choices`: what the figures show is what the errata say."""
+"""Tests of `uvms_drake.errata.choices`: the figures show the statements of the errata."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.errata.cost`: right by another computation, and what is right passes."""
+"""Tests of `uvms_drake.errata.cost`: right by another computation, and correct values pass."""
 
 
 import numpy as np

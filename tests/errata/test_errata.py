@@ -56,7 +56,7 @@ def cells_of(row: str) -> list[str]:
 
 
 def test_the_table_of_the_readme_is_the_output(errata):
-    """Word for word, and number for number but for what another linear algebra library changes."""
+    """Word for word, and number for number but for rounding."""
     path = Path(__file__).parents[2] / "uvms_drake" / "errata" / "README.md"
     readme = path.read_text(encoding="utf-8")
     written = [line for line in readme.splitlines() if re.match(r"\| E\d+ \|", line)]

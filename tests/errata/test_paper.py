@@ -62,7 +62,7 @@ def test_it_stays_within_the_bound_along_the_run(printed):
     ("!AdversarialDisturbance {bound: 0.4898979485566356, kind: along_task_error}", 2.5, 0.99),
 ])
 def test_the_certified_variant_stays_in_its_tube(disturbance, duration, reached, monkeypatch):
-    """Whatever w does at the true bound; what reaches the bound shows that it is tight.
+    """For any w at the true bound; a w that reaches the bound shows that it is tight.
 
     The nominal motion is the same whatever w does, so that it has to arrive in one of the runs.
     """

@@ -1,4 +1,4 @@
-"""Tests of `model.sample_and_hold`: what is held, from when on, against the definition."""
+"""Tests of `model.sample_and_hold`: held samples and their instants against the definition."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def bench(clocks, start=0.0):
     return simulator, system
 
 
-def held(simulator, system):
+def hold(simulator, system):
     return system.get_output_port().Eval(
         system.GetMyContextFromRoot(simulator.get_context())).copy()
 
@@ -38,7 +38,7 @@ def test_the_sample_of_kh_is_held_from_its_delay_on(period, delay):
     for time in TIMES:
         simulator.AdvanceTo(time)
         k = max(np.floor((time - delay) / period), 0)
-        np.testing.assert_allclose(held(simulator, system), moving(k * period), atol=1e-12)
+        np.testing.assert_allclose(hold(simulator, system), moving(k * period), atol=1e-12)
 
 
 def test_each_component_has_its_own_clock_and_error():
@@ -50,7 +50,7 @@ def test_each_component_has_its_own_clock_and_error():
         slow, fast = max(np.floor((time - 0.05) / 0.1), 0) * 0.1, np.floor(time / 0.03) * 0.03
         expected = moving(slow)
         expected[1] = moving(fast)[1]
-        np.testing.assert_allclose(held(simulator, system) - expected,
+        np.testing.assert_allclose(hold(simulator, system) - expected,
                                    [20.0, 0.0, 10.0 + slow], atol=1e-12)
 
 
@@ -60,7 +60,7 @@ def test_what_is_propagated_is_the_vector_of_now_with_the_error_of_the_sample():
         simulator.AdvanceTo(time)
         sampled = max(np.floor((time - 0.05) / 0.1), 0) * 0.1
         np.testing.assert_allclose(
-            held(simulator, system), moving(time) + sampled, atol=1e-12)
+            hold(simulator, system), moving(time) + sampled, atol=1e-12)
 
 
 def test_it_is_the_vector_itself_until_the_first_sample():
@@ -68,7 +68,7 @@ def test_it_is_the_vector_itself_until_the_first_sample():
     for time, of in ((0.32, 0.32), (0.39, 0.39), (0.41, 0.4), (0.43, 0.4), (0.53, 0.4),
                      (0.55, 0.5)):
         simulator.AdvanceTo(time)
-        np.testing.assert_allclose(held(simulator, system), moving(of), atol=1e-12)
+        np.testing.assert_allclose(hold(simulator, system), moving(of), atol=1e-12)
 
 
 def test_no_sample_gets_lost_where_instants_are_the_same_but_for_rounding():
@@ -78,7 +78,7 @@ def test_no_sample_gets_lost_where_instants_are_the_same_but_for_rounding():
     for k in range(200):
         simulator.AdvanceTo(0.02 * k + 0.003)
         late, now = max(k - 3, 0) * 0.02, 0.02 * k
-        np.testing.assert_allclose(held(simulator, system), [
+        np.testing.assert_allclose(hold(simulator, system), [
             moving(late)[0], moving(now)[1], moving(max(now - 0.01, 0.0))[2]], atol=1e-12)
 
 
@@ -96,7 +96,7 @@ def test_a_faster_clock_samples_what_is_passed_on_at_its_instants_always_as_late
     simulator.Initialize()
     for k in range(1, 400):
         simulator.AdvanceTo(0.02 * k + 0.015)  # What was passed on at 0.02 k + 0.01 comes next.
-        np.testing.assert_allclose(held(simulator, fast), moving(0.02 * (k - 1)), atol=1e-12)
+        np.testing.assert_allclose(hold(simulator, fast), moving(0.02 * (k - 1)), atol=1e-12)
 
 
 @pytest.mark.parametrize(("period", "delay", "event"), [
@@ -110,9 +110,9 @@ def test_a_step_begins_where_a_sample_is_passed_on(period, delay, event):
 def test_what_is_read_at_a_sample_is_what_was_held_before_it():
     simulator, system = bench([Clock(range(3), 0.25)])
     simulator.AdvanceTo(0.5)
-    np.testing.assert_array_equal(held(simulator, system), moving(0.25))
+    np.testing.assert_array_equal(hold(simulator, system), moving(0.25))
     simulator.AdvancePendingEvents()
-    np.testing.assert_array_equal(held(simulator, system), moving(0.5))
+    np.testing.assert_array_equal(hold(simulator, system), moving(0.5))
 
 
 def test_a_cloned_context_goes_on_alike():
@@ -123,4 +123,4 @@ def test_a_cloned_context_goes_on_alike():
     for time in (0.213, 0.219, 0.26, 0.5):
         for each in (simulator, clone):
             each.AdvanceTo(time)
-        np.testing.assert_array_equal(held(simulator, system), held(clone, system))
+        np.testing.assert_array_equal(hold(simulator, system), hold(clone, system))

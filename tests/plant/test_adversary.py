@@ -70,7 +70,7 @@ def test_the_bound_holds_exactly_and_all_but_the_sinusoid_take_it(
 
 @pytest.mark.parametrize("rows", ROWS)
 def test_no_point_of_the_ellipsoid_is_worse_than_the_aimed_ones(model, states, rows):
-    """Against many points d with ‖Ŵ⁻¹d‖ = d̃: each kind has the largest of what it is aimed at."""
+    """Against many points d with ‖Ŵ⁻¹d‖ = d̃: each kind maximises its objective."""
     rng = np.random.default_rng(6)
     points = rng.normal(size=(20_000, 10))
     points *= BOUND * WEIGHTS / np.linalg.norm(points, axis=1)[:, None]

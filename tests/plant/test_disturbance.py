@@ -22,7 +22,7 @@ SIZE, BOUND = 7, 0.3
 KINDS = [ConstantDisturbance(BOUND), SinusoidalDisturbance(BOUND, frequency=1.7, phase=0.4),
          RandomDisturbance(BOUND, bandwidth=3.0)]
 WEIGHTS = np.array([0.1, 0.3, 0.05, 0.7, 1.0, 0.9, 0.2])
-"""Of the ellipsoid with the semi-axes BOUND times these."""
+"""Weights of the ellipsoid with the semi-axes BOUND times these."""
 
 
 def record(config, times, seed=0, size=SIZE):

@@ -81,7 +81,7 @@ def robot_water(drag: bool = True, buoyancy: bool = True) -> HydrodynamicParamet
 
 
 class Tank:
-    """One robot under water, in nobody else's Diagram."""
+    """One robot under water, in a Diagram of its own."""
 
     def __init__(self, X_WI, parameters, model=None, *, time_step=0.0, gravity=G, solver=None):
         self.X_WI = X_WI
@@ -128,7 +128,7 @@ class Tank:
         return self.plant.GetBodyByName("vehicle").EvalPoseInWorld(self.plant_context)
 
     def v_dot(self):
-        """Returns what the plant makes of it: v̇, or (v⁺ − v)/h of a discrete plant."""
+        """Returns the plant's acceleration: v̇, or (v⁺ − v)/h of a discrete plant."""
         if self.plant.time_step() == 0.0:
             return self.diagram.EvalTimeDerivatives(self.context).CopyToVector()[-self.nv:]
         h = self.plant.time_step()

@@ -1,4 +1,4 @@
-"""`plant.model_error`: what is multiplied, and by what."""
+"""`plant.model_error`: scaled parameters and their factors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.report.events` and `uvms_drake.common.alarm`: what a run says of itself."""
+"""Tests of `uvms_drake.report.events` and `uvms_drake.common.alarm`: events and alarms of a run."""
 
 import logging
 import subprocess
@@ -131,7 +131,8 @@ def test_a_lost_force_says_how_far_it_retreats():
 
 
 @pytest.mark.parametrize(("status", "kind", "text"), [
-    (1.0, "solver_failed", "the solver failed"), (2.0, "solver_late", "the solver was too late"),
+    (1.0, "solver_failed", "the solver failed"),
+    (2.0, "solver_late", "the solver missed its deadline"),
     (3.0, "sample_dropped", "the sample was dropped")])
 def test_samples_in_a_row_that_fail_are_one_event(status, kind, text):
     record = changed("mpc_status", [3, 4, 6, 19], status)

@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.report.surface_class_check`: what a wall shows of not being of its class."""
+"""Tests of `uvms_drake.report.surface_class_check`: walls outside of their class."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.report.surface_class_check import departures
 
-TOLD = SensedContact(direction=np.array([1.0, 0.0, 0.0]), stiffness=1000.0, angle=0.1,
+SPECIFIED = SensedContact(direction=np.array([1.0, 0.0, 0.0]), stiffness=1000.0, angle=0.1,
                      dissipation=1.0, friction=0.4, force_rate=40.0, force_ripple=2.0,
                      clearance=0.05)
 TIME = np.arange(0.0, 10.0, 0.02)
@@ -22,9 +22,9 @@ def motion(back=0.0):
     return tip, np.gradient(tip, TIME, axis=0)
 
 
-def observed(specified=TOLD, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.0, place=PLACE, pull=0.0,
-         back=0.0, hidden=None):
-    """What is seen of a plane at an angle, on which the tip rubs against its motion."""
+def observed(specified=SPECIFIED, *, kappa=1000.0, angle=0.1, mu=0.4, damping=1.0, place=PLACE,
+             pull=0.0, back=0.0, hidden=None):
+    """Departures of a plane at an angle, with friction against the motion of the tip."""
     into = np.array([np.cos(angle), np.sin(angle), 0.0])
     tip, v = motion(back)
 
@@ -49,7 +49,7 @@ def test_a_wall_at_all_bounds_of_its_class_is_of_it():
     ("angle and friction", {"angle": 0.3}), ("clearance", {"place": 0.03}),
     ("dissipation", {"damping": 4.0, "mu": 0.4}), ("angle and friction", {"pull": 30.0})])
 def test_what_is_not_of_the_class_is_named(key, changed):
-    found = observed(replace(TOLD, force_rate=1e6), **changed)
+    found = observed(replace(SPECIFIED, force_rate=1e6), **changed)
     assert key in found
     if key == "stiffness":
         assert found == {"stiffness": (1000.0, pytest.approx(1100.0, rel=0.05))}
@@ -58,10 +58,10 @@ def test_what_is_not_of_the_class_is_named(key, changed):
 
 
 def test_damping_that_hides_the_force_from_a_tip_that_goes_back_is_named():
-    specified = replace(TOLD, friction=0.0, force_rate=1e6)
+    specified = replace(SPECIFIED, friction=0.0, force_rate=1e6)
     assert observed(specified, mu=0.0, back=0.005) == {}
     assert observed(specified, mu=0.0, back=0.005, hidden=5.0)["dissipation"].observed > 4.0
 
 
 def test_a_force_that_turns_faster_than_told_is_named():
-    assert set(observed(replace(TOLD, force_rate=1.0, force_ripple=0.5))) == {"force_ripple"}
+    assert set(observed(replace(SPECIFIED, force_rate=1.0, force_ripple=0.5))) == {"force_ripple"}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.unmeasured import close_to_the_wall
+from support.unknown_wall import close_to_the_wall
 
 from uvms_drake.report.events import events
 from uvms_drake.station.contact_bounds import sensed_contact

@@ -42,7 +42,7 @@ def test_the_leg_of_a_jacket_is_of_the_class_that_the_controller_is_told(name):
     assert surface.friction == 0.3 < walls.friction
 
 
-@pytest.mark.parametrize("name", ["bluerov2_cp_probe", "girona500_felt_floor"])
+@pytest.mark.parametrize("name", ["bluerov2_cp_probe", "girona500_unknown_floor"])
 def test_a_shipped_surface_is_of_the_class_and_as_far_off_as_told(name):
     """What the controller is told of it at the start: its normal, its law, the way free ahead."""
     scenario = load_scenario(name)

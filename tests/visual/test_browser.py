@@ -1,4 +1,4 @@
-"""What a person sees: replay and report in a real browser without a window."""
+"""Replay and report in a real browser without a window."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def record():
 
 @pytest.fixture(scope="module")
 def replay(record, tmp_path_factory):
-    """The replay after its end: its picture, and what the browser's console said."""
+    """The replay after its end: its picture, and the messages of the browser's console."""
     folder = tmp_path_factory.mktemp("replay")
     html, png = folder / "replay.html", folder / "replay.png"
     write_replay(record, html)

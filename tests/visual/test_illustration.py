@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.visual.illustration` and of what a person can do while a run goes on."""
+"""Tests of `uvms_drake.visual.illustration` and of the user's controls during a run."""
 
 from dataclasses import fields, replace
 from types import SimpleNamespace

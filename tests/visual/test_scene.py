@@ -33,7 +33,7 @@ FORCE_DES = np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 class Given:
-    """A Meshcat that remembers what it was given."""
+    """A Meshcat that records its calls."""
 
     def __init__(self):
         self.transforms, self.scales = [], []

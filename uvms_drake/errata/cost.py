@@ -72,16 +72,16 @@ def hold_input(fraction: float = 0.0) -> Erratum:
     """
     ocp, surface = spring_ocp()
     needed = float(np.linalg.norm(ocp.u_eq))
-    printed, held = (rest_point(ocp, surface, c * ocp.u_eq) for c in (fraction, 1.0))
+    printed, with_reference = (rest_point(ocp, surface, c * ocp.u_eq) for c in (fraction, 1.0))
     return Erratum(
         "E6", "The equilibrium needs a hold input", "eq:mpc_cost_function, eq:terminal_set_F",
         "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
         f"‖f(𝔮_des, 0)‖ = {needed:.3g} m/s², rad/s² in girona500_bilateral; with ‖ū‖²_R the "
         f"nominal loop comes to rest {1e3 * printed.tip:.1f} mm and {printed.force:.1f} N off its "
-        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * held.tip:.1f} mm and {held.force:.1f} N",
+        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * with_reference.tip:.1f} mm and {with_reference.force:.1f} N",
         "Even without a disturbance 𝔉 does not go to 𝔉_des; the stage cost here has "
         "ū_eq = −f(𝔮_des, 0).",
-        wrong=printed.tip > 1e-5 > held.tip)
+        wrong=printed.tip > 1e-5 > with_reference.tip)
 
 
 def decrease_gains(J_min: float) -> tuple[float, float] | None:

@@ -82,8 +82,8 @@ def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | No
     if sdf is not None:
         _check_scaled(plant, model, error.mass)
     uvms = replace(uvms, hydrodynamics=scaled_hydrodynamics(uvms, error))
-    held = error.payload.mass > 0.0 or error.payload.displaced > 0.0
-    return with_payload(plant, uvms, error.payload) if held else uvms
+    displaced = error.payload.mass > 0.0 or error.payload.displaced > 0.0
+    return with_payload(plant, uvms, error.payload) if displaced else uvms
 
 
 def _check_scaled(plant: MultibodyPlant, model: str, factor: float) -> None:

@@ -53,9 +53,9 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
 
     candidates = [Resolved(k=bandwidth * a, sigma=bandwidth * b)
                   for a, b in product(FRACTIONS, FRACTIONS) if b <= a]
-    pushed = basis.d_bound * basis.weights
+    largest = basis.d_bound * basis.weights
     for law in sorted(candidates, key=force_error):
-        if np.any(input_gain(law.k, law.sigma) * pushed >= basis.u_limit):
+        if np.any(input_gain(law.k, law.sigma) * largest >= basis.u_limit):
             continue  # The linear part alone uses up an input.
         at = replace(scenario, ancillary=law)
         tube = resolved_law_tube(law, basis)

@@ -1,4 +1,4 @@
-"""What all surfaces answer, and what `check_surface` refuses."""
+"""Properties of all surfaces, and refusals of `check_surface`."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a `SensedContact` claims about a wall, against walls of its class."""
+"""Claims of a `SensedContact` against walls of its class."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of what a run says about its mission: table, figure, readings and learned normal."""
+"""Tests of the report of a mission: table, figure, readings and estimated normal."""
 
 from dataclasses import replace
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.unmeasured import close_to_the_wall
+from support.unknown_wall import close_to_the_wall
 
 from uvms_drake.certificate.certificate import Certificate
 from uvms_drake.certificate.certify import certify
@@ -169,4 +169,5 @@ def test_in_a_gap_of_the_sensor_nothing_is_taken_for_safe():
 
 def test_a_law_without_a_tube_has_none_in_contact():
     none = LawTube(TubeRadii(), (Condition("why", 1.0, "<=", 0.0, theorem="t"),))
-    assert SensedContactMotion().in_contact(none, load_scenario("girona500_tip_first"), None) is none
+    scenario = load_scenario("girona500_tip_first")
+    assert SensedContactMotion().in_contact(none, scenario, None) is none

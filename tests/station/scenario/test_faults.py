@@ -1,4 +1,4 @@
-"""What happens when a part fails: declared here, in a scenario's `faults`, and checked.
+"""Effects of faults: declared here, in a scenario's `faults`, and checked.
 
 ========================================  ==========================================================
 fault                                     declared behaviour

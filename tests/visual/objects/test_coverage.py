@@ -1,4 +1,4 @@
-"""Tests of `uvms_drake.visual.objects.coverage`: what is painted, where, and in which colour."""
+"""Tests of `uvms_drake.visual.objects.coverage`: places and colours of the dots."""
 
 import numpy as np
 import pytest

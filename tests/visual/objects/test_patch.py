@@ -1,4 +1,4 @@
-"""How a surface that is not flat is drawn."""
+"""Drawing of a surface that is not flat."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What all shapes answer."""
+"""Properties of all shapes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The wall that nobody measured, from close by."""
+"""The unknown wall of the main scenario, at a short distance."""
 
 from dataclasses import replace
 
