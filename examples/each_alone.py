@@ -50,13 +50,13 @@ LOOP: dict[str, tuple[list[str], list[str] | None]] = {
 """Changes of the loop now and before, None without counterpart: no thrusters before."""
 ROWS = {**{name: (each, each) for name, each in ROBOT.items()}, **LOOP}
 AFTER = 5.0
-"""Time from the first touch to a settled force [s]."""
+"""Time from the first touch to the steady state [s]."""
 PARTS = ("position", "orientation", "joints", "z")
 """Parts of the tube."""
 
 
 def measured(record: uv.Record) -> str:
-    """Returns the row of a run: largest errors overall, then errors after the force has settled."""
+    """Returns the row of a run: largest errors overall, then errors in the steady state."""
     tip, vehicle = (1e3 * np.linalg.norm(now[:, :3] - planned[:, :3], axis=1)
                     for now, planned in ((record.chi, record.chi_nominal),
                                          (record.state, record.nominal_state)))
@@ -64,18 +64,17 @@ def measured(record: uv.Record) -> str:
     tubes = {part: report[f"worst_set_{part}"] for part in PARTS}
     row = f"{np.max(tip):8.2f}{np.max(vehicle):8.1f}{max(tubes.values()):8.2f}"
     touching = record.penetration > 0.0
-    touch = record.time[np.argmax(touching)] if touching.any() else np.inf
-    settled = record.time >= touch + AFTER
-    if not settled.any():
+    steady = record.time >= AFTER + (record.time[np.argmax(touching)] if touching.any() else np.inf)
+    if not steady.any():
         return f"{row}  not pressed for {AFTER:g} s"
     desired = record.desired_force[-1] / np.linalg.norm(record.desired_force[-1])
-    error = (record.force - record.desired_force)[settled] @ desired
-    lost = np.count_nonzero(np.diff(touching[settled].astype(int)) < 0)
+    error = (record.force - record.desired_force)[steady] @ desired
+    lost = np.count_nonzero(np.diff(touching[steady].astype(int)) < 0)
     violated = [name for name, (signal, limit) in constraint_signals(record).items()
                 if (np.min(signal) < limit if name.endswith("_min") else np.max(signal) > limit)]
     violated += ["cut"] * bool(record.input_limited.any())
     violated += [f"tube of {part}" for part in PARTS if tubes[part] > 1.0]
-    return (f"{row}{np.max(tip[settled]):8.2f}{np.sqrt(np.mean(error**2)):8.2f}"
+    return (f"{row}{np.max(tip[steady]):8.2f}{np.sqrt(np.mean(error**2)):8.2f}"
             f"{np.max(np.abs(error)):8.2f}{lost:6d}  {', '.join(violated) or 'all kept'}")
 
 
@@ -89,7 +88,7 @@ def main() -> None:
     name, common = ("girona500_ideal", BEFORE) if arguments.before else (
         "girona500_real_loop", REAL)
     duration = arguments.duration or (16.0 if arguments.before else 20.0)
-    print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'settled':>8}{'rms N':>8}{'worst':>8}"
+    print(f"{'':<22}{'tip mm':>8}{'vehicle':>8}{'/ tube':>8}{'steady':>8}{'rms N':>8}{'worst':>8}"
           f"{'lost':>6}  violated")
     for row in arguments.row or ROWS:
         if (overrides := ROWS[row][arguments.before]) is not None:

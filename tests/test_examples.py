@@ -174,8 +174,8 @@ def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
     found = run("each_alone.py", 11.0, f"--row={row}").splitlines()[-1]
     assert found.startswith(row)
     assert found.endswith(" all kept")
-    tip, vehicle, of_tube, settled, rms, worst, lost = map(float, found[22:].split()[:7])
-    assert settled < 3.0
+    tip, vehicle, of_tube, steady, rms, worst, lost = map(float, found[22:].split()[:7])
+    assert steady < 3.0
     assert tip < 3.5
     assert vehicle < 15.0
     assert of_tube < 1.0
