@@ -93,7 +93,7 @@ def test_the_end_effector_points_straight_down_at_q_zero(uvms):
 
 
 def test_positive_elbow_angles_lift_the_tool(uvms):
-    """The joints' axes 2 and 3 point to starboard, so a positive turn raises what is ahead."""
+    """The joints' axes 2 and 3 point to starboard, so positive angles raise the tool."""
     def height(q) -> float:
         return -uvms.tip.CalcPoseInWorld(_context(uvms, np.zeros(6), q)).translation()[2]
 

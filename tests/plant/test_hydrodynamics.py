@@ -321,7 +321,7 @@ def test_five_times_its_own_mass_in_added_mass_is_stable(X_WI, time_step):
 
 
 def test_the_inertia_is_symmetric_positive_definite_and_contains_all_added_mass(X_WI):
-    """M⁻¹ is what unit forces do; ½vᵀMv is the kinetic energy of robot and water."""
+    """M⁻¹ is the response to unit forces; ½vᵀMv is the kinetic energy of robot and water."""
     parameters = robot_water()
     tank = Tank(X_WI, parameters, robot())
     tank.set(**ROBOT_STATE)

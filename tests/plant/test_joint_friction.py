@@ -66,7 +66,7 @@ def test_the_robot_feels_it_as_a_torque_of_its_joints(model):
 
 
 def test_a_joint_sticks_below_the_static_torque_and_breaks_away_above_it(model):
-    """All else is held by the torque of rest; what sticks creeps."""
+    """The torque of the equilibrium holds the others; a joint that sticks creeps."""
     friction, duration = JointFriction(np.array([1.0]), np.array([2.0]), creep=0.05), 0.2
     rest = model.inverse_dynamics(model.kinematics(CONFIG), np.zeros(10), np.zeros(10))
     turned = []

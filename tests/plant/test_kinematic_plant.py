@@ -217,7 +217,7 @@ def test_a_motion_without_w_is_the_same_from_any_pose():
 
 
 def test_a_motion_with_w_is_the_same_from_any_place_and_heading():
-    """The first three of w are turned along; Euler rates stay what they are."""
+    """The first three of w are rotated; Euler rates stay."""
     turn, shift = 2.1, np.array([3.0, -5.0, 0.8])
     R = RollPitchYaw(0.0, 0.0, turn).ToRotationMatrix().matrix()
     w = np.array([0.1, -0.2, 0.3, 0.05, -0.1, 0.2])
@@ -245,7 +245,7 @@ def test_a_vehicle_without_an_arm(bare):
 
 
 def test_a_user_may_feed_back_the_configuration_without_an_algebraic_loop():
-    """A static feedback of 𝔮, and a static disturbance of what comes out as (𝔮, ζ)."""
+    """A static feedback of 𝔮, and a static disturbance of the output (𝔮, ζ)."""
     builder = DiagramBuilder()
     uvms = builder.AddSystem(make(None))
     gain = builder.AddSystem(MatrixGain(-0.5 * np.eye(10)))

@@ -63,7 +63,7 @@ def test_a_plane_pushes_a_tip_that_is_carried_along_as_before_but_for_its_stiffn
 
 
 def test_a_spring_that_is_carried_along_with_the_tip_keeps_its_energy(spring):
-    """Up to what the Euler angles are no vector for, a third power of the stretch."""
+    """Up to a third power of the stretch, as Euler angles are no vector."""
     new = displaced(spring, OFF)
     np.testing.assert_allclose(
         new.equilibrium, carried(spring.equilibrium, spring.equilibrium[:3]), atol=1e-14)

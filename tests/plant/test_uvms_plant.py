@@ -339,7 +339,7 @@ def test_a_surface_of_ones_own_pushes_by_its_law():
 
 
 def test_two_threads_with_a_context_each_do_not_disturb_each_other():
-    """A plant is const, as Drake's systems are: what it computes with is in the Context."""
+    """A plant is const, as Drake's systems are: its data are in the Context."""
     uvms = make(UnilateralPlane())
     plant, coordinates = parts_of(uvms)
 

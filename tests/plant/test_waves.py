@@ -216,7 +216,7 @@ def test_a_heavy_sphere_follows_the_water_in_part():
 
 
 def test_accelerating_water_is_still_water_in_a_frame_that_accelerates():
-    """There gravity is g − v̇_c, for what weighs and for what floats; any robot, any motion."""
+    """There gravity is g − v̇_c, for weight and for buoyancy; any robot, any motion."""
     rng = np.random.default_rng(5)
     parameters = arm_water(buoyant=0.8, rise=0.1)
     for _ in range(4):

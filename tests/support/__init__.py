@@ -1,1 +1,1 @@
-"""What several tests share."""
+"""Parts shared by several tests."""

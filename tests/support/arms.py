@@ -1,4 +1,4 @@
-"""Robots with arms of any number of joints, and what they are to do: made up, not tuned."""
+"""Synthetic robots with arms of any number of joints, and their tasks; not tuned."""
 
 from pathlib import Path
 

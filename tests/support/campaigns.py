@@ -1,4 +1,4 @@
-"""A short campaign, and what is read from its folder."""
+"""A short campaign, and readings of its folder."""
 
 import json
 from pathlib import Path

@@ -24,7 +24,7 @@ CONFIG = np.array([-1.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.4, 0.2])
 
 @dataclass
 class Lag(Part):
-    """Thrusters that follow with a lag, from what holds the robot; the joints are at once."""
+    """Thrusters with a lag, at first in equilibrium; joints without one."""
 
     time: float = 0.15
 
@@ -42,7 +42,7 @@ class Lag(Part):
 
 
 class Hovering:
-    """A simulation of it, and what can be read."""
+    """A simulation of it, and its readings."""
 
     def __init__(self, model, law, *, bound=0.0, disturbance=None, limits=None, sensing=(),
                  actuation=(), faults=(), step=0.02):
@@ -102,7 +102,7 @@ class Hovering:
             system.GetMyContextFromRoot(context or self.context)).copy()
 
     def every(self, period, end, read):
-        """Returns what `read` gives at the ends of periods up to `end` [s]."""
+        """Returns the values of `read` at the ends of periods up to `end` [s]."""
         out = []
         for i in range(1, round(end / period) + 1):
             self.simulator.AdvanceTo(i * period)

@@ -16,7 +16,7 @@ CONFIG = np.array([-1.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.4, 0.2])
 
 
 class Motion(NamedTuple):
-    """What happened at the instants of a run, a row for each."""
+    """Signals at the instants of a run, a row for each."""
 
     time: np.ndarray
     """(T,) [s]."""

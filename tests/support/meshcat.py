@@ -1,4 +1,4 @@
-"""What is in a Meshcat, read back, and what somebody at a browser does to it."""
+"""The contents of a Meshcat, read back, and messages as from a browser."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ def packed_transform(meshcat, path):
 
 
 def press(meshcat, name):
-    """Does what a browser does when somebody presses a button."""
+    """Sends the message of a browser whose button is pressed."""
     text = name.encode()
     meshcat._InjectWebsocketMessage(
         b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(text)]) + text)

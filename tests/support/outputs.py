@@ -1,4 +1,4 @@
-"""What the commands write, and robots that they are given."""
+"""Output of the commands, and robots for them."""
 
 import shutil
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""Presses on many one-dimensional walls at once, with a planner that may be told in three lines.
+"""Simulated presses on many one-dimensional walls at once, with a planner of three lines.
 
 The planned tip has a constant acceleration in each interval h; each plan moves as fast as it can
-and stops at the target or at the front, whichever comes first. The real tip is off it by e(t).
+and stops at the target or at the safe depth, whichever comes first. The real tip is off by e(t).
 """
 
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ STEP, ACCELERATION, CRUISE = 0.2, 0.2, 0.3
 FORCE_MAX, NOISE, MEMORY = 45.0, 0.5, 10.0
 """F_max, ν and the slope's memory [N]."""
 SLACK = 1.05
-"""Over ν + κ₊E: as much may remain of the error, for the slope may be estimated too low."""
+"""Largest final error over ν + κ₊E, above 1 as the slope may be estimated too low."""
 PERIOD = 0.02
-"""Of the sensor, and of the simulation [s]."""
+"""Period of the sensor, and of the simulation [s]."""
 ALONG = np.array([1.0, 0.0, 0.0])
 
 
@@ -56,18 +56,18 @@ def random_walls_in_line(stiffness, count, rng, furthest, dissipation=2.5):
 
 
 def stop(speed):
-    """The shortest way to rest from speeds at a knot: v²/(2a) at multiples of ah, else between."""
+    """Returns the stopping distance from a speed at a knot: v²/(2a), interpolated between ah."""
     quanta = np.arange(12) * ACCELERATION * STEP
     return np.interp(speed, quanta, quanta**2 / (2.0 * ACCELERATION))
 
 
 def end(x, v, w):
-    """Where a plan ends that goes from speed v to w in its first interval and then stops."""
+    """Returns the end of a plan with the speeds v and w at its first knots that then stops."""
     return x + 0.5 * STEP * (v + w) + np.sign(w) * stop(np.abs(w))
 
 
 def next_speed(x, v, bound, cap):
-    """The largest speed at the next knot from which a plan ends at the bound; by bisection."""
+    """Returns the largest next speed from which a plan ends at the bound, by bisection."""
     change = ACCELERATION * STEP
     low, high = v - change, np.clip(cap, v - change, v + change)
     least = low
@@ -79,7 +79,7 @@ def next_speed(x, v, bound, cap):
 
 
 def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
-    """Presses, and returns what came of it, one entry for each wall.
+    """Returns the metrics of a press, one entry for each wall.
 
     Args:
         stiffness: κ₊ [N/m].
@@ -105,7 +105,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
         real, rate = x_now + e, v_now + e_rate
         static = walls.static(real)
         force = static * np.maximum(1.0 + walls.damping * rate, 0.0) + noise(time)
-        # What is felt.
+        # The contact estimator.
         at, moving = real[:, None, None] * ALONG, rate[:, None, None] * ALONG
         new = apex(surface, at, moving, force[:, None] * ALONG, FORCE_MAX, NOISE)
         tip = np.where(dominates(surface, new, tip, np.zeros((2, 2)))[:, None], new, tip)
@@ -125,7 +125,7 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
         slack = np.where(again & (w > 0.0), np.minimum(slack, left), slack)
         x, v = np.where(again, x_now, x), np.where(again, v_now, v)
         a, begun = np.where(again, (w - v_now) / STEP, a), np.where(again, time, begun)
-        # The verdict.
+        # The metrics.
         largest = np.maximum(largest, static)
         off = np.abs(static - desired) > SLACK * (NOISE + stiffness * margin)
         late = np.where(off, time, late)

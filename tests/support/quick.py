@@ -1,4 +1,4 @@
-"""Certificates from fewer searches, for tests that are about what is done with them."""
+"""Certificates from fewer searches, for tests of the code that uses them."""
 
 import pytest
 

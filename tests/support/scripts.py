@@ -1,4 +1,4 @@
-"""Signals that are functions of time, and what a monitor makes of them."""
+"""Signals that are functions of time, and the outputs of a monitor for them."""
 
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags

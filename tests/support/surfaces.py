@@ -1,4 +1,4 @@
-"""A plane, a spring and a surface of one's own, and what several tests do with them."""
+"""A plane, a spring and a user-defined surface, and operations on them for several tests."""
 
 import numpy as np
 
@@ -31,10 +31,10 @@ def spring():
 
 def tip_at(law, depth, rng=None):
     """Returns χ at a depth in a plane, anywhere along the plane."""
-    aside = np.zeros(3) if rng is None else rng.normal(size=3)
-    aside -= law.normal * (aside @ law.normal)
+    tangent = np.zeros(3) if rng is None else rng.normal(size=3)
+    tangent -= law.normal * (tangent @ law.normal)
     rpy = np.array([0.3, -0.2, 0.5]) if rng is None else rng.uniform(-1.4, 1.4, 3)
-    return np.concatenate([law.point + aside - depth * law.normal, rpy])
+    return np.concatenate([law.point + tangent - depth * law.normal, rpy])
 
 
 def moving(law, rate):

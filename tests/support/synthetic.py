@@ -1,4 +1,4 @@
-"""A made-up record with the signals of a plausible run, for what works on records."""
+"""A synthetic record with the signals of a plausible run, for tests of functions of records."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ NUMBERS = (
     "tube.z=0.04", "tube.nu1=0.03", "tube.nu2=0.02", "tube.qdot=0.01",
     "tube.roll=0.002", "tube.pitch=0.001",
     "tube.u=[0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.3]")
-"""So that the shipped scenario can be tuned without touching what is expected of the record."""
+"""Fixed here, so that tuning the shipped scenario does not change the record."""
 
 
 def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
@@ -73,10 +73,10 @@ def synthetic_record(duration: float = 20.0, **changes: object) -> Record:
 
 
 def synthetic_sensed_record(duration: float = 4.0, **changes: object) -> Record:
-    """Returns the record as one of a wall at x = 0 that is felt: 25 mm ahead of the tip is safe.
+    """Returns the record as one of a sensed wall at x = 0, with 25 mm of safe depth.
 
-    It is believed to begin at x = 3 mm from 2.1 s on, and to be of 1000 N/m less 100 N/m each
-    second from then on.
+    From 2.1 s on the estimate of its place is x = 3 mm, that of its stiffness 1000 N/m less
+    100 N/m each second.
     """
     scenario = load_scenario("girona500_contact", [
         f"duration={duration}", "task.force_tolerance=2", "surface.geometry.point=[0, 0, 0]",

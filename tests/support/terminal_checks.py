@@ -1,4 +1,4 @@
-"""Terminal sets and penalties that come from elsewhere, held against what the proof needs."""
+"""Checks of given terminal sets and penalties against the conditions of the proof."""
 
 import copy
 import dataclasses
@@ -19,7 +19,7 @@ from uvms_drake.tube.terminal_set import (
 
 
 def check_terminal(ocp: Ocp, radius: float, samples: int = 4000, seed: int = 0) -> TerminalCheck:
-    """Returns what is found about ‖ξ‖_P ≤ `radius`."""
+    """Returns the findings for ‖ξ‖_P ≤ `radius`."""
     loop = TerminalLoop(ocp)
     return check_radius(loop, radius, unit_states(loop, samples, seed))
 

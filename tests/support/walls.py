@@ -1,4 +1,4 @@
-"""Walls of a `SurfaceClass`, told by other means than its inequality."""
+"""Walls of a `SurfaceClass`, constructed without its inequality."""
 
 from typing import NamedTuple
 
@@ -24,9 +24,9 @@ class Wall(NamedTuple):
 
     point: np.ndarray
     normal: np.ndarray
-    """Into the wall, where the tip meets it."""
+    """Unit vector into the wall, at the contact."""
     radius: float
-    """Of a ball, whose centre is inside the wall; inf: a half-space."""
+    """Radius of a ball with its centre inside the wall; inf: a half-space."""
     soft: float
     stiff: float
     knee: float
@@ -49,7 +49,7 @@ def random_walls(surface: SurfaceClass, rng: np.random.Generator, count: int) ->
     walls = []
     for i in range(count):
         curved = i % 2 == 1
-        # A ball turns by what 8 cm are of its radius; the tip keeps within 4 cm.
+        # The normal of a ball turns by 8 cm over its radius; the tip keeps within 4 cm.
         radius = 0.08 / (0.4 * np.sin(surface.angle)) if curved else np.inf
         tilt = surface.angle * (rng.uniform(0.0, 0.4) if curved else rng.uniform())
         around = rng.uniform(0.0, 2.0 * np.pi)

@@ -1,4 +1,4 @@
-"""What a worker of a campaign can do in a test; it imports nothing that takes time."""
+"""Functions for a worker of a campaign in tests; without imports that take time."""
 
 import os
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of `model.description.thruster_file`: what a file may say, and the thrust map."""
+"""Tests of `model.description.thruster_file`: the format of the file, and the thrust map."""
 
 from dataclasses import replace
 

@@ -38,7 +38,7 @@ def test_within_the_limits_it_is_the_pseudo_inverse_and_gives_the_wrench(eight):
 
 
 def test_an_axis_that_no_thruster_drives_is_all_that_falls_short(five):
-    """The others are exact; the roll that is given is what the sway thruster's lever makes."""
+    """The others are exact; the roll moment is that of the sway thruster's lever arm."""
     wrench = np.array([40.0, -30.0, 20.0, 5.0, 8.0, -4.0])
     short = five.shortfall(wrench)
     np.testing.assert_allclose(short[[0, 1, 2, 4, 5]], 0.0, atol=1e-12)
