@@ -8,7 +8,7 @@ other one while the robot is in the constraint set; their distance is due to J_x
 
 from collections.abc import Callable, Mapping
 from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.containers import namedview
@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
     CacheEntry,
     Context,
     ContinuousState,
+    DependencyTicket,
     DiagramBuilder,
     DiscreteValues,
     EventStatus,
@@ -211,7 +212,8 @@ class TubeMonitor(LeafSystem):
                 lambda context, output, calc=calc: output.SetFromVector(calc(context)),
                 prerequisites)
 
-    def _cache(self, description: str, calc: Callable, prerequisites: set) -> CacheEntry:
+    def _cache(self, description: str, calc: Callable[[Context, AbstractValue], None],
+               prerequisites: set[DependencyTicket]) -> CacheEntry:
         return self.DeclareCacheEntry(
             description=description, prerequisites_of_calc=prerequisites,
             value_producer=ValueProducer(allocate=lambda: AbstractValue.Make(()), calc=calc))
@@ -290,7 +292,7 @@ class TubeMonitor(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, law: AncillaryLaw,
                      d_bound: float, radii: Mapping[str, float], *, state: OutputPort,
                      nominal_state: OutputPort, disturbance: OutputPort | None = None,
-                     pair: OutputPort | None = None, name: str = "tube_monitor", **options
+                     pair: OutputPort | None = None, name: str = "tube_monitor", **options: Any
                      ) -> "TubeMonitor":
         """Adds the monitor and connects it.
 
