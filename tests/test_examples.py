@@ -184,7 +184,7 @@ def test_limits_and_tubes_are_kept_with_each_model_error(row, run):
 
 
 def test_a_tip_that_is_too_fast_for_20_hz_leaves_its_tube(run):
-    found = run("each_alone.py", 1.5, "--row=20 Hz").splitlines()[-1]
+    found = run("each_alone.py", 4.5, "--row=20 Hz").splitlines()[-1]  # After 4 s of hovering.
     tip, _, of_tube = map(float, found[22:].split()[:3])
     assert tip > 10.0
     assert of_tube > 2.0
