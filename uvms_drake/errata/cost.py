@@ -78,7 +78,8 @@ def hold_input(fraction: float = 0.0) -> Erratum:
         "ξ = 0 is an equilibrium for u = 0, and the stage cost has ‖ū‖²_R",
         f"‖f(𝔮_des, 0)‖ = {needed:.3g} m/s², rad/s² in girona500_bilateral; with ‖ū‖²_R the "
         f"nominal loop comes to rest {1e3 * printed.tip:.1f} mm and {printed.force:.1f} N off its "
-        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * with_reference.tip:.1f} mm and {with_reference.force:.1f} N",
+        f"20 N task, with ‖ū − ū_eq‖²_R {1e3 * with_reference.tip:.1f} mm and "
+        f"{with_reference.force:.1f} N",
         "Even without a disturbance 𝔉 does not go to 𝔉_des; the stage cost here has "
         "ū_eq = −f(𝔮_des, 0).",
         wrong=printed.tip > 1e-5 > with_reference.tip)
