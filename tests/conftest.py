@@ -14,13 +14,11 @@ from support.quick import search_less
 
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import Plan
-from uvms_drake.model import contact_model
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.model.uvms_model import read_uvms
-from uvms_drake.station import robot_loading
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import load_scenario
 
@@ -60,9 +58,15 @@ def cache(tmp_path_factory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session")
-def girona() -> Uvms:
-    """The Girona 500 with its arm in a plant of its own."""
-    return read_uvms(GIRONA)
+def girona_robot() -> Robot:
+    """The Girona 500 with its arm."""
+    return Robot.load(GIRONA)
+
+
+@pytest.fixture(scope="session")
+def girona(girona_robot: Robot) -> Uvms:
+    """The same in a plant of its own."""
+    return girona_robot.uvms
 
 
 @pytest.fixture(scope="session")
@@ -72,7 +76,7 @@ def uvms(girona: Uvms) -> Uvms:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def parsed_once(girona: Uvms) -> Iterator[None]:
+def parsed_once(girona_robot: Robot) -> Iterator[None]:
     """What takes half of a short run is done once for all tests: to parse YAML and the robot."""
     known: dict[tuple, bytes] = {}
 
@@ -89,9 +93,9 @@ def parsed_once(girona: Uvms) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(yaml, "load", once(yaml.load))
         patch.setattr(yaml, "compose", once(yaml.compose))
-        for module in (contact_model, robot_loading):
-            patch.setattr(module, "read_uvms",
-                          lambda model: girona if model == GIRONA else read_uvms(model))
+        load = Robot.load
+        patch.setattr(Robot, "load", staticmethod(
+            lambda model: girona_robot if model == GIRONA else load(model)))
         yield
 
 

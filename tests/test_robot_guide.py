@@ -2,10 +2,12 @@
 
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
 from support.quick import SETTINGS, search_less
+from support.robot_files import FILES, NAMES
 
 from uvms_drake.command.main import main
 from uvms_drake.common.schema import read_yaml
@@ -30,6 +32,13 @@ def test_the_guide_has_ten_steps():
     assert re.findall(r"^\*\*(\d+)\. ", GUIDE, flags=re.M) == [str(i) for i in range(1, 11)]
     assert not blocks("yaml")  # Nothing has to be written by hand.
     assert set(LONG) < set(commands())
+    assert commands()[0] == "robot --from rov.urdf rov"
+
+
+def test_the_guide_has_every_file_of_the_tests_and_the_table_of_their_steps_too():
+    table = (Path(__file__).parents[1] / "examples/results/robot_import.md").read_text("utf-8")
+    for text in (GUIDE, table):
+        assert sorted(re.findall(r"^\| `(\w+\.(?:urdf|sdf))` \|", text, flags=re.M)) == NAMES
 
 
 @pytest.mark.slow
@@ -41,6 +50,7 @@ def test_whoever_follows_the_guide_has_a_certificate(tmp_path, monkeypatch, caps
     monkeypatch.setattr(robot_views, "PIXELS", 100)
     monkeypatch.setattr(robot_page, "RATE", 1.0)
     monkeypatch.chdir(tmp_path)
+    shutil.copy(FILES / "dummy_root.urdf", "rov.urdf")
     for command in commands():
         if command not in LONG:
             assert main(shlex.split(command)) == 0, (command, capsys.readouterr().err)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from uvms_drake.control.limits.limit import Limit as Limit
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
+    from uvms_drake.model.robot import Robot as Robot
     from uvms_drake.model.sensor_actuator import Part as Part
     from uvms_drake.model.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
@@ -66,6 +67,7 @@ _HOME = {
     "Part": "model.sensor_actuator",
     "Points": "control.plan.points",
     "Record": "station.record",
+    "Robot": "model.robot",
     "Scenario": "station.scenario.scenario",
     "set_state": "plant.uvms_plant",
     "Signals": "model.sensor_actuator",

@@ -281,7 +281,6 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
     (["--set", "mpc.horizon=0"], "error: mpc.horizon = 0: must be a positive integer "
      "(girona500_ideal.yaml with --set mpc.horizon=0 --duration=0.2)"),
     (["--set", "surface.dissipation=1e9"], "surface.dissipation = 1000000000.0: must be at most"),
-    (["--set", "surface.dissipation=900"], "mpc.time_step = 0.2: must be such that the loop"),
     (["--set", "ancillary.k=0"], "ancillary.k = 0.0: must be positive"),
     (["--set", "ancillary.k=1e9"], "simulator.max_step_size = 0.02: must be at most 1.1e-09 s"),
     (["--set", "current=[1e6, 0, 0]"], "simulator.max_step_size = 0.02: must be at most "),
@@ -312,14 +311,14 @@ def test_bad_input_is_one_line_and_leaves_nothing(args, expected, capsys, tmp_pa
 
 
 @pytest.mark.parametrize("kernel", ["Haswell", "SkylakeX"])
-def test_whether_input_is_bad_does_not_hang_on_rounding(kernel, tmp_path):
+def test_whether_a_stiff_loop_is_taken_does_not_hang_on_rounding(kernel, tmp_path):
+    """Held for a step of 0.2 s, its drift would grow 309-fold; the loop itself decays."""
     done = subprocess.run(
         [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", *QUICK,
          "--set", "surface.dissipation=900", "--output", str(tmp_path / "out")],
         env={**os.environ, "OPENBLAS_CORETYPE": kernel},
         capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "grows at most 100-fold in a step without control, not 309-fold" in done.stderr
+    assert done.returncode == 0, done.stderr
 
 
 def test_bad_input_names_the_scenario_file(capsys, tmp_path):

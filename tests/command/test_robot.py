@@ -5,7 +5,7 @@ import pytest
 from support.robots import TEMPLATE, altered
 
 from uvms_drake.command.main import main
-from uvms_drake.model.uvms_model import read_uvms
+from uvms_drake.model.robot import Robot
 from uvms_drake.report.robot.robot_page import sweeps
 from uvms_drake.station.robot_loading import complaints_about
 
@@ -93,9 +93,8 @@ def test_a_robot_may_be_a_urdf(tmp_path, capsys):
     (robot / "package.xml").write_text("<package><name>urdf_robot</name></package>")
     (robot / "hydrodynamics.yaml").write_text(
         "bodies: {vehicle: {displaced_volume: 21.0e-3, center_of_buoyancy: [0, 0, -0.05]}}")
-    uvms = read_uvms(str(robot))
-    assert complaints_about(uvms, str(robot)) == []
+    assert complaints_about(Robot.load(robot)) == []
     assert main(["robot", str(robot)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("urdf_robot: 1 joints")
-    assert "note: body arm is dry" in out
+    assert "note: dry, as hydrodynamics.yaml does not name it: arm\n" in out

@@ -12,7 +12,8 @@ from support import dh
 
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.description.hydrodynamics_file import added_mass_about_origin
-from uvms_drake.model.uvms import Uvms, add_uvms, model_dir
+from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 
 # Cylinders of the arm, typed again: radius, length, axis, centre in the body's frame [m].

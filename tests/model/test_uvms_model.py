@@ -371,7 +371,8 @@ def test_a_vehicle_without_an_arm_is_a_model_too(tmp_path):
     folder.mkdir()
     (folder / "bare.sdf").write_text(
         '<sdf version="1.9"><model name="bare"><link name="vehicle"><inertial><mass>50</mass>'
-        "</inertial></link><frame name=\"tip\" attached_to=\"vehicle\"><pose>0.6 0 0 0 0 0</pose>"
+        "<inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial></link>"
+        "<frame name=\"tip\" attached_to=\"vehicle\"><pose>0.6 0 0 0 0 0</pose>"
         "</frame></model></sdf>")
     (folder / "hydrodynamics.yaml").write_text(
         "bodies: {vehicle: {displaced_volume: 0.04, added_mass: [{matrix: [9, 9, 30, 1, 1, 1]}]}}")

@@ -34,7 +34,8 @@ KINDS = {"constant": ConstantDisturbance(0.2, np.array([1.0, -2.0, 0.5, 0.3, -0.
          "random": RandomDisturbance(0.4, 2.0)}
 BARE = """
 <sdf version="1.9"><model name="bare">
-  <link name="vehicle"><inertial><mass>5.3</mass></inertial></link>
+  <link name="vehicle"><inertial><mass>5.3</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz>
+    </inertia></inertial></link>
   <frame name="tip" attached_to="vehicle"><pose>0.4 -0.05 0.1 0.3 0.5 -0.2</pose></frame>
 </model></sdf>"""
 

@@ -1,19 +1,24 @@
 """`plant.model_error`: scaled parameters and their factors."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
+from support.field import FIELD_CASES
 from support.true_model import model_with_error
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.model.surface.law import check_surface
-from uvms_drake.model.uvms import model_dir
+from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.model_error import (
     ModelError,
     add_simulated_uvms,
     check_model_error,
     scaled_inertias,
+    scaled_urdf,
 )
 from uvms_drake.plant.payload import Payload
 
@@ -123,6 +128,37 @@ def test_the_files_of_the_robot_are_read_as_they_are():
     assert "<ixx>1.0</ixx> <izz>0.004" in scaled_inertias("<ixx>0.5</ixx> <izz> 2e-3 </izz>", 2.0)
 
 
+def test_the_numbers_of_a_urdf_are_scaled_wherever_they_stand():
+    text = """<mass value = '2e0'/> <mass
+      value="1.5" /> <inertia ixx=" 0.5" ixy="-0" iyz='1e-3'/> <origin xyz="1 2 3"/>
+      <drake:rotor_inertia value="4"/><drake:mass_of value="7"/><limit lower="1" effort="3"/>"""
+    assert scaled_urdf(text, 2.0) == """<mass value = '4.0'/> <mass
+      value="3.0" /> <inertia ixx="1.0" ixy="-0.0" iyz='0.002'/> <origin xyz="1 2 3"/>
+      <drake:rotor_inertia value="4"/><drake:mass_of value="7"/><limit lower="1" effort="3"/>"""
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0851482])
+def test_a_robot_of_a_urdf_can_have_another_mass(factor):
+    """Each link's mass and moments are those that an XML reader finds in the file, scaled."""
+    robot = FIELD_CASES / "campaign_of_a_urdf" / "box_urdf"
+    plant = MultibodyPlant(0.0)
+    uvms = add_simulated_uvms(plant, str(robot), ModelError(mass=factor))
+    links = ElementTree.parse(robot / "box_urdf.urdf").getroot().findall("link")
+    assert len(links) == 3
+    for link in links:
+        body = plant.GetBodyByName(link.get("name"))
+        mass = float(link.find("inertial/mass").get("value"))
+        moments = [float(link.find("inertial/inertia").get(key)) for key in ("ixx", "iyy", "izz")]
+        found = body.default_spatial_inertia()
+        assert body.default_mass() == pytest.approx(factor * mass, rel=1e-12)
+        central = found.Shift(found.get_com()).CalcRotationalInertia().get_moments()
+        np.testing.assert_allclose(central, factor * np.array(moments), rtol=1e-9)
+    # The volume is scaled with it: the robot is trimmed before it dives.
+    known = add_uvms(MultibodyPlant(0.0), str(robot)).hydrodynamics.bodies
+    for name, body in uvms.hydrodynamics.bodies.items():
+        assert body.displaced_volume == pytest.approx(factor * known[name].displaced_volume)
+
+
 WHOLE = """<link name="vehicle"><inertial><mass>3</mass><inertia><ixx>1</ixx><iyy>1</iyy>
   <izz>1</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>"""
 ARM = """<robot name="arm"><link name="upper"><inertial><mass value="2"/>
@@ -131,13 +167,11 @@ ARM = """<robot name="arm"><link name="upper"><inertial><mass value="2"/>
 
 @pytest.mark.parametrize(("rest", "body"), [
     ("", ""),
-    ("<include merge='true'><uri>package://diver/arm.urdf</uri></include>", "upper"),
-    ("<include><uri>package://diver/arm.urdf</uri></include>", "upper"),
-    ("<link name='base'/>", "base"),
-    ("<link name='base'><inertial><mass>2</mass></inertial></link>", "base")])
-def test_a_mass_that_is_not_written_in_the_file_itself_is_not_scaled_by_halves(
+    ("<include merge='true'><uri>package://diver/arm.urdf</uri></include>", ""),
+    ("<link name='base'/>", "base")])
+def test_a_mass_that_is_written_nowhere_is_not_scaled_by_halves(
         tmp_path, rest, body):
-    """It would leave the inertia of an included arm as it is, but not the volume."""
+    """It would leave the inertia of a link as it is, but not its volume."""
     folder = tmp_path / "diver"
     folder.mkdir()
     (folder / "diver.sdf").write_text(
@@ -151,6 +185,7 @@ def test_a_mass_that_is_not_written_in_the_file_itself_is_not_scaled_by_halves(
         plant = MultibodyPlant(0.0)
         add_simulated_uvms(plant, str(folder), ModelError(mass=1.1))
         assert plant.GetBodyByName("vehicle").default_mass() == pytest.approx(3.3)
+        assert not rest or plant.GetBodyByName("upper").default_mass() == pytest.approx(2.2)
         return
     with pytest.raises(InvalidParameter,
                        match=rf"^model_error\.mass = 1\.1: must be 1 .* '{body}' by numbers"):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,3 +31,23 @@ def test_what_a_run_does_not_have_is_no_column():
     columns = log_columns(synthetic_record(0.5))
     assert "tip/x" in columns
     assert not any(name.startswith(("force_last_valid", "mission")) for name in columns)
+
+
+def test_the_time_of_a_long_run_does_not_repeat_and_depths_keep_their_millimetres():
+    record = synthetic_record(0.5)
+    time = 1e5 + 0.005 * np.arange(len(record.time))
+    chi = record.chi.copy()
+    chi[:, 2] = 3000.1234567 + 1e-6 * np.arange(len(chi))
+    text = format_log(replace(record, time=time, chi=chi))
+    header, *rows = csv.reader(io.StringIO(text))
+    table = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+    np.testing.assert_allclose(np.diff(table["time"]), 0.005, rtol=1e-6)
+    np.testing.assert_allclose(table["tip/z"], chi[:, 2], rtol=0.0, atol=1e-6)
+
+
+def test_a_time_is_written_as_it_is_meant():
+    """0.15, not 0.15000000000000002."""
+    record = synthetic_record(0.5)
+    time = np.cumsum(np.full(len(record.time), 0.1)) * 1.5
+    rows = format_log(replace(record, time=time)).splitlines()[1:]
+    assert [row.partition(",")[0] for row in rows[:4]] == ["0.15", "0.3", "0.45", "0.6"]

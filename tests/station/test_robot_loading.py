@@ -9,9 +9,10 @@ from support.robots import TEMPLATE, altered, without_an_arm
 
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model import uvms_model
+from uvms_drake.model.description.robot_folder import models_dir
 from uvms_drake.model.links import read_links
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture, trim_of
-from uvms_drake.model.uvms import models_dir
 from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.model_check import model_complaints
 from uvms_drake.station.problem import load_model
@@ -88,18 +89,22 @@ BROKEN = {
     "negative drag": ([(".yaml", "linear: [20.0", "linear: [-20.0")],
                       "bodies.vehicle.drag[0].linear = "),
     "a body that is not there": ([(".yaml", "  forearm:", "  fore_arm:")],
-                                 "yaml: bodies = 'fore_arm': must be a body of box_uvms.sdf"),
-    "no tip": ([(".sdf", 'name="tip"', 'name="tool"')], "must be a robot with a frame 'tip'"),
+                                 "yaml: line 31: bodies = 'fore_arm': must be a link of "
+                                 "box_uvms.sdf: forearm, upper_arm, vehicle (did you mean 'fore"),
+    "no tip": ([(".sdf", 'name="tip"', 'name="tool"')],
+               "box_uvms.sdf: must have a frame 'tip': its frames are"),
     "no vehicle": ([(".sdf", '"vehicle"', '"hull"'), (".sdf", ">vehicle<", ">hull<")],
-                   "must be a robot with a frame 'vehicle'"),
+                   "box_uvms.sdf: must have a frame 'vehicle': its"),
     "a vehicle that is held": ([(".sdf", END, '<joint name="held" type="fixed"><parent>world'
                                  f"</parent><child>vehicle</child></joint>{END}")],
-                               "vehicle = 'welded': must be a floating body"),
+                               "link vehicle: joint held of type 'weld' fixes it to 'world': it "),
     "two arms": ([link("left", '<joint name="second" type="revolute"><parent>vehicle</parent>'
                                "<child>left</child><axis><xyz>0 0 1</xyz></axis></joint>")],
-                 "joint = 'second': must be carried by 'forearm': the arm must be a serial chain"),
+                 "sdf: joint second: must be of type fixed, as 'left' stands beside the "
+                 "chain vehicle → shoulder → elbow → tip on forearm"),
     "a ball joint": ([(".sdf", ELBOW, ELBOW.replace("revolute", "ball"))],
-                     "joint elbow = 'ball_rpy': must be revolute, prismatic or a weld"),
+                     "sdf: line 92: joint elbow: type = 'ball': must be one of revolute, "
+                     "continuous, prismatic, fixed"),
     "a joint without a motor": ([(".sdf", "<effort>30", "<effort>0")],
                                 "sdf: joint shoulder: actuator = None: must be there"),
     "a loop": ([(".sdf", END, """<drake:ball_constraint name="loop">
@@ -125,7 +130,7 @@ def test_every_shipped_robot_is_sound():
     folders = [path.parent.name for path in models_dir().glob("*/package.xml")]
     assert TEMPLATE in folders
     for name in folders:
-        assert complaints_about(read_uvms(name), name) == []
+        assert complaints_about(Robot.load(name)) == []
 
 
 LEGAL = {
@@ -143,11 +148,11 @@ LEGAL = {
 
 @pytest.mark.parametrize("robot", LEGAL)
 def test_what_a_robot_may_be(robot, tmp_path):
-    assert sound_robot(str(altered(tmp_path, *LEGAL[robot]))).tip.name() == "tip"
+    assert sound_robot(str(altered(tmp_path, *LEGAL[robot]))).uvms.tip.name() == "tip"
 
 
 def test_a_robot_may_be_without_an_arm(tmp_path):
-    assert sound_robot(str(without_an_arm(tmp_path))).joints == ()
+    assert sound_robot(str(without_an_arm(tmp_path))).uvms.joints == ()
 
 
 def test_the_robot_is_checked_wherever_a_scenario_is_run_or_certified(tmp_path):

@@ -5,15 +5,19 @@ import re
 import numpy as np
 import pytest
 from support.arms import write_arm
+from support.field import copied
 from support.robots import TEMPLATE, altered, without_an_arm
 
 from uvms_drake.certificate.certify import certify, check_inputs
 from uvms_drake.certificate.table import verdict
 from uvms_drake.command.main import main
+from uvms_drake.model.trim import middle_posture
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
+from uvms_drake.report.robot.robot_sheet import sheet_of
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.studies import first_scenario as module
+from uvms_drake.studies import first_scenario_text as text_module
 from uvms_drake.studies.first_scenario import MARGIN, find_posture, first_scenario, strength_of
 from uvms_drake.tube.resolved.image import input_gain
 
@@ -82,8 +86,9 @@ def test_a_robot_that_is_too_weak_is_told_why(tmp_path, capsys):
     assert main(["scenario", "--new", str(file), "--robot", str(weak)]) == 1
     assert re.fullmatch(
         r"uvms-drake: error: not with this robot, because the motor of joint shoulder gives "
-        r"1\.2 N m along q1, of which 5 N on the wall take [\d.]+ at rest, and has to move "
-        r"[\d.]+ kg m²: .*; what would help: less --force, or a stronger one\n",
+        r"1\.2 N m along q1, of which weight and buoyancy take [\d.]+ N m, and 5 N on the wall add "
+        r"[\d.]+ at rest, and has to move [\d.]+ kg m²: .*; what would help: [\d.]+ N m along q1 "
+        r"and [\d.]+ N m along q2\n",
         capsys.readouterr().err)
     assert not file.exists()
 
@@ -157,3 +162,53 @@ simulator: {max_step_size: 0.004}
     assert found.tube.depth > 0.0
     assert main(["run", str(felt), "--uncertified", "--duration", "0.2", "--no-figures",
                  "--output", str(tmp_path / "felt")]) == 0
+
+
+def tip_of(q: np.ndarray) -> np.ndarray:
+    """Returns the tip (..., 3) of the template's arm: two links of 0.3 m, z down."""
+    first, both = q[..., 0], q[..., 0] + q[..., 1]
+    return np.stack([0.42 + 0.3 * (np.cos(first) + np.cos(both)), 0.0 * both,
+                     0.12 - 0.3 * (np.sin(first) + np.sin(both))], axis=-1)
+
+
+@pytest.mark.parametrize(("name", "limits"), [
+    ("above", (3.4, 5.0)), ("below", (-5.0, -3.4)), ("wide", (-5.7, 0.0)),
+    ("turns", (5.0, 15.0)), ("one_end", (3.4, np.inf))])
+def test_joints_beyond_half_a_turn_have_a_sheet_and_a_scenario(name, limits, tmp_path):
+    """Reach by plain NumPy on a grid of postures; a joint with one limit turns once from there."""
+    case = f"limits_beyond_pi/{name if name in ('above', 'below', 'wide') else 'above'}"
+    changes = [] if case.endswith(name) else [(
+        ".sdf", "<lower>3.4</lower> <upper>5.0</upper>", f"<lower>{limits[0]}</lower>" + (
+            f" <upper>{limits[1]}</upper>" if np.isfinite(limits[1]) else ""))]
+    robot = copied(case, tmp_path, *changes)
+    uvms = read_uvms(str(robot))
+    high = min(limits[1], limits[0] + 2.0 * np.pi)
+    tips = tip_of(np.stack(np.meshgrid(np.linspace(-1.5, 0.5, 800), np.linspace(
+        limits[0], high, 800)), axis=-1).reshape(-1, 2))
+    sheet = sheet_of(uvms, name, middle_posture(uvms))
+    np.testing.assert_allclose(
+        sheet.reach, [tips.min(axis=0), tips.max(axis=0)], atol=5e-3)
+    if name == "wide":
+        assert sheet.reach[0, 2] == pytest.approx(-0.324, abs=2e-3)
+    if np.isfinite(limits[1]):
+        scenario = made(tmp_path, str(robot))
+        assert limits[0] <= scenario.limits.q_lower[1] < scenario.limits.q_upper[1] <= limits[1]
+        assert limits[0] <= scenario.start.q[1] <= limits[1]
+
+
+def test_the_arm_of_the_bluerov2_presses_straight_ahead(tmp_path):
+    """Its first joint has 0.032 .. 6.02 and looks ahead at π; the vehicle stands square."""
+    scenario = made(tmp_path, "bluerov2_alpha5")
+    assert scenario.start.q[0] == pytest.approx(np.pi, abs=0.03)
+    assert scenario.limits.q_upper[0] > np.pi
+    yaw = scenario.start.eta[5] - 0.02  # By which a start is off on purpose.
+    assert abs(yaw) < np.deg2rad(1.0)
+
+
+def test_what_a_run_would_refuse_is_not_written(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(text_module, "TEXT", text_module.TEXT.replace(
+        "k: {gain}", "k: 1000000000.0"))
+    file = tmp_path / "press.yaml"
+    assert main(["scenario", "--new", str(file), "--robot", "box_uvms"]) == 2
+    assert "simulator.max_step_size = 0.01: must be at most 1.1e-09" in capsys.readouterr().err
+    assert not file.exists()

@@ -13,9 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_drake.campaign.induced_disturbance import predicted_disturbance
+from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.ocp.ocp import Ocp
 from uvms_drake.control.plan.plan import DynamicPlan
+from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.model_error import FACTORS
+from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 
 SHARE = 0.5
@@ -66,6 +69,22 @@ class Unknowns(NamedTuple):
                 surface, stiffness=surface.stiffness * (1.0 + scale * self.stiffness),
                 shift=surface.shift + scale * self.shift, turn=surface.turn + scale * self.turn),
             current=np.asarray(scenario.current, dtype=float) + scale * self.current)
+
+
+def check_draws(scenario: Scenario, largest: float) -> None:
+    """Raises `InvalidParameter` if the robot cannot have an error that may be drawn.
+
+    Args:
+        scenario: As it is loaded; its motion is dynamic.
+        largest: Largest relative error.
+    """
+    drawn = Unknowns(mass=largest, payload=LARGEST_PAYLOAD).put_into(scenario)
+    try:
+        make_simulated_uvms(drawn, ConstantDisturbance())
+    except InvalidParameter as error:
+        raise InvalidParameter(
+            "--model-error", largest, "0 for this robot, or numbers in its file: a campaign draws "
+            f"errors up to this, and {error.key} must be {error.allowed}") from None
 
 
 def draw_unknowns(largest: float, rng: np.random.Generator) -> Unknowns:

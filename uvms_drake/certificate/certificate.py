@@ -20,7 +20,7 @@ from uvms_drake.common.errors import RunFailed
 from uvms_drake.common.jsonable import jsonable, restored
 from uvms_drake.common.program import VERSION
 from uvms_drake.control.limits import TubeRadii
-from uvms_drake.model.uvms import model_dir
+from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.station.mission_legs import Leg
 from uvms_drake.station.scenario.faults import uncovered
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario

@@ -10,6 +10,7 @@ from typing import Any, TextIO
 
 from uvms_drake.campaign.campaign import Campaign, make_campaign, require_same_code
 from uvms_drake.campaign.figures import CAMPAIGN_FIGURES, WALLS_FILE, make_campaign_figures
+from uvms_drake.campaign.model_uncertainty import check_draws
 from uvms_drake.campaign.pool import Pool, cluster_pool, local_pool, run_all
 from uvms_drake.campaign.store import (
     RUNS_FILE,
@@ -36,6 +37,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.output import output_folder, require_own
 from uvms_drake.common.progress import part_of
 from uvms_drake.report.summary import format_summary
+from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.record import Record
 from uvms_drake.station.scenario.scenario import Scenario, load_scenario
 from uvms_drake.station.scenario.scenario_file import reported_in, scenario_source, set_options
@@ -73,6 +75,8 @@ def run_campaign(args: argparse.Namespace) -> int:
         require(scenario.mpc.deadline is None, "mpc.deadline", scenario.mpc.deadline,
                 "left out: no run could be repeated")
         model = check_inputs(scenario)
+        if args.model_error > 0.0 and motion_of(scenario).has_forces:
+            check_draws(scenario, args.model_error)
         require_same(output, make_campaign(scenario, args.seed, None, args.model_error,
                                            outside=args.outside), certified=not args.uncertified)
         check_step(scenario, model)

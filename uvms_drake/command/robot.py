@@ -6,9 +6,10 @@ from pathlib import Path
 
 from uvms_drake.command.files import folder, new_at
 from uvms_drake.command.interrupt import PROGRAM
-from uvms_drake.common.errors import require, vector
+from uvms_drake.command.robot_from import write_robot
+from uvms_drake.common.errors import InvalidFile, require, vector
 from uvms_drake.common.output import output_folder
-from uvms_drake.model.uvms import model_dir
+from uvms_drake.model.description.robot_folder import model_dir
 
 TEMPLATE = "box_uvms"
 PICTURE_FILE = "robot.png"
@@ -38,32 +39,38 @@ def add_robot(commands: argparse._SubParsersAction) -> None:
     robot.add_argument("--new", type=folder, metavar="DIR",
                        help="write the folder of a new robot, a box with two joints, every line "
                             "explained")
+    robot.add_argument("--from", dest="source", type=folder, nargs=2, metavar=("FILE", "DIR"),
+                       help="write the folder of the robot in a URDF or SDFormat file as it is "
+                            "found, and list what was taken, changed and is missing")
 
 
 def show_robot(args: argparse.Namespace) -> int:
     """Prints a robot's sheet and what is wrong with it, or writes a new one."""
-    require((args.model is None) != (args.new is None), "ROBOT", args.model,
-            "a robot's name or folder; or left out, with --new")
+    require(sum(item is not None for item in (args.model, args.new, args.source)) == 1, "ROBOT",
+            args.model, "a robot's name or folder; or left out, with --new or --from")
+    if args.source is not None:
+        require(args.output is None, "--output", str(args.output), "left out, with --from")
+        return write_robot(*args.source)
     if args.new is not None:
         require(args.output is None, "--output", str(args.output), "left out, with --new")
         write_template(args.new)
         print(f"written to {args.new}; '{PROGRAM} robot {args.new}' shows it")
         return 0
-    from uvms_drake.model.uvms_model import read_uvms
-    from uvms_drake.station.robot_loading import complaints_about
+    from uvms_drake.station.robot_loading import sound_robot
 
-    uvms = read_uvms(args.model)
-    complaints = complaints_about(uvms, args.model)
-    for complaint in complaints:
-        print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
-    if complaints:
+    try:
+        robot = sound_robot(args.model)
+    except InvalidFile as error:
+        for complaint in error.complaints:
+            print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
         return 2
+    uvms = robot.uvms
     from uvms_drake.model.trim import middle_posture
     from uvms_drake.report.robot.robot_sheet import format_sheet, sheet_of
 
     posture = middle_posture(uvms) if args.posture is None else vector(
         "--posture", args.posture, len(uvms.joints))
-    print(format_sheet(sheet_of(uvms, model_dir(args.model).name, posture)))
+    print(format_sheet(sheet_of(uvms, robot.name, posture), robot.notes))
     if args.output is not None:
         import matplotlib
 

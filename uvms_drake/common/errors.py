@@ -1,6 +1,6 @@
 """Errors of bad values: key, value, and allowed values."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -25,6 +25,20 @@ class InvalidParameter(ValueError):
         text = np.array2string(value, separator=", ", threshold=12) if isinstance(
             value, np.ndarray) else repr(value)
         super().__init__(f"{key} = {' '.join(text.split())}: must be {self.allowed}")
+
+
+class InvalidFile(InvalidParameter):
+    """A file that cannot be used, or several that belong together.
+
+    Attributes:
+        complaints: All that is wrong with it, a line each; the first one is the error's text.
+    """
+
+    def __init__(self, complaints: Sequence[str]):
+        self.complaints = tuple(complaints)
+        more = len(self.complaints) - 1
+        super().__init__(self.complaints[0], None, "usable")
+        self.args = (self.complaints[0] + (f" (and {more} more)" if more else ""),)
 
 
 def require(condition: bool, key: str, value: object, allowed: str) -> None:

@@ -16,25 +16,35 @@ import textwrap
 import types
 import typing
 from collections.abc import Callable, Collection
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import yaml  # type: ignore[import-untyped]  # Drake's own choice and dependency.
-from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load_data, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data, yaml_load_typed
 
-from uvms_drake.common.errors import InvalidParameter, ScenarioError
+from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError
 
 T = typing.TypeVar("T")
 
 NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+KEPT = 16
+"""Number of texts whose content is remembered: PyYAML takes longer than to build the rest of a
+station, and the runs of a campaign read the same robot again and again."""
 LARGEST = 1e50
 """Largest number in a file: what is computed from it, such as a square, is finite too."""
 
 
 def read_yaml(path: Path) -> object:
     """Returns the raw data of a YAML file; a tag becomes the entry `_tag` of its mapping."""
+    return parse_yaml(read_text(path))
+
+
+def read_text(path: Path) -> str:
+    """Returns the text of a file, or raises a `ScenarioError`."""
     try:
-        return parse_yaml(path.read_text(encoding="utf-8"))
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise ScenarioError(f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -53,6 +63,54 @@ def parse_yaml(text: str) -> object:
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or getattr(error, "context", None) or error
         raise ScenarioError(f"{where}{' '.join(str(problem).split())}") from None
+
+
+def load_file(path: Path, schema: type[T], check: Callable[[T], None]) -> T:
+    """Returns the content of a YAML file as `schema`.
+
+    Args:
+        path: Of the file.
+        schema: Dataclass of its content.
+        check: Raises `InvalidParameter` for the first value that has no meaning.
+
+    Raises:
+        InvalidFile: The file cannot be read, or a value in it has no meaning; names the line.
+    """
+    text = ""
+    try:
+        text = read_text(path)
+        content: T = deepcopy(_content(schema, text))  # type: ignore[arg-type]  # It is hashable.
+        check(content)
+    except ScenarioError as error:
+        raise InvalidFile([f"{path}: {error}"]) from None
+    except InvalidParameter as error:
+        line = line_of(text, error.key)
+        raise InvalidFile([f"{path}: {f'line {line}: ' if line else ''}{error}"]) from None
+    return content
+
+
+@lru_cache(maxsize=KEPT)
+def _content(schema: type, text: str) -> typing.Any:
+    return load_typed(schema, parse_yaml(text))
+
+
+def line_of(text: str, key: str) -> int | None:
+    """Returns the line of a YAML text where the value of a dotted key is, or what should have it.
+
+    None, if the text has nothing of it.
+    """
+    node, line = yaml.compose(text, Loader=yaml.SafeLoader), None
+    while isinstance(node, yaml.CollectionNode):
+        entries = [(str(name.value), name, value) for name, value in node.value] if isinstance(
+            node, yaml.MappingNode) else [
+            (f"[{i}]", item, item) for i, item in enumerate(node.value)]
+        ahead = [entry for entry in entries
+                 if key == entry[0] or key.startswith((f"{entry[0]}.", f"{entry[0]}["))]
+        if not ahead:
+            break
+        head, start, node = max(ahead, key=lambda entry: len(entry[0]))
+        key, line = key[len(head):].removeprefix("."), start.start_mark.line + 1
+    return line
 
 
 def _require_plain(root: yaml.Node | None) -> None:
@@ -113,7 +171,18 @@ def conform(schema: typing.Any, value: object, key: str = "") -> typing.Any:
 
 def load_typed(schema: type[T], raw: object) -> T:
     """Returns raw YAML data as an instance of `schema`, after `conform`."""
-    return yaml_load_typed(schema=schema, data=yaml_dump(conform(schema, raw)))
+    text = yaml.dump(conform(schema, raw), Dumper=_Dumper, sort_keys=False)
+    return yaml_load_typed(schema=schema, data=text)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes raw data with its tags, in the order that it has: Drake's own sorts the names."""
+
+    def represent_data(self, data: typing.Any) -> yaml.Node:
+        if not (isinstance(data, dict) and "_tag" in data):
+            return super().represent_data(data)
+        return self.represent_mapping(data["_tag"], {
+            key: value for key, value in data.items() if key != "_tag"})
 
 
 def dump_typed(value: object, leave_out: Collection[str] = ()) -> str:
@@ -199,7 +268,7 @@ def _conform_union(options: tuple[typing.Any, ...], value: object, key: str) -> 
         raise InvalidParameter(key, value, allowed)
     tag = value.get("_tag", next(iter(by_tag)))
     if tag not in by_tag:
-        raise InvalidParameter(key, tag, allowed + _suggestion(str(tag), list(by_tag)))
+        raise InvalidParameter(key, tag, allowed + suggestion(str(tag), list(by_tag)))
     inside = {k: v for k, v in value.items() if k != "_tag"}
     return {"_tag": tag, **_conform_struct(by_tag[tag], inside, key)}
 
@@ -218,12 +287,13 @@ def _conform_struct(schema: typing.Any, value: object, key: str) -> dict[str, ob
                                    f"!{schema.__name__}, or left out: there is no choice")
         if name not in fields:
             raise InvalidParameter(path, item, f"under one of the keys {', '.join(fields)}"
-                                   + _suggestion(str(name), list(fields)))
+                                   + suggestion(str(name), list(fields)))
         out[name] = conform(fields[name], item, path)
     return out
 
 
-def _suggestion(word: str, known: list[str]) -> str:
+def suggestion(word: str, known: list[str]) -> str:
+    """Returns the known word that is nearest to one that is not, for the end of a message."""
     close = difflib.get_close_matches(word, known, n=1)
     return f" (did you mean '{close[0]}'?)" if close else ""
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from uvms_drake.certificate.certify import declared_set
 from uvms_drake.model.contact_model import ContactModel
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.spring import BilateralSpring
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.station.scenario.scenario import load_scenario
 from uvms_drake.tube.conditions import LemmaConstants
 from uvms_drake.tube.constants.constants import sampled_values
@@ -52,7 +52,7 @@ SHRINK = 0.9
 @cache
 def uvms() -> Uvms:
     """Returns the paper's robot."""
-    return read_uvms("girona500_arm5e")
+    return Robot.load("girona500_arm5e").uvms
 
 
 @cache

@@ -5,9 +5,10 @@ import numpy as np
 from uvms_drake.model.end_effector import tip_force_gradients
 from uvms_drake.model.frames.euler import WORLD
 from uvms_drake.model.frames.spatial import times
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.model.uvms import Uvms
-from uvms_drake.model.uvms_model import Kinematics, UvmsModel, read_uvms
+from uvms_drake.model.uvms_model import Kinematics, UvmsModel
 
 
 class ContactModel(UvmsModel):
@@ -25,8 +26,8 @@ class ContactModel(UvmsModel):
 
     @staticmethod
     def load(model: str, surface: Surface) -> "ContactModel":
-        """Returns the model of a shipped robot or a robot's folder, at a surface."""
-        return ContactModel(read_uvms(model), surface)
+        """Returns the model of a shipped robot or a robot's folder, in front of a surface."""
+        return ContactModel(Robot.load(model).uvms, surface)
 
     def contact_force(self, kinematics: Kinematics, V_E: np.ndarray) -> np.ndarray:
         """Returns 𝔉(χ, A V_E) (..., 6)."""

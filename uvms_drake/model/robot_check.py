@@ -17,8 +17,9 @@ from pydrake.multibody.tree import (
 )
 
 from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture, pose_joints, trim_of
-from uvms_drake.model.uvms import Uvms, robot_file, slides
+from uvms_drake.model.uvms import Uvms, slides
 
 Complaints = Iterator[InvalidParameter]
 
@@ -28,18 +29,15 @@ UNSTABLE = 1e-3
 """Depth of the centre of buoyancy below that of mass that is taken as rounding [m]."""
 TURNS, UNLIMITED = 6.0 * np.pi, 1e4
 """Angles that limits of a joint are between if they are degrees [rad]."""
+LARGEST = 10.0
+"""Radius of gyration of a body from which its inertia is in another unit [m]."""
 LIGHTEST = 1e-8
 """Inertia about a joint's axis below which a joint moves nothing [kg m²]."""
 
 
-def robot_complaints(uvms: Uvms, folder: Path) -> list[InvalidParameter]:
-    """Returns what is wrong with a robot, by file and key; nothing, if nothing is.
-
-    Args:
-        uvms: The robot, in a finalized plant of its own.
-        folder: Its folder.
-    """
-    sdf, water = robot_file(folder), folder / "hydrodynamics.yaml"
+def robot_complaints(robot: Robot) -> list[InvalidParameter]:
+    """Returns what is wrong with a robot, by file and key; nothing, if nothing is."""
+    sdf, water = robot.files.file, robot.folder / "hydrodynamics.yaml"
     rounds: tuple[tuple[tuple[Path, Callable[[Uvms], Complaints]], ...], ...] = (
         ((sdf, bodies_are_joined), (sdf, the_tip_is_on_the_last_link), (sdf, nothing_pulls),
          (sdf, motors_drive_the_joints), (sdf, joints_turn_in_radians)),
@@ -47,7 +45,7 @@ def robot_complaints(uvms: Uvms, folder: Path) -> list[InvalidParameter]:
          (water, it_is_upright)))
     for checks in rounds:
         found = [InvalidParameter(f"{file}: {complaint.key}", complaint.value, complaint.allowed)
-                 for file, check in checks for complaint in check(uvms)]
+                 for file, check in checks for complaint in check(robot.uvms)]
         if found:
             return found
     return []
@@ -73,6 +71,10 @@ def the_tip_is_on_the_last_link(uvms: Uvms) -> Complaints:
     """`tip` moves with the outermost joint, else its pose is not a function of all of them."""
     last = links_of(uvms)[-1]
     if uvms.tip.body().index() in {body.index() for body in uvms.plant.GetBodiesWeldedTo(last)}:
+        return
+    if not uvms.joints:
+        yield InvalidParameter("frame tip", uvms.tip.body().name(),
+                               f"attached to '{last.name()}', or to what is fixed to it")
         return
     mover = uvms.joints[-1].name()
     yield InvalidParameter(
@@ -128,6 +130,10 @@ def inertias_are_given(uvms: Uvms) -> Complaints:
                 f"link {body.name()}: inertial", principal_moments(body),
                 "what a body can have: a mass, and principal moments of inertia about its centre "
                 "of mass of which none exceeds the sum of the others [kg m²]")
+        elif (radius := radius_of_gyration(body)) > LARGEST:
+            yield InvalidParameter(
+                f"link {body.name()}: inertial, as a radius of gyration", float(f"{radius:.4g}"),
+                f"{LARGEST:g} m or less: inertias are in kg m², and 1 kg m² is 10⁶ kg mm²")
         elif np.array_equal(M.CopyToFullMatrix6(), np.eye(6)):
             yield InvalidParameter(
                 f"link {body.name()}: inertial", "1 kg, 1 kg m²",
@@ -174,6 +180,12 @@ def it_is_upright(uvms: Uvms) -> Complaints:
 def links_of(uvms: Uvms) -> list[RigidBody]:
     """Returns the vehicle and the body that each joint moves, from the vehicle outwards."""
     return [uvms.vehicle, *(joint.child_body() for joint in uvms.joints)]
+
+
+def radius_of_gyration(body: RigidBody) -> float:
+    """Returns √(I/m) [m] of the largest principal moment; 0 of a body without mass."""
+    mass = body.default_mass()
+    return float(np.sqrt(principal_moments(body)[-1] / mass)) if mass > 0.0 else 0.0
 
 
 def principal_moments(body: RigidBody) -> np.ndarray:

@@ -26,6 +26,11 @@ actuation. Its port may depend on states alone: a direct feedthrough from the co
 algebraic loop, which Drake refuses."""
 
 
+PAYLOAD, PAYLOAD_AT_REST = "payload", "payload_at_rest"
+"""Names of the signals (6) [N, N m] of a plant whose hand holds something: the wrench by which it
+does, about the origin of the end-effector in its axes, and what is left of it without motion."""
+
+
 class Signals(dict[str, OutputPort]):
     """The vectors of a closed loop by name; all of them are logged.
 

@@ -29,10 +29,13 @@ class Trim:
 
 
 def middle_posture(uvms: Uvms) -> np.ndarray:
-    """Returns the middle of the joints' limits (n,) [rad, m]; zero for a joint without."""
+    """Returns the middle of the joints' limits (n,) [rad, m].
+
+    It is zero, or what its single limit leaves that is nearest to zero, for a joint without both.
+    """
     limits = np.array([[joint.position_lower_limits()[0], joint.position_upper_limits()[0]]
                        for joint in uvms.joints]).reshape(-1, 2)
-    middle = np.zeros(len(limits))
+    middle = np.clip(0.0, limits[:, 0], limits[:, 1])
     finite = np.all(np.isfinite(limits), axis=1)
     middle[finite] = limits[finite].mean(axis=1)
     return middle

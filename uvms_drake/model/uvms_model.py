@@ -22,7 +22,6 @@ vectors (v, ω) in axes of B about its origin (Fossen's order); Xₖ takes such 
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from uvms_drake.model.end_effector import pose_rate_matrix, pose_rate_matrix_rate
 from uvms_drake.model.frames.euler import (
@@ -41,7 +40,8 @@ from uvms_drake.model.frames.spatial import (
     times,
 )
 from uvms_drake.model.links import read_links
-from uvms_drake.model.uvms import Uvms, add_uvms
+from uvms_drake.model.robot import Robot
+from uvms_drake.model.uvms import Uvms
 
 
 class Kinematics(NamedTuple):
@@ -362,10 +362,7 @@ class UvmsModel:
 
 def read_uvms(model: str) -> Uvms:
     """Returns a shipped robot or a robot's folder, in a plant of its own."""
-    plant = MultibodyPlant(time_step=0.0)
-    uvms = add_uvms(plant, model)
-    plant.Finalize()
-    return uvms
+    return Robot.load(model).uvms
 
 
 def configuration_rate(config: np.ndarray, zeta: np.ndarray) -> np.ndarray:

@@ -12,11 +12,18 @@ from uvms_drake.model.description.hydrodynamics_file import (
     BodyHydrodynamics,
     HydrodynamicParameters,
 )
-from uvms_drake.model.uvms import Uvms, add_uvms, model_dir, robot_file
+from uvms_drake.model.description.robot_files import RobotFiles, read_robot_files
+from uvms_drake.model.description.robot_folder import model_dir
+from uvms_drake.model.uvms import Uvms, add_uvms
 from uvms_drake.plant.joint_friction import JointFriction
 from uvms_drake.plant.payload import Payload, with_payload
 
 INERTIAL = re.compile(r"<(mass|i[xyz][xyz])>\s*([^<]*?)\s*</\1>")
+"""An element of SDFormat that is scaled."""
+URDF_INERTIAL = re.compile(r"<(?:mass|inertia)\s[^>]*>")
+"""A tag of URDF of which attributes are scaled."""
+URDF_NUMBER = re.compile(r"\b(value|i[xyz][xyz])(\s*=\s*)([\"'])\s*([^\"']*?)\s*\3")
+"""Such an attribute."""
 FACTORS = ("mass", "added_mass", "drag", "buoyancy_lever", "buoyancy")
 
 
@@ -69,27 +76,25 @@ def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | No
     The friction of its joints is left to the caller.
 
     Raises:
-        InvalidParameter: The robot's files cannot be used, or their inertias are not numbers that
-            can be scaled, but from an included file or a density.
+        InvalidParameter: The robot's files cannot be used, or they give an inertia in a way other
+            than by the numbers that are scaled, as SDFormat does by leaving it out.
     """
     if error is None or error.size == 0.0:
         return add_uvms(plant, model)
-    sdf = None
-    if error.mass != 1.0:  # Drake can change an inertia in a Context, but not a plant's default.
-        text = robot_file(model_dir(model)).read_text(encoding="utf-8")
-        sdf = scaled_inertias(text, error.mass)
-    uvms = add_uvms(plant, model, sdf)
-    if sdf is not None:
-        _check_scaled(plant, model, error.mass)
+    files = read_robot_files(model_dir(model))
+    if error.mass == 1.0:
+        uvms = add_uvms(plant, files)
+    else:  # Drake can change an inertia in a Context, but not a plant's default.
+        uvms = add_uvms(plant, scaled_files(files, error.mass))
+        _check_scaled(plant, files, error.mass)
     uvms = replace(uvms, hydrodynamics=scaled_hydrodynamics(uvms, error))
-    displaced = error.payload.mass > 0.0 or error.payload.displaced > 0.0
-    return with_payload(plant, uvms, error.payload) if displaced else uvms
+    return with_payload(plant, uvms, error.payload) if error.payload.displaced else uvms
 
 
-def _check_scaled(plant: MultibodyPlant, model: str, factor: float) -> None:
+def _check_scaled(plant: MultibodyPlant, files: RobotFiles, factor: float) -> None:
     """Raises unless the inertias of all bodies are those of the robot's files, scaled."""
     known = MultibodyPlant(plant.time_step())
-    add_uvms(known, model)
+    add_uvms(known, files)
     for i in range(1, known.num_bodies()):  # 0 is World.
         body = known.get_body(BodyIndex(i))
         before, after = (each.default_spatial_inertia().CopyToFullMatrix6()
@@ -100,10 +105,28 @@ def _check_scaled(plant: MultibodyPlant, model: str, factor: float) -> None:
                 f"'{body.name()}' by numbers of its own")
 
 
+def scaled_files(files: RobotFiles, factor: float) -> RobotFiles:
+    """Returns the files of a robot with its masses and inertias multiplied, included ones too."""
+    def scaled(text: str, name: str) -> str:
+        return (scaled_urdf if name.endswith(".urdf") else scaled_inertias)(text, factor)
+
+    return replace(files, text=scaled(files.text, files.file.name.lower()), included={
+        name: scaled(text, name) for name, text in files.included.items()})
+
+
 def scaled_inertias(sdf: str, factor: float) -> str:
     """Returns the text of an SDFormat file with its masses and inertias multiplied."""
     return INERTIAL.sub(
         lambda found: f"<{found[1]}>{float(factor * float(found[2]))!r}</{found[1]}>", sdf)
+
+
+def scaled_urdf(urdf: str, factor: float) -> str:
+    """Returns the text of a URDF file with its masses and inertias multiplied."""
+    def scaled(found: re.Match[str]) -> str:
+        name, equals, quote, number = found.groups()
+        return f"{name}{equals}{quote}{float(factor * float(number))!r}{quote}"
+
+    return URDF_INERTIAL.sub(lambda tag: URDF_NUMBER.sub(scaled, tag[0]), urdf)
 
 
 def scaled_hydrodynamics(uvms: Uvms, error: ModelError) -> HydrodynamicParameters:

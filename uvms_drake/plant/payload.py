@@ -1,13 +1,25 @@
-"""What the hand holds without the controller's knowing."""
+"""What the hand holds without the controller's knowing.
+
+A ball of mass m and radius r displaces water of mass m_w. Its centre C, at c from the origin of the
+end-effector E, accelerates by a_C = a_E + α × c + ω × (ω × c), the water by a_w. The hand exerts
+
+    f = m (a_C − g) + m_w (g − a_w) + ½ m_w (a_C − a_w),     n = c × f + (2/5) m r² α            (1)
+
+on it, about E: inertia and weight, buoyancy and the force of Froude and Krylov, added mass, which
+has no moment about C. A wrist sensor feels (1) with the sign of the force on the wall.
+"""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from uvms_drake.common.errors import require, vector
+from uvms_drake.common.wiring import added
 from uvms_drake.model.description.hydrodynamics_file import AddedMass, BodyHydrodynamics
+from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.uvms import Uvms
 
 NAME = "unknown_payload"
@@ -19,8 +31,7 @@ class Payload:
     """A ball in the hand, which moves with the end-effector.
 
     Its weight, its buoyancy, its inertia and its added mass, half of the water that it displaces,
-    act on the arm; its drag is left out. A wrist sensor does not feel it: what that feels is its
-    `tool`.
+    act on the arm, and on a wrist sensor, whose model does not know of it; its drag is left out.
     """
 
     mass: float = 0.0
@@ -38,11 +49,41 @@ class Payload:
         require(bool(np.max(np.abs(centre)) <= 10.0), "centre", centre, "within 10 m")
 
 
+    @property
+    def held(self) -> bool:
+        """Whether there is one."""
+        return self.mass > 0.0 or self.displaced > 0.0
+
+    def radius(self, density: float) -> float:
+        """Returns the radius of the ball [m] in water of a density [kg/m³]."""
+        return float(np.cbrt(0.75 * (self.displaced / density) / np.pi))
+
+
+def holding_wrench(payload: Payload, density: float, acceleration: np.ndarray, omega: np.ndarray,
+                   gravity: np.ndarray, water: np.ndarray) -> np.ndarray:
+    """Returns (f, n) of (1) (..., 6) [N, N m] about E in its axes, in which all vectors are.
+
+    Args:
+        payload: What is held.
+        density: Of the water [kg/m³].
+        acceleration: (a_E, α) (..., 6) [m/s², rad/s²].
+        omega: ω, angular velocity of E (..., 3) [rad/s].
+        gravity: g (..., 3) [m/s²].
+        water: a_w, acceleration of the water (..., 3) [m/s²].
+    """
+    c, alpha = np.asarray(payload.centre, dtype=float), acceleration[..., 3:]
+    a_C = acceleration[..., :3] + cross(alpha, c) + cross(omega, cross(omega, c))
+    force = (payload.mass * (a_C - gravity) + payload.displaced * (gravity - water)
+             + 0.5 * payload.displaced * (a_C - water))
+    moment = cross(c, force) + 0.4 * payload.mass * payload.radius(density) ** 2 * alpha
+    return np.concatenate([force, moment], axis=-1)
+
+
 def with_payload(plant: MultibodyPlant, uvms: Uvms, payload: Payload) -> Uvms:
     """Adds a payload to the end-effector of a robot in a plant, which is not finalized."""
     parameters, centre = uvms.hydrodynamics, np.asarray(payload.centre, dtype=float)
     volume = payload.displaced / parameters.fluid_density
-    radius = float(np.cbrt(0.75 * volume / np.pi))
+    radius = payload.radius(parameters.fluid_density)
     about_centre = UnitInertia.SolidSphere(radius) if radius > 0.0 else UnitInertia()
     if radius == 0.0:
         about_centre.SetZero()
@@ -54,3 +95,73 @@ def with_payload(plant: MultibodyPlant, uvms: Uvms, payload: Payload) -> Uvms:
         added_mass=[AddedMass(0.5 * payload.displaced * np.repeat([1.0, 0.0], 3), centre)])
     return replace(uvms, hydrodynamics=replace(
         parameters, bodies={**parameters.bodies, NAME: water}))
+
+
+class HeldPayload(LeafSystem):
+    """Tells the wrench by which the hand holds a payload, see (1).
+
+    .. pydrake_system::
+
+        name: HeldPayload
+        input_ports:
+        - body_poses
+        - body_spatial_velocities
+        - body_spatial_accelerations
+        - current_acceleration (optional)
+        output_ports:
+        - wrench
+        - wrench_at_rest
+
+    - `body_poses`, `body_spatial_velocities`, `body_spatial_accelerations`: from the plant's ports
+      of these names.
+    - `current_acceleration` (3) [m/s²]: of the water, in World; unconnected means none.
+    - `wrench` (6) [N, N m]: about the origin of the end-effector, in its axes.
+    - `wrench_at_rest` (6) [N, N m]: that part of it which is there without motion, weight and
+      buoyancy. It is known before anything commands the robot.
+
+    This system does not have any state.
+
+    Args:
+        plant: A finalized plant.
+        body: The payload's, as `with_payload` adds it.
+        payload: What is held.
+        density: Of the water [kg/m³].
+    """
+
+    def __init__(self, plant: MultibodyPlant, body: RigidBody, payload: Payload, density: float):
+        super().__init__()
+        self._payload, self._density, self._index = payload, density, int(body.index())
+        self._gravity = plant.gravity_field().gravity_vector()
+        self._ports = [
+            self.DeclareAbstractInputPort(port.get_name(), port.Allocate()) for port in (
+                plant.get_body_poses_output_port(), plant.get_body_spatial_velocities_output_port(),
+                plant.get_body_spatial_accelerations_output_port())]
+        self._water_port = self.DeclareVectorInputPort("current_acceleration", 3)
+        self.DeclareVectorOutputPort("wrench", 6, self._calc, {self.all_input_ports_ticket()})
+        self.DeclareVectorOutputPort("wrench_at_rest", 6, self._calc_at_rest,
+                                     {self._ports[0].ticket()})
+
+    def _calc_at_rest(self, context: Context, output: BasicVector) -> None:
+        R_WE = self._ports[0].Eval(context)[self._index].rotation().matrix()
+        output.SetFromVector(holding_wrench(self._payload, self._density, np.zeros(6), np.zeros(3),
+                                            self._gravity @ R_WE, np.zeros(3)))
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        X_WE, V_WE, A_WE = (port.Eval(context)[self._index] for port in self._ports)
+        R_WE, water = X_WE.rotation().matrix(), np.zeros(3)
+        if self._water_port.HasValue(context):
+            water = self._water_port.Eval(context)
+        acceleration = np.concatenate([A_WE.translational() @ R_WE, A_WE.rotational() @ R_WE])
+        output.SetFromVector(holding_wrench(
+            self._payload, self._density, acceleration, V_WE.rotational() @ R_WE,
+            self._gravity @ R_WE, water @ R_WE))
+
+    @staticmethod
+    def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant, uvms: Uvms, payload: Payload,
+                     name: str = "payload") -> "HeldPayload":
+        """Adds the system to `builder` and wires it to `plant`, but for the water."""
+        body = plant.GetBodyByName(NAME, uvms.model_instance)
+        system = HeldPayload(plant, body, payload, uvms.hydrodynamics.fluid_density)
+        return added(builder, name, system, body_poses=plant.get_body_poses_output_port(),
+                     body_spatial_velocities=plant.get_body_spatial_velocities_output_port(),
+                     body_spatial_accelerations=plant.get_body_spatial_accelerations_output_port())

@@ -10,6 +10,7 @@ from pydrake.systems.primitives import Adder, PassThrough
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
+from uvms_drake.model.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import OpenLoopDisturbance
@@ -17,6 +18,7 @@ from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.joint_friction import DryJoints
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
+from uvms_drake.plant.payload import HeldPayload
 from uvms_drake.plant.surface import CompliantSurface
 
 
@@ -65,6 +67,7 @@ def make_uvms_plant(
         - disturbance
         - acceleration
         - plant_state
+        - payload, payload_at_rest (if the hand holds one)
         - body_poses
         - body_spatial_velocities
         - query_object
@@ -85,8 +88,9 @@ def make_uvms_plant(
     - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
     - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, with d in it.
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
-    - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, for the systems at
-      `applied_spatial_force`.
+    - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds it, see `HeldPayload`.
+    - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, which the systems
+      at `applied_spatial_force` want to know.
     - `query_object`: of the SceneGraph, for a `MeshcatVisualizer` or a camera.
 
     The subsystems "plant", "scene_graph", "hydrodynamics", "surface" and "disturbance" are found
@@ -155,10 +159,18 @@ def make_uvms_plant(
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
 
+    # What the hand holds, for a wrist sensor.
+    payload = None if error is None or not error.payload.held else (
+        HeldPayload.AddToBuilder(builder, plant, uvms, error.payload))
+
     # The ports.
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")
     for name in ("current", "current_acceleration"):
         builder.ExportInput(water.GetInputPort(name), name)
+    if payload is not None:
+        builder.ConnectInput("current_acceleration", payload.GetInputPort("current_acceleration"))
+        builder.ExportOutput(payload.GetOutputPort("wrench"), PAYLOAD)
+        builder.ExportOutput(payload.GetOutputPort("wrench_at_rest"), PAYLOAD_AT_REST)
     for name in ("applied_spatial_force", "applied_generalized_force"):
         builder.ExportInput(applied.GetInputPort(name), name)
     builder.ExportOutput(state.GetOutputPort("state"), "state")

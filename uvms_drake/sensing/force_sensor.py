@@ -4,9 +4,10 @@ Frames: W is World (Σ_I), E the end-effector (Σ_E), S the sensor, fixed to E. 
 force and the torque about the origin of S, in its axes, that act *on* the surface, as 𝔉 does. By
 virtual power F_E = A(𝔬)ᵀ𝔉, with χ̇ = A(𝔬)V_E, and F_E = X F_S (`transfer`).
 
-With L what holds the tool that hangs beyond the sensor (`Tool.hold`), the sensor lags,
+With L what holds the tool that hangs beyond the sensor (`Tool.hold`), and P what holds a payload
+in the hand (`plant.payload`), of which its model knows nothing, the sensor lags,
 
-    T ẋ = F_S + L − x,     x(0) = F_S + L,                                                      (1)
+    T ẋ = F_S + L + P − x,     x(0) the same without accelerations,                             (1)
 
 and is read at tₖ = k h with a bias b, a drift s and noise νₖ, up to its range,
 
@@ -33,6 +34,7 @@ from pydrake.systems.framework import (
     ContinuousState,
     DiagramBuilder,
     DiscreteValues,
+    InputPort,
     LeafSystem,
     OutputPort,
     State,
@@ -44,7 +46,14 @@ from uvms_drake.common.wiring import added
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.frames.euler import rotated_back
 from uvms_drake.model.frames.spatial import block_diagonal
-from uvms_drake.model.sensor_actuator import MEASURED_FORCE, ForceReading, Part, Signals
+from uvms_drake.model.sensor_actuator import (
+    MEASURED_FORCE,
+    PAYLOAD,
+    PAYLOAD_AT_REST,
+    ForceReading,
+    Part,
+    Signals,
+)
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.sensing.force_error_bound import error_bound, in_tip_axes, readable_force, transfer
 from uvms_drake.sensing.tip_pose import tip_pose
@@ -176,7 +185,8 @@ class ForceSensor(Part):
         """Adds a `WristSensor`, which takes its measured attitude from `port`; see `Part`."""
         sensor = WristSensor.AddToBuilder(
             builder, model, self, self.imperfection(seed), force=signals["force"],
-            chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals))
+            chi=signals["chi"], measured_chi=tip_pose(builder, model, port, signals),
+            payload=signals.get(PAYLOAD), payload_at_rest=signals.get(PAYLOAD_AT_REST))
         signals[MEASURED_FORCE] = sensor.GetOutputPort("force_measured")
         signals["force_raw"] = sensor.GetOutputPort("reading")
         return port
@@ -192,6 +202,8 @@ class WristSensor(LeafSystem):
         - force
         - chi
         - measured_chi
+        - payload (optional)
+        - payload_at_rest (optional)
         output_ports:
         - force_measured
         - reading
@@ -199,6 +211,9 @@ class WristSensor(LeafSystem):
     - `force`: 𝔉 (6), the true one, from the plant's port `force`.
     - `chi`: χ (6), the true pose of the end-effector; its attitude is read [m, rad].
     - `measured_chi`: χ (6) as it is measured.
+    - `payload`: X P (6), the wrench by which the hand holds a payload, about the origin of Σ_E in
+      its axes, and `payload_at_rest`, that at the start: from the plant's ports of these names;
+      unconnected means an empty hand [N, N m].
     - `force_measured`: 𝔉_s (6), force in Σ_I and torque conjugate to Euler rates [N, N m].
     - `reading`: F̂ (6) in the sensor's axes, about its origin [N, N m]; zero during the tare.
 
@@ -227,6 +242,8 @@ class WristSensor(LeafSystem):
         self._force_port = self.DeclareVectorInputPort("force", 6)
         self._chi_port = self.DeclareVectorInputPort("chi", 6)
         self._measured_port = self.DeclareVectorInputPort("measured_chi", 6)
+        self._payload_port = self.DeclareVectorInputPort("payload", 6)
+        self._payload_at_rest_port = self.DeclareVectorInputPort("payload_at_rest", 6)
         if settings.lag > 0.0:
             self.DeclareContinuousState(6)
             self.DeclareInitializationUnrestrictedUpdateEvent(self._settle)
@@ -241,22 +258,26 @@ class WristSensor(LeafSystem):
         hold: np.ndarray = self._H @ rotated_back(chi[3:].tolist(), self._gravity)
         return hold
 
-    def _wrench(self, context: Context) -> np.ndarray:
-        """Returns F_S + L (6,)."""
+    def _wrench(self, context: Context, payload: InputPort) -> np.ndarray:
+        """Returns F_S + L + P (6,), P that of a port."""
         chi = self._chi_port.Eval(context)
-        force = self._force_port.Eval(context) @ self._from_task
-        wrench: np.ndarray = self._X_inverse @ force_in_tip(chi, force)
+        force = force_in_tip(chi, self._force_port.Eval(context) @ self._from_task)
+        if payload.HasValue(context):
+            force = force + payload.Eval(context)
+        wrench: np.ndarray = self._X_inverse @ force
         return wrench + self._hold(chi)
 
     def _settle(self, context: Context, state: State) -> None:
         if Samples.of(context.get_discrete_state_vector().value()).taken == 0:
-            state.get_mutable_continuous_state().SetFromVector(self._wrench(context))
+            state.get_mutable_continuous_state().SetFromVector(
+                self._wrench(context, self._payload_at_rest_port))
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         """Sets ẋ of (1)."""
         if self._settings.lag > 0.0:
             x = context.get_continuous_state_vector().CopyToVector()
-            derivatives.SetFromVector((self._wrench(context) - x) / self._settings.lag)
+            now = self._wrench(context, self._payload_port)
+            derivatives.SetFromVector((now - x) / self._settings.lag)
 
     def _sample(self, context: Context, state: DiscreteValues) -> None:
         measured = self._measured_port.Eval(context)
@@ -267,7 +288,7 @@ class WristSensor(LeafSystem):
         if samples.taken == tare - 1 and np.any(self._force_port.Eval(context)):
             warn(context.get_time(), "in touch at the end of the tare, which takes that force off")
         x = (context.get_continuous_state_vector().CopyToVector() if self._settings.lag > 0.0
-             else self._wrench(context))
+             else self._wrench(context, self._payload_port))
         off, believed = self._off, 1.0 + self._settings.tool.error
         raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
                       -self._range, self._range)
@@ -287,7 +308,10 @@ class WristSensor(LeafSystem):
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, settings: ForceSensor,
                      off: Imperfection, *, force: OutputPort, chi: OutputPort,
-                     measured_chi: OutputPort, name: str = "wrist_sensor") -> "WristSensor":
+                     measured_chi: OutputPort, payload: OutputPort | None = None,
+                     payload_at_rest: OutputPort | None = None,
+                     name: str = "wrist_sensor") -> "WristSensor":
         """Adds the sensor and connects it; the arguments are its constructor's and its inputs."""
         return added(builder, name, WristSensor(model, settings, off),
-                     force=force, chi=chi, measured_chi=measured_chi)
+                     force=force, chi=chi, measured_chi=measured_chi, payload=payload,
+                     payload_at_rest=payload_at_rest)

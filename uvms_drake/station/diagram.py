@@ -15,7 +15,7 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Signals
+from uvms_drake.model.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST, VEHICLE_WRENCH, Signals
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.mission import add_mission
@@ -116,7 +116,11 @@ def make_station(scenario: Scenario, meshcat: Meshcat | None = None, *,
         for name in names:
             signals[name] = system.GetOutputPort(name)
 
-    # The parts between them, in the order of the signals.
+    for name in (PAYLOAD, PAYLOAD_AT_REST):  # Of a plant whose hand holds something.
+        if uvms.HasOutputPort(name):
+            signals[name] = uvms.GetOutputPort(name)
+
+    # The parts between them.
     true = uvms.GetOutputPort(motion.measured)
     measured = add_chain(
         builder, model, true, signals,

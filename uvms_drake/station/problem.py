@@ -34,7 +34,7 @@ def load_model(scenario: Scenario) -> ContactModel:
         frame = vector("frame", scenario.task.frame, 3)
         require(not (np.any(frame) and isinstance(surface, BilateralSpring)), "frame", frame,
                 "zero: the Euler angles of the paper's spring are about Σ_I")
-    return ContactModel(sound_robot(scenario.model), controller_surface, frame)
+    return ContactModel(sound_robot(scenario.model).uvms, controller_surface, frame)
 
 
 def true_surface(scenario: Scenario) -> Surface:
@@ -59,9 +59,10 @@ def make_dynamic_ocp(scenario: Scenario, model: ContactModel) -> DynamicOcp:
     y_des, limits = posed_task(scenario, model, accelerations=True)
     with within("mpc"):
         ocp = DynamicOcp(model, scenario.mpc, y_des, limits)
-    require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
-            f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, to hold the task")
     at = replace(_at(model, y_des), zeta=np.zeros(model.size), u=ocp.u_eq)
+    require(bool(np.all(np.abs(ocp.u_eq) <= limits["u"].upper)), "limits.u", scenario.limits.u,
+            f"at least |u_eq| + tube.u = {np.abs(ocp.u_eq) + scenario.tube.u}, and "
+            f"{limits['u'].complaint(at)}")
     for limit in (limit for limit in ocp.limits.values() if limit.about == "input"):
         require(bool(np.all(limit.excess(at) <= 0.0)), f"limits.{limit.name}",
                 getattr(scenario.limits, limit.name, None), limit.complaint(at))

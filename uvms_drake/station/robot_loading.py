@@ -1,29 +1,23 @@
 """The robot of a scenario, refused unless controller and plant can both be it."""
 
-from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.common.errors import InvalidFile, InvalidParameter
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.robot_check import robot_complaints
-from uvms_drake.model.uvms import Uvms, model_dir
-from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.plant.model_check import model_complaints
 
 
-def complaints_about(uvms: Uvms, model: str) -> list[InvalidParameter]:
-    """Returns what is wrong with a robot, given the name of a shipped one or its folder.
-
-    Args:
-        uvms: The robot, alone in a finalized plant that is continuous.
-        model: What it was read from.
-    """
-    return robot_complaints(uvms, model_dir(model)) or model_complaints(uvms)
+def complaints_about(robot: Robot) -> list[InvalidParameter]:
+    """Returns what is wrong with a robot whose files can be used; nothing, if nothing is."""
+    return robot_complaints(robot) or model_complaints(robot.uvms)
 
 
-def sound_robot(model: str) -> Uvms:
-    """Returns a robot in a plant of its own.
+def sound_robot(model: str) -> Robot:
+    """Returns a shipped robot by its name, or a robot by its folder.
 
     Raises:
         InvalidParameter: Its files cannot be used, or a certificate of it would be worth nothing.
     """
-    uvms = read_uvms(model)
-    for complaint in complaints_about(uvms, model):
-        raise complaint
-    return uvms
+    robot = Robot.load(model)
+    if complaints := complaints_about(robot):
+        raise InvalidFile([str(complaint) for complaint in complaints])
+    return robot

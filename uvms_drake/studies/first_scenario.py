@@ -18,12 +18,13 @@ import numpy as np
 
 from uvms_drake.common.errors import RunFailed
 from uvms_drake.control.laws.tip_rows import best_rows
-from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.frames.euler import rotation_matrix
+from uvms_drake.model.joint_range import joint_range
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.report.robot.robot_sheet import largest_wrench
+from uvms_drake.studies.holding import Holding, coordinate, what_helps
 from uvms_drake.tube.resolved.image import input_gain
 
 POSTURES = 3000
@@ -143,14 +144,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
     shares = (room - manoeuvre) / taken
     covered = float(min(1.0, np.min(shares)))
     if covered < WEAKEST:
-        i = int(np.argmin(shares))
-        raise RunFailed(
-            f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
-            f"{_unit(i)} along {AXES[i] if i < 6 else f'q{i - 5}'}, of which {force:g} N on "
-            f"the wall take {abs(tau_eq[i]):.3g} at rest, and has to move {M[i, i]:.3g} "
-            f"{'kg' if i < 3 else 'kg m²'}: nothing is left against a current of "
-            f"{WEAKEST * CURRENT:.2g} m/s and friction of {WEAKEST * FRICTION:.2g} N m; what would "
-            "help: less --force, or a stronger one")
+        raise RunFailed(_too_weak(uvms, model, config, force * into, int(np.argmin(shares))))
     needed = covered * taken + SPARE * manoeuvre
     most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
     u = u_eq + np.where(np.isfinite(room), np.minimum(room, most), needed)
@@ -164,6 +158,35 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
         gain=_gain(model, config, covered * wanted, force), late=_late(uvms))
 
 
+def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:
+    """Returns why a robot cannot press with a force (3,) at 𝔮 (6+n,), and what would help.
+
+    `i` is the coordinate of which least is left.
+    """
+    at, rest, size = model.kinematics(config), np.zeros(model.size), float(np.linalg.norm(force))
+    M, strength = model.mass_matrix(at), strength_of(uvms)
+    unknown = Strength(np.full(model.size, np.inf), strength.names)
+    holding = Holding(
+        weight=model.inverse_dynamics(at, rest, rest),
+        by_newton=model.task_jacobian(config)[:3].T @ force / size,
+        reserve=_least_rest(model, config, strength),
+        reserve_if_strong=_least_rest(model, config, unknown), strength=strength.force)
+    return (f"not with this robot, because {strength.names[i]} gives {strength.force[i]:.3g} "
+            f"{_unit(i)} along {coordinate(i)}, of which {holding.said(i, size)} at rest, and has "
+            f"to move {M[i, i]:.3g} {'kg' if i < 3 else 'kg m²'}: too little is left against a "
+            f"current of {WEAKEST * CURRENT:.2g} m/s and friction of {WEAKEST * FRICTION:.2g} N m; "
+            f"what would help: {what_helps(uvms, config, holding, size)}")
+
+
+def _least_rest(model: UvmsModel, config: np.ndarray, strength: Strength) -> np.ndarray:
+    """Returns the forces (6+n,) to move with that a scenario has to have at least [N, N m]."""
+    M, n = np.diag(model.mass_matrix(model.kinematics(config))), model.num_joints
+    taken = TAKEN * input_gain(1.0, 1.0) * _disturbance(model, config, M, strength)
+    least: np.ndarray = M / np.repeat(SHARES, [6, n]) * (
+        np.repeat(MANOEUVRE, [3, 3, n]) + WEAKEST * taken)
+    return least
+
+
 def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     """Returns joint angles (n,) [rad] that are good to press with, and σ_min(J_sq) there.
 
@@ -173,7 +196,7 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     n = model.num_joints
     if n == 0:
         return np.zeros(0), 1.0
-    lower, upper = np.maximum(model.q_lower, -np.pi), np.minimum(model.q_upper, np.pi)
+    lower, upper = joint_range(model)
     margin = np.minimum(MARGIN, 0.25 * (upper - lower))
     lower, upper = lower + margin, upper - margin
     rows = best_rows(model) if n > 2 else np.arange(3)
@@ -206,7 +229,7 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
         near = np.clip(best + rng.normal(0.0, size, (POSTURES // 10, n)), lower, upper)
         near[0] = best
         best = near[np.argmax(score(near, reach))]
-    best = np.round(best, 2)
+    best = np.clip(np.round(best, 2), lower, upper)
     return best, float(dexterity(best[None])[0])
 
 

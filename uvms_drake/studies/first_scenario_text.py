@@ -50,7 +50,7 @@ limits:
   roll: 0.25  # rad
   pitch: 0.25  # rad
   tip_pitch: {tip_pitch}  # rad
-  static_force: {static}  # N, three times the task's
+  static_force: {static}  # N, three times the task's, or 3 N more
   q_lower: {q_lower}  # rad; no wider than the task needs
   q_upper: {q_upper}
   # What holds the task, and of the forces that this leaves, over the inertia with the water,
@@ -99,8 +99,10 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
         current=CURRENT, friction=FRICTION, bound=_number(bound), weights=_row(weights, 2),
         wrench=_exact([*found.force, 0.0, 0.0, 0.0]), pose=_row([0.0, 0.0, 0.0, *found.pose]),
         frame=_exact(found.frame), dexterity=found.dexterity, tolerance=_number(0.1 * force),
-        tip_pitch=_number(max(0.4, 0.3 + abs(float(found.pose[1])))), static=_number(3.0 * force),
-        q_lower=_row(found.q_limits[0]), q_upper=_row(found.q_limits[1]),
+        tip_pitch=_number(max(0.4, 0.3 + abs(float(found.pose[1])))),
+        static=_number(max(3.0 * force, force + 3.0)),
+        q_lower=_row(-_floored(-found.q_limits[0]), 10),
+        q_upper=_row(_floored(found.q_limits[1]), 10),
         thrust=thrust,
         u=_row(found.u, 2), tau=_row(tau, 3), tube_u=_row(2.0 * found.disturbance, 2),
         weight_y=_row([20.0] * 3 + [10.0] * 3 + [2.0] * n),
@@ -125,6 +127,12 @@ def _late(found: FirstScenario) -> str:
 
 def _number(value: float) -> str:
     return f"{float(f'{value:.3g}'):.10g}"
+
+
+def _floored(values: np.ndarray) -> np.ndarray:
+    """Returns numbers with four decimals that are no larger, but for rounding."""
+    out: np.ndarray = np.floor(1e4 * values + 1e-6) / 1e4
+    return out
 
 
 def _row(values: Iterable[float], digits: int = 4) -> str:

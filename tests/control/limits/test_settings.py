@@ -263,3 +263,12 @@ def test_what_is_of_a_joint_that_slides_is_in_metres(slides, length):
     assert limits["qdot"].unit_of("qdot") == ("rad/s", "rad/s, m/s", "m/s")[len(length)]
     assert limits["u"].unit_of("u_sway") == "m/s²"
     assert limits["tau"].unit_of("tau_yaw") == "N m"
+
+
+def test_a_joint_that_cannot_move_is_named_with_what_to_do():
+    for lower, upper, named in (([0.0, -0.2], [0.0, 0.4], "q1"), ([-1.0, 0.3], [1.0, 0.3], "q2"),
+                                ([0.0, 0.0], [0.0, 0.0], "q1, q2")):
+        with pytest.raises(InvalidParameter, match=(
+                f"must be below q_upper = .*: {named} of the robot cannot move, and its joint is "
+                "to be of type fixed")):
+            joint_limits(Limits(), np.array(lower), np.array(upper))

@@ -31,7 +31,7 @@ def _asymmetric() -> np.ndarray:
         (BodyHydrodynamics(center_of_buoyancy=np.zeros(2)), "center_of_buoyancy",
          "3 finite numbers"),
         (BodyHydrodynamics(added_mass=[AddedMass(), AddedMass(matrix=_asymmetric())]),
-         r"added_mass\[1\].matrix", "it is not symmetric"),
+         r"added_mass\[1\].matrix", "row 1, column 5: 0.5 against 0 in row 5"),
         (BodyHydrodynamics(added_mass=[AddedMass(matrix=np.array([1, 1, 1, 1, 1, -1.0]))]),
          r"added_mass\[0\].matrix", "its smallest eigenvalue is -1"),
         (BodyHydrodynamics(added_mass=[AddedMass(matrix=np.ones(5))]),

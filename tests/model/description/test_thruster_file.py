@@ -130,8 +130,8 @@ def test_axes_that_no_thruster_drives_have_to_be_named():
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("bias: -1.0", r"^\S*thrusters\.yaml: bias = -1\.0: must be zero or positive$"),
-    ("thrust: 1", r"^thrusters = '\S*thrusters\.yaml': must be readable: .*thrust"),
+    ("bias: -1.0", r"^\S*thrusters\.yaml: line 1: bias = -1\.0: must be zero or positive$"),
+    ("thrust: 1", r"^\S*thrusters\.yaml: line 1: thrust = 1: must .*mean 'thrusters'\?\)$"),
 ])
 def test_a_mistake_in_a_file_is_named_with_the_file(tmp_path, text, message):
     path = tmp_path / "thrusters.yaml"

@@ -8,15 +8,16 @@ import pytest
 from support.robots import TEMPLATE, altered
 
 from uvms_drake.control.laws.tip_rows import POSE
-from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.description.robot_folder import model_dir
 from uvms_drake.model.description.thruster_file import (
     CurveData,
     ThrusterData,
     ThrusterKind,
     ThrusterParameters,
 )
+from uvms_drake.model.propulsion.thrusters import ThrusterModel
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.trim import middle_posture
-from uvms_drake.model.uvms import model_dir
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.report.robot.robot_sheet import (
     Thrust,
@@ -130,7 +131,8 @@ def test_what_is_no_mistake_is_noted(sheets):
                   thrust=Thrust(("bow",), np.zeros((6, 2)), (), 1.2, "bow"))
     assert [note.split(":")[0] for note in notes_of(dry)] == [
         "joint elbow has no limits", "joint elbow has no inertia of a motor",
-        "thruster bow is too weak to hold the robot level", "body hook is dry"]
+        "thruster bow is too weak to hold the robot level",
+        "dry, as hydrodynamics.yaml does not name it"]
 
 
 @pytest.mark.parametrize("name", ["box_uvms", "bluerov2_alpha5", "girona500_arm5e"])
@@ -140,6 +142,16 @@ def test_the_sheet_is_text_without_what_is_not_there(name, sheets):
     assert ("dexterity" in text) == (name != "box_uvms")
     assert ("driven by none" in text) == (name == "girona500_arm5e")
     assert max(len(line) for line in text.splitlines()) < 150
+
+
+def test_long_names_leave_the_columns_as_they_are(sheets):
+    sheet, name = sheets["box_uvms"], "rov/manipulator/azimuth_link"
+    long = replace(sheet, bodies=[(name, *sheet.bodies[0][1:]), *sheet.bodies[1:]],
+                   joints=[(name, *sheet.joints[0][1:]), *sheet.joints[1:]])
+    lines = format_sheet(long).splitlines()
+    for head in ("joint ", "body "):
+        first = next(i for i, line in enumerate(lines) if line.startswith(head))
+        assert all(line[len(name)] == " " for line in lines[first: first + 3])
 
 
 def test_a_vehicle_without_an_arm_has_a_sheet(tmp_path):
@@ -156,14 +168,16 @@ def test_arms_of_any_length_are_sound_and_have_a_sheet(n, tmp_path):
     shutil.copytree(model_dir(TEMPLATE), robot)
     file = robot / f"{TEMPLATE}.sdf"
     file.write_text(with_joints(file.read_text(encoding="utf-8"), n), encoding="utf-8")
-    uvms = read_uvms(str(robot))
+    loaded = Robot.load(robot)
+    uvms = loaded.uvms
     assert len(uvms.joints) == n
-    assert complaints_about(uvms, str(robot)) == []
+    assert complaints_about(loaded) == []
     sheet = sheet_of(uvms, "arm", middle_posture(uvms))
     assert len(sheet.rows) == n
     assert sheet.rows[:6] == (POSE[:3] if n == 3 else POSE)
     assert format_sheet(sheet).startswith(f"arm: {n} joints")
-    assert f"body link{n} is dry: hydrodynamics.yaml does not name it" in notes_of(sheet)
+    (dry,) = (note for note in notes_of(sheet) if note.startswith("dry, as hydrodynamics.yaml"))
+    assert dry.endswith(f"link{n}")
 
 
 def with_joints(sdf: str, n: int) -> str:

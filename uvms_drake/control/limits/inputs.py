@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -54,6 +54,16 @@ class InputLimit(Limit):
         channels = input_names(len(self.slides))
         straight = dict(zip(channels, [*[True] * 3, *[False] * 3, *self.slides], strict=True))
         return self.units[0 if straight.get(signal.rsplit("_", 1)[1]) else 1]
+
+    def complaint(self, at: Points) -> str:
+        """Returns which value would have to be within what at rest, weight and force apart."""
+        rest = np.zeros_like(at.config)
+        alone = replace(at, u=-at.model.drift(at.config, rest, np.zeros(6)))
+        values, by_weight = self.values(at), self.values(alone)
+        i = int(np.argmax(np.maximum(values - self.upper, self.lower - values)))
+        return (f"such that {self.parts[i]}, {values[i]:.3g} to hold the task, is within "
+                f"{self.lower[i]:.3g} to {self.upper[i]:.3g}; weight and buoyancy take "
+                f"{by_weight[i]:.3g} of it, the force {values[i] - by_weight[i]:.3g}")
 
 
 @dataclass

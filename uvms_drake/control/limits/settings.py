@@ -76,8 +76,11 @@ def joint_limits(limits: Limits, q_lower: np.ndarray, q_upper: np.ndarray
             inside = bool(np.all((q_lower <= value) & (value <= q_upper)))
             require(inside, key, value, f"within the robot's own limits, {q_lower} to {q_upper}")
         out.append(value)
+    still = ", ".join(f"q{i + 1}" for i in np.flatnonzero(q_lower >= q_upper))
+    advice = f": {still} of the robot cannot move, and its joint is to be of type fixed"
     with within("limits"):
-        require(bool(np.all(out[0] < out[1])), "q_lower", out[0], f"below q_upper = {out[1]}")
+        require(bool(np.all(out[0] < out[1])), "q_lower", out[0],
+                f"below q_upper = {out[1]}{advice if still else ''}")
     return out[0], out[1]
 
 

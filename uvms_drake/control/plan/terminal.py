@@ -17,14 +17,12 @@ from functools import cached_property
 import numpy as np
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 
-from uvms_drake.common.errors import require
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.control.plan.stiff_regulator import linear_regulator
+from uvms_drake.model.description.thruster_file import AXES
 
 INFLATION = 1.0
 """Inflation μ of the penalty P = (1 + μ)P₀."""
-LARGEST_GROWTH = 100.0
-"""Spectral radius of A + BF up to which the Riccati equation is solved, its residual then being
-below 1e-8 of P. The loop can be stabilised whatever F is, but from about 500 on the result is
-dominated by rounding."""
 
 
 @dataclass(frozen=True)
@@ -62,22 +60,35 @@ def terminal_ingredients(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray, Q
         inflation: μ ≥ 0; the penalty is (1 + μ) times the Riccati solution.
 
     Raises:
-        InvalidParameter: F is so large that floating point cannot tell how to stabilise the loop.
+        InvalidParameter: F is so large that floating point cannot tell how to stabilise the loop;
+            names the fastest mode and its cause.
     """
     size = len(J_x)
     eye, zero = np.eye(size), np.zeros((size, size))
     A = np.block([[eye, time_step * J_x], [zero, eye]])
     B = np.concatenate([0.5 * time_step**2 * J_x, time_step * eye])
     F = np.concatenate([f_y, f_zeta], axis=1)
-    loop = A + B @ F
-    growth = float(np.max(np.abs(np.linalg.eigvals(loop))))
-    require(growth <= LARGEST_GROWTH, "time_step", time_step,
-            f"such that the loop linearised at the task grows at most {LARGEST_GROWTH:g}-fold in a "
-            f"step without control, not {growth:.3g}-fold; the stiffer the surface, the shorter")
-    K, riccati = DiscreteTimeLinearQuadraticRegulator(
-        A=loop, B=B, Q=time_step * Q, R=time_step * R)
-    P = 0.5 * (1.0 + inflation) * (riccati + riccati.T)
-    return Terminal(P=P, gain=F - K, radius=radius)
+    found = linear_regulator(A, B, F, time_step * Q, time_step * R)
+    if found is None:
+        raise InvalidParameter("time_step", time_step, (
+            "such that floating point can tell a terminal controller: shorter, or without the "
+            f"fastest mode of the loop linearised at the task, {_fastest_mode(J_x, f_y, f_zeta)}"))
+    P = 0.5 * (1.0 + inflation) * (found.P + found.P.T)
+    return Terminal(P=P, gain=found.gain, radius=radius)
+
+
+def _fastest_mode(J_x: np.ndarray, f_y: np.ndarray, f_zeta: np.ndarray) -> str:
+    """Returns the fastest mode of ẏ = J_x ζ, ζ̇ = f_y y + f_ζ ζ in words: rate, place and cause."""
+    size = len(J_x)
+    values, vectors = np.linalg.eig(np.block([[np.zeros((size, size)), J_x], [f_y, f_zeta]]))
+    fastest = int(np.argmax(np.abs(values)))
+    y, zeta = np.split(vectors[:, fastest], 2)
+    most = int(np.argmax(np.abs(zeta)))
+    damped = abs(f_zeta[most] @ zeta) >= abs(f_y[most] @ y)
+    where = AXES[most] if most < len(AXES) else f"q{most - len(AXES) + 1}"
+    cause = ("damping there, viscous or of the surface, over the inertia" if damped
+             else "stiffness there, of the surface or of weight, over the inertia")
+    return f"{abs(values[fastest]):.3g} 1/s, which moves {where} most, by the {cause}"
 
 
 def kinematic_terminal_ingredients(

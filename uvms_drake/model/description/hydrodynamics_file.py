@@ -9,9 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.common.errors import require, symmetric_matrix, vector, within
-from uvms_drake.model.description.yaml_file import load_robot_file
+from uvms_drake.common.errors import (
+    InvalidParameter,
+    require,
+    symmetric_matrix,
+    vector,
+    within,
+)
+from uvms_drake.common.schema import load_file
 from uvms_drake.model.frames.spatial import skew
+
+FARTHEST = 10.0
+"""Distance from a body's origin at which nothing of a robot is: it is in another unit [m]."""
+ROUNDED = 1e-3
+"""Difference of mirrored entries of a matrix, over the larger one, that is taken as rounding."""
+NEGLIGIBLE = 1e-6
+"""The same of entries that are small, over the geometric mean of their two diagonal entries."""
 
 
 @dataclass
@@ -87,20 +100,59 @@ def check_hydrodynamics(parameters: HydrodynamicParameters) -> None:
 def _check_body(body: BodyHydrodynamics) -> None:
     volume = body.displaced_volume
     require(0.0 <= volume < np.inf, "displaced_volume", volume, "zero or positive")
-    vector("center_of_buoyancy", body.center_of_buoyancy, 3)
+    require_near("center_of_buoyancy", body.center_of_buoyancy)
     for i, item in enumerate(body.added_mass):
         with within(f"added_mass[{i}]"):
             M = np.asarray(item.matrix)
-            symmetric_matrix("matrix", np.diag(M) if M.shape == (6,) else M, 6, definite=False)
-            vector("point", item.point, 3)
+            symmetric_matrix("matrix", np.diag(M) if M.shape == (6,) else _symmetrised(M), 6,
+                             definite=False)
+            require_near("point", item.point)
     for i, drag in enumerate(body.drag):
         with within(f"drag[{i}]"):
             for key in ("linear", "quadratic"):
                 value = vector(key, getattr(drag, key), 6)
                 require(bool(np.all(value >= 0.0)), key, value, "six numbers, none negative")
-            vector("point", drag.point, 3)
+            require_near("point", drag.point)
+
+
+def require_near(key: str, place: object) -> None:
+    """Raises unless a place of a robot (3,) is within `FARTHEST` [m] of the origin of its body."""
+    off = float(np.linalg.norm(vector(key, place, 3)))
+    require(off <= FARTHEST, key, place, f"within {FARTHEST:g} m of the origin of its body: "
+            f"it is {off:.4g} m away, as a number in millimetres or centimetres may be")
+
+
+def _symmetrised(M: np.ndarray) -> np.ndarray:
+    """Returns a 6×6 matrix with its mirrored entries at their mean, or raises naming two of them.
+
+    A published table is rounded, so that mirrored entries may differ in their last digit.
+    """
+    if M.shape != (6, 6):
+        return M
+    size = np.maximum(np.abs(M), np.abs(M.T))
+    allowed = ROUNDED * size + NEGLIGIBLE * np.sqrt(np.abs(np.outer(np.diag(M), np.diag(M))))
+    beyond = np.abs(M - M.T) > allowed
+    if np.any(beyond):
+        i, j = np.argwhere(beyond)[0]
+        raise InvalidParameter(
+            "matrix", f"row {i + 1}, column {j + 1}: {M[i, j]:g} against {M[j, i]:g} in row "
+            f"{j + 1}, column {i + 1}", f"symmetric, to {100.0 * ROUNDED:g} % of an entry")
+    return 0.5 * (M + M.T)
+
+
+def unequal_entries(parameters: HydrodynamicParameters) -> list[str]:
+    """Returns the pairs of mirrored entries that differ and whose mean is taken, a line each."""
+    found = []
+    for name, body in parameters.bodies.items():
+        for k, item in enumerate(body.added_mass):
+            M = np.atleast_2d(np.asarray(item.matrix, dtype=float))
+            found += [f"bodies.{name}.added_mass[{k}].matrix: row {i + 1}, column {j + 1} is "
+                      f"{M[i, j]:g}, and mirrored {M[j, i]:g}: their mean is taken"
+                      for i, j in zip(*np.triu_indices(6, 1), strict=True)
+                      if M.shape == (6, 6) and M[i, j] != M[j, i]]
+    return found
 
 
 def load_hydrodynamics(path: Path) -> HydrodynamicParameters:
     """Reads and checks a hydrodynamics YAML file; the key of an error starts with its path."""
-    return load_robot_file(path, "hydrodynamics", HydrodynamicParameters, check_hydrodynamics)
+    return load_file(path, HydrodynamicParameters, check_hydrodynamics)

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from uvms_drake.common.errors import require, vector, within
-from uvms_drake.model.description.yaml_file import load_robot_file
+from uvms_drake.common.schema import load_file
+from uvms_drake.model.description.hydrodynamics_file import require_near
 from uvms_drake.model.frames.spatial import cross
 
 FILE = "thrusters.yaml"
@@ -91,6 +92,12 @@ def driven_rows(undriven: list[str]) -> np.ndarray:
     return np.array([i for i, axis in enumerate(AXES) if axis not in undriven])
 
 
+def undriven_axes(places: list[tuple[np.ndarray, np.ndarray]]) -> list[str]:
+    """Returns the axes of `AXES` that thrusters do not drive, by their positions [m] and axes."""
+    B = thrust_map([ThrusterData(position=position, axis=axis) for position, axis in places])
+    return _weakest(B, 6 - _rank(B))
+
+
 def check_thrusters(parameters: ThrusterParameters) -> None:
     """Raises `InvalidParameter` for the first parameter that has no meaning."""
     for key in ("dead_time", "bias"):
@@ -107,7 +114,7 @@ def check_thrusters(parameters: ThrusterParameters) -> None:
         with within(f"thrusters.{name}"):
             require(thruster.kind in parameters.kinds, "kind", thruster.kind,
                     f"one of {', '.join(parameters.kinds) or 'kinds, which has none'}")
-            vector("position", thruster.position, 3)
+            require_near("position", thruster.position)
             axis = vector("axis", thruster.axis, 3)
             require(bool(np.linalg.norm(axis) > 0.0), "axis", axis, "not zero")
     _check_axes(parameters)
@@ -169,4 +176,4 @@ def _weakest(B: np.ndarray, count: int) -> list[str]:
 
 def load_thrusters(path: Path) -> ThrusterParameters:
     """Reads and checks a thrusters YAML file; the key of an error starts with its path."""
-    return load_robot_file(path, "thrusters", ThrusterParameters, check_thrusters)
+    return load_file(path, ThrusterParameters, check_thrusters)

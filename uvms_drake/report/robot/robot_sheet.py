@@ -1,5 +1,6 @@
 """What a robot is, in numbers: the sheet that `uvms-drake robot` prints."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from uvms_drake.model.description.hydrodynamics_file import (
     added_mass_about_origin,
 )
 from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.joint_range import joint_range
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
 from uvms_drake.model.trim import Trim, trim_of
@@ -19,10 +21,14 @@ from uvms_drake.model.uvms_model import UvmsModel
 
 POSTURES = 2000
 """Random postures within the joints' limits that reach and dexterity are found from."""
+NEAR = (0.2, 0.05, 0.01)
+"""Sizes of the steps by which the ends of the reach are sought on [rad, m]."""
 TURNING, SLIDING = ("rad", "kg m²", "N m s/rad"), ("m", "kg", "N s/m")
 """Units of a joint's limits, inertia and damping."""
 STEEP = np.deg2rad(80.0)
 """Pitch of the tip that no task can be near to."""
+STIFF = 0.5
+"""Height of the centre of buoyancy above that of mass that no vehicle has [m]."""
 NO_FORCE = 1e-9
 """Limit of a thruster that pushes one way only, the other way [N]."""
 
@@ -90,9 +96,7 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
     M, trim = model.mass_matrix(at), trim_of(uvms, posture)
     rng = np.random.default_rng(0)
     many = np.zeros((POSTURES, model.size))
-    many[:, 6:] = rng.uniform(np.maximum(model.q_lower, -np.pi), np.where(
-        np.isfinite(model.q_upper), model.q_upper, np.pi), (POSTURES, model.num_joints))
-    tips = model.task_pose(many)[:, :3]
+    many[:, 6:] = rng.uniform(*joint_range(model), (POSTURES, model.num_joints))
     rows = best_rows(model)
     lever = trim.center_of_mass - trim.center_of_buoyancy
     roll, pitch = (swing(model, config, axis) for axis in (3, 4))
@@ -101,7 +105,7 @@ def sheet_of(uvms: Uvms, name: str, posture: np.ndarray) -> RobotSheet:
         hangs=np.arctan2([lever[1], -lever[0]], lever[2]), bodies=_bodies(uvms),
         joints=_joints(uvms, model),
         units=[SLIDING if slides(joint) else TURNING for joint in uvms.joints],
-        reach=np.array([tips.min(axis=0), tips.max(axis=0)]),
+        reach=_reach(model, many, rng),
         tip=at.chi, rows=tuple(row_names(model.num_joints)[i] for i in rows),
         dexterity=_dexterity(model, many, config, rows),
         thrust=None if uvms.thrusters is None else thrust_of(
@@ -157,6 +161,30 @@ def _holding_wrench(model: UvmsModel, config: np.ndarray) -> np.ndarray:
     return model.inverse_dynamics(model.kinematics(config), rest, rest)[:6]
 
 
+def _reach(model: UvmsModel, many: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Returns the smallest and largest position of the tip (2, 3): the best of many, and near it.
+
+    Args:
+        model: Of the robot.
+        many: 𝔮 (m, 6+n) with postures within the joints' limits.
+        rng: Source of the postures near it.
+    """
+    tips = model.task_pose(many)[:, :3]
+    reach = np.array([tips.min(axis=0), tips.max(axis=0)])
+    if model.num_joints == 0:
+        return reach
+    for end, sign in enumerate((-1.0, 1.0)):
+        for axis in range(3):
+            best = many[np.argmax(sign * tips[:, axis])]
+            for size in NEAR:
+                near = np.tile(best, (POSTURES // 20, 1))
+                near[1:, 6:] = np.clip(
+                    best[6:] + rng.normal(0.0, size, near[1:, 6:].shape), *joint_range(model))
+                best = near[np.argmax(sign * model.task_pose(near)[:, axis])]
+            reach[end, axis] = model.task_pose(best)[axis]
+    return reach
+
+
 def _dexterity(model: UvmsModel, many: np.ndarray, config: np.ndarray, rows: np.ndarray
                ) -> np.ndarray:
     if model.num_joints < 3:  # Then the rows are the joints themselves.
@@ -190,12 +218,17 @@ def _joints(uvms: Uvms, model: UvmsModel) -> list[tuple[str, float, float, float
     return found
 
 
-def format_sheet(sheet: RobotSheet) -> str:
-    """Returns the sheet as text."""
+def format_sheet(sheet: RobotSheet, notes: Sequence[str] = ()) -> str:
+    """Returns the sheet as text.
+
+    Args:
+        sheet: The robot in numbers.
+        notes: Further ones, of the robot's files.
+    """
     parts = [_vehicle_lines(sheet), _arm_lines(sheet), _body_lines(sheet)]
     if sheet.thrust is not None:
         parts.append(_thrust_lines(sheet.thrust))
-    parts.append([f"note: {note}" for note in notes_of(sheet)])
+    parts.append([f"note: {note}" for note in (*notes_of(sheet), *notes)])
     return "\n\n".join("\n".join(lines) for lines in parts if lines)
 
 
@@ -227,28 +260,37 @@ def _arm_lines(sheet: RobotSheet) -> list[str]:
         least, median, here = sheet.dexterity
         lines.append(f"dexterity   the joints hold {', '.join(sheet.rows)}: σ_min(J_sq) {here:.2g} "
                      f"here, {least:.2g} at worst, median {median:.2g}")
-    return [*lines, "", f"{'joint':<14}{'limits':>17}{'M':>15}{'motor in it':>18}{'damping':>9}",
-            *map(_joint_line, sheet.joints, sheet.inertia[6:], sheet.units)]
+    wide = _width(name for name, *_ in sheet.joints)
+    return [*lines, "",
+            f"{'joint':<{wide}}{'limits':>17}{'M':>15}{'motor in it':>18}{'damping':>9}",
+            *(_joint_line(wide, *row) for row in zip(
+                sheet.joints, sheet.inertia[6:], sheet.units, strict=True))]
 
 
-def _joint_line(joint: tuple[str, float, float, float, float], inertia: float,
+def _width(names: Iterable[str]) -> int:
+    """Returns the width of a column of names."""
+    return max(14, *(len(name) + 2 for name in names))
+
+
+def _joint_line(wide: int, joint: tuple[str, float, float, float, float], inertia: float,
                 units: tuple[str, str, str]) -> str:
     name, lower, upper, rotor, damping = joint
     angle, mass, by_speed = units
-    return (f"{name:<14}{f'{lower:.4g} .. {upper:.4g}':>17} {angle:<3}{inertia:>11.3g} {mass:<6}"
-            f"{rotor:>11.3g}{damping:>9.3g} {by_speed}")
+    return (f"{name:<{wide}}{f'{lower:.4g} .. {upper:.4g}':>17} {angle:<3}{inertia:>11.3g} "
+            f"{mass:<6}{rotor:>11.3g}{damping:>9.3g} {by_speed}")
 
 
 def _body_lines(sheet: RobotSheet) -> list[str]:
-    return [f"{'body':<14}{'mass, kg':>10}{'water, kg':>11}   added mass (x, y, z), kg",
-            *(f"{name:<14}{mass:>10.4g}{water:>11.4g}   {_row(added)}"
+    wide = _width(name for name, *_ in sheet.bodies)
+    return [f"{'body':<{wide}}{'mass, kg':>10}{'water, kg':>11}   added mass (x, y, z), kg",
+            *(f"{name:<{wide}}{mass:>10.4g}{water:>11.4g}   {_row(added)}"
               for name, mass, water, added in sheet.bodies)]
 
 
 def notes_of(sheet: RobotSheet) -> list[str]:
     """Returns what is no mistake, but wants to be known."""
     notes = [f"joint {name} has no limits: a scenario has to give limits.q_lower and q_upper"
-             for name, lower, upper, *_ in sheet.joints if not np.isfinite(lower + upper)]
+             for name, lower, upper, *_ in sheet.joints if not np.all(np.isfinite([lower, upper]))]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"
               for name, _, _, rotor, _ in sheet.joints if rotor == 0.0]
     if abs(sheet.tip[4]) > STEEP:
@@ -256,8 +298,14 @@ def notes_of(sheet: RobotSheet) -> list[str]:
                      "Euler angles are singular")
     if sheet.thrust is not None and sheet.thrust.hover > 1.0:
         notes.append(f"thruster {sheet.thrust.hover_thruster} is too weak to hold the robot level")
-    notes += [f"body {name} is dry: hydrodynamics.yaml does not name it"
-              for name, _, water, added in sheet.bodies if water == 0.0 and not np.any(added)]
+    dry = [name for name, mass, water, added in sheet.bodies
+           if mass > 0.0 and water == 0.0 and not np.any(added)]
+    if dry:
+        notes.append(f"dry, as hydrodynamics.yaml does not name {'it' if len(dry) == 1 else 'them'}"
+                     f": {', '.join(dry)}")
+    if sheet.trim.righting_lever > STIFF:
+        notes.append(f"the centre of buoyancy is {sheet.trim.righting_lever:.3g} m above that of "
+                     "mass: of vehicles it is centimetres; all places are in m")
     return notes
 
 

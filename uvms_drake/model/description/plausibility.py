@@ -1,0 +1,238 @@
+"""A robot's URDF or SDFormat, held against the elements that it may have.
+
+Drake's parsers take a default for an element whose name is mistyped, the first of two that stand
+for the same, and of `1,5` the 1. All these are mistakes here, and what is not read is told.
+"""
+
+import difflib
+import math
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from uvms_drake.model.description.elements import (
+    REFUSED,
+    SDFORMAT,
+    URDF,
+    Element,
+    Value,
+    spec_of,
+)
+from uvms_drake.model.description.hydrodynamics_file import FARTHEST
+from uvms_drake.model.description.xml_tree import Node
+
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+INFINITE = re.compile(r"[-+]?inf(inity)?", re.IGNORECASE)
+DEGREES = 2.0 * math.pi
+"""Size of an angle of a pose from which it is taken for degrees [rad]."""
+NARROW = 5e-3
+"""Range of a joint in which no posture can be held [rad, m]."""
+NESTED = "merged: nested models are refused: <include merge=\"true\">, or all links in one model"
+"""What a model within a model has to be."""
+TOLD = 4
+"""Number of lines or names that a note gives before it only counts."""
+
+
+@dataclass
+class Findings:
+    """What is wrong with a file, and what wants to be known of it."""
+
+    complaints: list[str] = field(default_factory=list)
+    """Each with its line."""
+    unread: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    """Lines of what is not read, by its name."""
+    notes: list[str] = field(default_factory=list)
+
+    def refuse(self, node: Node, owner: str, key: str, value: object, allowed: str) -> None:
+        """Adds a complaint about an element of a link, joint or frame, the owner."""
+        place = ": ".join(part for part in (owner, key) if part)
+        said = " ".join(value.split()) if isinstance(value, str) else value
+        given = "" if value is None else f" = {said!r}"
+        self.complaints.append(f"line {node.line}: {place}{given}: must be {allowed}")
+
+
+def check_description(root: Node, kind: str) -> Findings:
+    """Returns what is found in a file, and takes out of it what is not read.
+
+    Args:
+        root: Of the file; changed.
+        kind: "urdf" or "sdf".
+    """
+    table, found = (URDF if kind == "urdf" else SDFORMAT), Findings()
+    outermost = "robot" if kind == "urdf" else "sdf"
+    if root.tag != outermost:
+        found.refuse(root, "", "the file", f"<{root.tag}>", f"a {kind.upper()} file, <{outermost}>")
+        return found
+    _check(root, table, table[outermost], "", "", found)
+    if not found.complaints:
+        for joint in root.walk():
+            if joint.tag == "joint" and "type" in joint.attributes:
+                _check_joint(joint, kind, found)
+    return found
+
+
+def _check(node: Node, table: dict[str, Element], spec: Element, owner: str, path: str,
+           found: Findings) -> None:
+    """Checks an element by its `spec` and all below it."""
+    owned = node.tag in ("link", "joint", "frame") and "name" in node.attributes
+    if owned:
+        owner, path = f"{node.tag} {node.attributes['name']}", ""
+    _check_attributes(node, spec, owner, path, found)
+    # Children that are read, those left to Drake, and those that are told or refused.
+    children, seen = [], dict[str, Node]()
+    once, many = spec.once.split(), spec.many.split()
+    for child in node.children:
+        key = f"{path}.{child.tag}".strip(".")
+        if child.tag in once or child.tag in many:
+            first = seen.setdefault(child.tag, child)
+            if child.tag in once and first is not child:
+                found.refuse(child, owner, key, None, f"there once, and is in line {first.line}")
+                continue
+            _check(child, table, spec_of(table, node.tag, child.tag), owner, key, found)
+            children.append(child)
+        elif child.tag in spec.kept.split():
+            children.append(child)
+        elif child.tag in REFUSED:
+            found.refuse(child, owner, key, None, REFUSED[child.tag])
+        elif child.tag in ("model", "include"):
+            found.refuse(child, owner, key, child.attributes.get("name"), NESTED)
+        elif child.tag.startswith("xacro:"):
+            found.refuse(child, owner, key, None, "expanded: by the program xacro, to a URDF")
+        elif child.tag not in spec.quiet.split():
+            _leave_out(child, child.tag, spec, owner, path, found)
+    # What must be there, and the text between the tags.
+    for name in spec.needs.split():
+        if name not in seen and name not in node.attributes:
+            found.refuse(node, owner, f"{path}.{name}".strip("."), None, "there")
+    if spec.text is not None:
+        _check_value(node, node.text, spec.text, owner, path or node.tag, found)
+    elif node.text.strip():
+        found.refuse(node, owner, path or node.tag, node.text, "without text")
+    node.children = children
+    if spec.text is None:
+        node.text = ""
+
+
+def _check_attributes(node: Node, spec: Element, owner: str, path: str, found: Findings) -> None:
+    """Checks the attributes of an element and takes away those that are not read."""
+    kept = {}
+    for name, text in node.attributes.items():
+        key = f"{path}.{name}".strip(".")
+        if name in spec.attributes:
+            _check_value(node, text, spec.attributes[name], owner, key, found)
+            kept[name] = text
+        elif name.split(":")[0] == "xmlns":
+            kept[name] = text
+        else:
+            _leave_out(node, name, spec, owner, path, found)
+    node.attributes = kept
+
+
+def _leave_out(node: Node, name: str, spec: Element, owner: str, path: str, found: Findings
+               ) -> None:
+    """Tells of an element or attribute that is not read, or refuses one that is mistyped."""
+    key = f"{path}.{name}".strip(".")
+    known = [*spec.attributes, *spec.once.split(), *spec.many.split(), *spec.unread.split()]
+    close = difflib.get_close_matches(name, known, n=1)
+    if name in spec.unread.split():
+        within = owner.split(" ")[0] or "the model"
+        found.unread[f"{name} of {within}"].append(node.line)
+    elif close:
+        found.refuse(node, owner, key, None, f"one of {', '.join(known)} (did you mean "
+                     f"'{close[0]}'?)")
+    else:
+        found.unread[f"{name}, which is unknown here"].append(node.line)
+
+
+def _check_value(node: Node, text: str, value: Value, owner: str, key: str, found: Findings
+                 ) -> None:
+    """Checks an attribute or the text of an element."""
+    # Words and names.
+    words = text.split()
+    if value.words:
+        if text.strip() not in value.words:
+            close = difflib.get_close_matches(text.strip(), value.words, n=1)
+            found.refuse(node, owner, key, text, f"one of {', '.join(value.words)}" + (
+                f" (did you mean '{close[0]}'?)" if close else ""))
+        return
+    if value.numbers == 0:
+        if not words:
+            found.refuse(node, owner, key, text, "there: it is empty")
+        return
+    # Numbers: as many as there are to be, in full.
+    count = value.numbers
+    pose = node.tag == "pose"
+    if pose and not words:
+        return
+    if pose and node.attributes.get("rotation_format") == "quat_xyzw":
+        count = 7
+    good = len(words) == count and all(
+        NUMBER.fullmatch(word) or (value.infinite and INFINITE.fullmatch(word)) for word in words)
+    if not good:
+        many = "a number" if count == 1 else f"{count} numbers with spaces between them"
+        comma = ", decimals after a point" if "," in text else ""
+        found.refuse(node, owner, key, text, many + comma)
+        return
+    # Sizes that can be, in the units of the format.
+    numbers = [float(word) for word in words]
+    if value.positive and min(numbers) <= 0.0:
+        found.refuse(node, owner, key, text, "positive")
+    if value.length and (off := math.hypot(*numbers[:3])) > FARTHEST:
+        found.refuse(node, owner, key, text, f"in metres and within {FARTHEST:g} m: it is "
+                     f"{off:.4g} m away, as a number in millimetres may be")
+    angles = numbers[3:] if pose and count == 6 and node.attributes.get("degrees") not in (
+        "true", "1") else numbers if key.endswith("rpy") else numbers[:0]
+    if any(abs(angle) > DEGREES for angle in angles):
+        found.refuse(node, owner, key, text, "angles in radians, within ±2π: these may be degrees")
+
+
+def _check_joint(joint: Node, kind: str, found: Findings) -> None:
+    """Checks the limits of a joint that moves, and takes away what means nothing."""
+    # Where the two formats have it.
+    name, form = f"joint {joint.attributes['name']}", joint.attributes["type"]
+    axis = joint if kind == "urdf" else joint.find("axis") or Node("axis", joint.line)
+    limit = axis.find("limit")
+    given = {} if limit is None else dict(limit.attributes) if kind == "urdf" else {
+        child.tag: child.text.strip() for child in limit.children}
+    bounds = [float(given[key]) for key in ("lower", "upper") if key in given]
+    if form == "fixed":
+        return
+    # Limits that the joint can have; Drake ends the program for those that cross.
+    if kind == "sdf" and not axis.children:
+        found.refuse(joint, name, "axis", None, "there, as the joint moves")
+    if form == "continuous" and bounds:
+        if any(map(math.isfinite, bounds)):
+            found.refuse(limit or joint, name, "limit", bounds, "without lower and upper: a joint "
+                         "of type continuous turns for ever; one with limits is revolute")
+    elif len(bounds) == 1:
+        if kind == "urdf":  # Where the format takes 0 for the other one, and Drake none.
+            found.refuse(limit or joint, name, "limit", bounds, "lower and upper, or none of them")
+    elif bounds and bounds[0] == bounds[1]:
+        found.refuse(limit or joint, name, "limit", bounds, "a range: lower is upper, and the "
+                     "joint cannot move: type fixed, or give limits")
+    elif bounds and bounds[0] > bounds[1]:
+        found.refuse(limit or joint, name, "limit", bounds, "lower below upper")
+    elif bounds and bounds[1] - bounds[0] < NARROW:
+        found.refuse(limit or joint, name, "limit", bounds, f"a range of {NARROW:g} or more, in "
+                     "rad or m, or the joint of type fixed")
+    # Friction is told and taken out, or Drake would tell it once more.
+    damping = axis.find("dynamics")
+    values = {} if damping is None else dict(damping.attributes) if kind == "urdf" else {
+        child.tag: child.text for child in damping.children}
+    if damping is not None and float(values.get("damping", 0.0)) < 0.0:
+        found.refuse(damping, name, "dynamics.damping", values["damping"], "zero or positive")
+    if damping is not None and float(values.get("friction", 0.0)) != 0.0:
+        found.unread["friction of joint (a scenario has model_error.joint_friction)"].append(
+            damping.line)
+    if damping is not None:
+        damping.attributes.pop("friction", None)
+        damping.children = [child for child in damping.children if child.tag != "friction"]
+
+
+def unread_notes(found: Findings) -> Iterator[str]:
+    """Yields a sentence for each kind of what is not read."""
+    for name, lines in found.unread.items():
+        told = ", ".join(map(str, lines[:TOLD])) + (
+            f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
+        yield f"{'lines' if len(lines) > 1 else 'line'} {told}: not read: {name}"

@@ -1,0 +1,215 @@
+"""The files of a robot's folder, read and checked: what a plant is made of."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from uvms_drake.common.errors import InvalidFile, InvalidParameter, ScenarioError
+from uvms_drake.common.schema import read_text
+from uvms_drake.model.description import thruster_file
+from uvms_drake.model.description.hydrodynamics_file import (
+    HydrodynamicParameters,
+    load_hydrodynamics,
+    unequal_entries,
+)
+from uvms_drake.model.description.plausibility import Findings, check_description, unread_notes
+from uvms_drake.model.description.robot_folder import robot_file, unread_files
+from uvms_drake.model.description.thruster_file import ThrusterParameters, load_thrusters
+from uvms_drake.model.description.visuals import Locate, settle_visuals
+from uvms_drake.model.description.xml_tree import Node, read_xml, write_xml
+
+INCLUDED = "uvms_drake_included"
+"""Package that has the files which a robot's file includes, while it is parsed."""
+
+
+@dataclass
+class RobotFiles:
+    """What the files of a robot say, before it is in a plant."""
+
+    folder: Path
+    file: Path
+    """The SDFormat or URDF file."""
+    hydrodynamics: HydrodynamicParameters
+    thrusters: ThrusterParameters | None
+    """None if they are not known."""
+    text: str = ""
+    """The file as Drake reads it: without collision shapes, and without what it would not read."""
+    included: dict[str, str] = field(default_factory=dict)
+    """Files that it includes, likewise, by a name in the package `INCLUDED`."""
+    notes: list[str] = field(default_factory=list)
+    """What is no mistake, but wants to be known."""
+
+
+def read_robot_files(folder: Path) -> RobotFiles:
+    """Returns the files of a robot's folder, which is as `model_dir` returns it.
+
+    Raises:
+        InvalidFile: The files cannot be used; has all that is wrong with them.
+    """
+    # All files are read, whatever is wrong with one of them.
+    file, complaints = robot_file(folder), []
+    try:
+        reader = _Reader(folder)
+        main = reader.read(file)
+        complaints += reader.complaints
+    except InvalidFile as error:
+        complaints += error.complaints
+    parameters: list[HydrodynamicParameters | ThrusterParameters | None] = []
+    thrusters = folder / thruster_file.FILE
+    for path, load in ((folder / "hydrodynamics.yaml", load_hydrodynamics),
+                       (thrusters, load_thrusters)):
+        try:
+            parameters.append(load(path) if path != thrusters or thrusters.is_file() else None)
+        except InvalidFile as error:
+            complaints += error.complaints
+    if complaints:
+        raise InvalidFile(complaints)
+    # What is no mistake, but wants to be known.
+    hydrodynamics, thrust = parameters
+    assert isinstance(hydrodynamics, HydrodynamicParameters)
+    assert thrust is None or isinstance(thrust, ThrusterParameters)
+    notes = [*reader.notes,
+             *(f"hydrodynamics.yaml: {each}" for each in unequal_entries(hydrodynamics)),
+             *(f"{path.name} is not read: the robot's file is {file.name}" for path in unread_files(
+                 folder, reader.read_files))]
+    return RobotFiles(folder, file, hydrodynamics, thrust, main, reader.included, notes)
+
+
+class _Reader:
+    """Reads a robot's file and those that it includes."""
+
+    def __init__(self, folder: Path):
+        self.complaints: list[str] = []
+        self.notes: list[str] = []
+        self.included: dict[str, str] = {}
+        self.read_files: list[Path] = []
+        self._packages = PackageMap.MakeEmpty()
+        try:
+            self._packages.AddPackageXml(str(folder / "package.xml"))
+        except Exception as error:  # Of several types.
+            raise InvalidFile([f"{folder / 'package.xml'}: must have the name of the package: "
+                               f"{_one_line(error)}"]) from None
+
+    def read(self, file: Path) -> str:
+        """Returns the text of a file as Drake reads it."""
+        if file in self.read_files:
+            raise InvalidFile([f"{file}: must not include itself"])
+        self.read_files.append(file)
+        try:
+            root = read_xml(read_text(file), str(file))
+        except ScenarioError as error:
+            raise InvalidFile([f"{file}: {error}"]) from None
+        kind = file.suffix[1:].lower()
+        found = check_description(root, kind)
+        if not found.complaints:
+            def locate(uri: str) -> Path:
+                return self._locate(uri, file.parent)
+
+            settle_visuals(root, kind, locate, found)
+            for include in [node for node in root.walk() if node.tag == "include"]:
+                self._include(include, locate, found)
+        self.complaints += [f"{file}: {each}" for each in found.complaints]
+        self.notes += [f"{file.name}: {each}" for each in [*unread_notes(found), *found.notes]]
+        return write_xml(root)
+
+    def _include(self, node: Node, locate: Locate, found: Findings) -> None:
+        """Reads an included file, and has Drake find it as it was read."""
+        uri = node.find("uri")
+        assert uri is not None
+        if node.attributes.get("merge") not in ("true", "1"):
+            found.refuse(node, "", "include", uri.text, "merged: nested models are refused: "
+                         "<include merge=\"true\">")
+            return
+        try:
+            path = locate(uri.text.strip())
+        except LookupError as error:
+            found.refuse(node, "", "include", uri.text, f"a file: {error.args[0]}")
+            return
+        if path.suffix.lower() not in (".sdf", ".urdf") or not path.is_file():
+            found.refuse(node, "", "include", uri.text, "an SDFormat or URDF file that is there")
+            return
+        name = f"{len(self.included)}{path.suffix.lower()}"
+        self.included[name] = ""  # Its place, before those that it includes.
+        self.included[name] = self.read(path)
+        uri.text = f"package://{INCLUDED}/{name}"
+
+    def _locate(self, uri: str, beside: Path) -> Path:
+        """Returns the file of a URI; raises `LookupError` with the reason if it names none."""
+        scheme, _, rest = uri.partition("://")
+        if not rest:
+            return (beside / uri).resolve()
+        if scheme == "file":
+            return Path(rest)
+        package, _, path = rest.partition("/")
+        if scheme not in ("package", "model") or not self._packages.Contains(package):
+            known = ", ".join(self._packages.GetPackageNames())
+            raise LookupError(f"{scheme} {package} is unknown: package.xml is that of {known}")
+        return Path(self._packages.GetPath(package)) / path
+
+
+def parse_robot(plant: MultibodyPlant, files: RobotFiles) -> tuple[ModelInstanceIndex, list[str]]:
+    """Adds a robot to a plant, and returns its instance and the warnings of Drake's parser.
+
+    Raises:
+        InvalidFile: Drake cannot read it, or takes another inertia than the file has.
+    """
+    # Drake reads the text that was checked; what that includes is put where it is found.
+    parser, log = Parser(plant), list[str]()
+    package = str(files.folder / "package.xml")
+    try:
+        with TemporaryDirectory() as folder, _heard(log):
+            parser.package_map().AddPackageXml(package)
+            if files.included:
+                parser.package_map().Add(INCLUDED, folder)
+            for name, text in files.included.items():
+                (Path(folder) / name).write_text(text, encoding="utf-8")
+            instances = parser.AddModelsFromString(files.text, files.file.suffix[1:])
+    except Exception as error:  # RuntimeError, ValueError and others, by what is wrong.
+        raise InvalidFile([f"{files.file}: must be a readable robot: "
+                           f"{_with_file(_one_line(error), files.file)}"]) from None
+    # What Drake says in its log only.
+    replaced = [text for text in log if "inertia" in text]
+    if replaced:
+        raise InvalidParameter(
+            str(files.file), "an inertia that Drake replaces", "one that a body can have, its "
+            "principal moments about the centre of mass positive and none above the sum of the "
+            f"others: {_with_file(' '.join(replaced), files.file)}")
+    if len(instances) != 1:
+        raise InvalidFile([f"{files.file}: must be one model, and has {len(instances)}"])
+    return instances[0], [f"{files.file.name}: {_with_file(each, files.file)}" for each in log]
+
+
+@contextmanager
+def _heard(log: list[str]) -> Iterator[None]:
+    """Takes the warnings of Drake's parser, each once, in place of its log."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+
+    def heard(record: logging.LogRecord) -> bool:
+        text = _one_line(record.getMessage())
+        if record.levelno >= logging.WARNING and text not in log:
+            log.append(text)
+        return False
+
+    logger.addFilter(heard)
+    logger.setLevel(min(level, logging.WARNING))
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        logger.removeFilter(heard)
+
+
+def _one_line(error: object) -> str:
+    return " ".join(str(error).split())
+
+
+def _with_file(text: str, file: Path) -> str:
+    return text.replace(f"<literal-string>{file.suffix}", file.name)

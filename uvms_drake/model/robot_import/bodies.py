@@ -1,0 +1,219 @@
+"""Lumps links that are fixed to each other into the bodies of the robot, in this project's axes.
+
+The vehicle's frame is that of its link, turned to FRD; that of an arm's body is at the joint that
+moves it, so that joints have no poses of their own.
+"""
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from uvms_drake.model.robot_import.chain import Chain
+from uvms_drake.model.robot_import.notes import Notes
+from uvms_drake.model.robot_import.poses import along, inverse, pose
+from uvms_drake.model.robot_import.thrust import Thruster
+from uvms_drake.model.robot_import.tree import Joint, Link, Shape, Tree
+from uvms_drake.model.robot_import.water import Water, Waters
+
+FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
+"""Turn from z up to z down: half a turn about x."""
+ROUNDED = 0.02
+"""Share by which a principal moment may exceed the sum of the others by rounding."""
+BUOYANT = 1e-3
+"""Height of buoyancy over mass that tells which way is up [m]."""
+
+
+@dataclass
+class Strip:
+    """Drag at a point, by axis of the body."""
+
+    linear: np.ndarray
+    quadratic: np.ndarray
+    point: np.ndarray
+
+
+@dataclass
+class Body:
+    """A body of the robot, in axes of its own."""
+
+    name: str
+    X: np.ndarray
+    """Pose of its frame in that of the model, at zero."""
+    joint: Joint | None
+    """The joint that moves it; None of the vehicle."""
+    links: list[Link]
+    mass: float = 0.0
+    com: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    """About the centre of mass [kg m²]."""
+    visuals: list[tuple[Link, Shape]] = field(default_factory=list)
+    collisions: list[tuple[Link, Shape]] = field(default_factory=list)
+    volume: float | None = None
+    center: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    added_mass: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    """Matrices (6, 6) and the points about which they are."""
+    drag: list[Strip] = field(default_factory=list)
+
+    def of(self, link: Link) -> np.ndarray:
+        """Returns the pose (4, 4) of a link in the body's frame."""
+        return inverse(self.X) @ link.X
+
+
+def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
+    """Whether the vehicle's link has z up, as ROS and Gazebo have it, and says by what."""
+    name = chain.root.lower()
+    if "frd" in name or "ned" in name.split("_"):
+        notes.taken.append(f"axes: FRD, z down, by the name of link '{chain.root}'")
+        return False
+    water = waters.links.get(chain.root)
+    lever = 0.0
+    if water is not None and water.volume:
+        lever = float(water.center[2] - tree.links[chain.root].com[2])
+    if lever < -BUOYANT:
+        notes.taken.append(f"axes: FRD, z down, for buoyancy is above mass by {-lever:g} m then")
+        return False
+    known = lever > BUOYANT
+    reason = f"buoyancy is above mass by {lever:g} m then" if known else "so in ROS and Gazebo"
+    if not known:
+        notes.asked.append(f"the axes: nothing tells whether the z of '{chain.root}' is up. "
+                           "ESTIMATE: it is, as in ROS and Gazebo. If it is down, put frd into "
+                           "the name of this link in your file, and begin again")
+    notes.changed.append(f"axes: z up, FLU ({reason}), turned to FRD by diag(1, -1, -1); arm and "
+                         "tool turn with the vehicle")
+    return True
+
+
+def ask_for_ahead(bodies: list[Body], notes: Notes) -> None:
+    """Asks whether x is ahead, if the arm is not ahead of the vehicle's middle."""
+    if len(bodies) < 2:
+        return
+    p = bodies[0].of(bodies[1].links[0])[:3, 3] - bodies[0].com
+    if p[0] < abs(p[1]):
+        notes.asked.append(f"the axes: the arm begins at ({p[0]:.2f}, {p[1]:.2f}, {p[2]:.2f}) m "
+                           "from the vehicle's centre of mass, and x is taken as ahead. If another "
+                           "axis is, surge and sway are not what they are called")
+
+
+def lump(tree: Tree, chain: Chain, waters: Waters, notes: Notes, flips: bool) -> list[Body]:
+    """Returns the bodies of vehicle and arm.
+
+    Args:
+        tree: The robot, with all that is fixed where it shall be.
+        chain: Vehicle and arm.
+        waters: What is known of the water, by link.
+        notes: What is mended is added.
+        flips: Whether the vehicle is to be turned from z up to z down.
+    """
+    X_root = tree.links[chain.root].X
+    frame = X_root @ pose(np.zeros(3), FRD_FROM_FLU if flips else None)
+    names = unique(["vehicle", *(joint.child for joint in chain.joints)])
+    bodies = []
+    for name, group, joint in zip(names, chain.groups, [None, *chain.joints], strict=True):
+        body = Body(name, frame if joint is None else joint.X, joint,
+                    [tree.links[link] for link in group])
+        _add_masses(body, notes)
+        for link in body.links:
+            X = body.of(link)
+            for shapes, mine in ((link.visuals, body.visuals), (link.collisions, body.collisions)):
+                mine += [(link, replace(shape, X=X @ shape.X)) for shape in shapes]
+            if link.name in waters.links:
+                _add_water(body, link, waters.links[link.name], notes)
+        bodies.append(body)
+    return bodies
+
+
+def unique(names: list[str]) -> list[str]:
+    """Returns short names of letters, digits and _, all of them different."""
+    found: list[str] = []
+    for name in names:
+        short = name.rsplit("::", 1)[-1].rsplit("/", 1)[-1]
+        short = "".join(c if c.isascii() and c.isalnum() else "_" for c in short) or "link"
+        taken, number = short, 1
+        while taken in found:
+            number += 1
+            taken = f"{short}_{number}"
+        found.append(taken)
+    return found
+
+
+def _add_masses(body: Body, notes: Notes) -> None:
+    """Sums masses and moments of the links, about the common centre of mass (Steiner)."""
+    places = [(link, body.of(link)) for link in body.links]
+    body.mass = sum(link.mass for link in body.links)
+    if body.mass <= 0.0:
+        return
+    centers = [X[:3, :3] @ link.com + X[:3, 3] for link, X in places]
+    body.com = sum((link.mass * c for (link, _), c in zip(places, centers, strict=True)),
+                   np.zeros(3)) / body.mass
+    for (link, X), c in zip(places, centers, strict=True):
+        d = c - body.com
+        body.inertia = body.inertia + X[:3, :3] @ link.inertia @ X[:3, :3].T + link.mass * (
+            d @ d * np.eye(3) - np.outer(d, d))
+    body.inertia = possible(body.name, 0.5 * (body.inertia + body.inertia.T), notes)
+
+
+def possible(name: str, inertia: np.ndarray, notes: Notes) -> np.ndarray:
+    """Returns an inertia (3, 3) that a body can have, if what is in the way may be rounding.
+
+    No principal moment exceeds the sum of the others: the others are raised by the least.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    excess = moments[2] - moments[0] - moments[1]
+    if moments[0] > 0.0 and 0.0 < excess <= ROUNDED * moments[2]:
+        moments[:2] += 0.5 * excess * 1.000001
+        notes.changed.append(f"{name}: the largest principal moment of inertia exceeds the sum of "
+                             f"the others by {excess:.3g} kg m², as by rounding: they are raised")
+        return np.asarray((axes * moments) @ axes.T)
+    if moments[0] <= 0.0 or excess > 0.0:
+        notes.ask(notes.sdf, f"link {name}, inertia", "principal moments "
+                  f"{np.array2string(moments, precision=3)} kg m² are those of no body")
+    return inertia
+
+
+def _add_water(body: Body, link: Link, water: Water, notes: Notes) -> None:
+    """Adds a link's water to its body, turned into the body's axes."""
+    X = body.of(link)
+    R, origin = X[:3, :3], X[:3, 3]
+    if water.volume is not None:
+        center, volume = R @ water.center + origin, body.volume or 0.0
+        total = volume + water.volume
+        if total > 0.0:
+            body.center = (volume * body.center + water.volume * center) / total
+        body.volume = total
+    if water.added_mass is not None:
+        T = np.kron(np.eye(2), R)
+        M = T @ water.added_mass @ T.T
+        body.added_mass.append((0.5 * (M + M.T), origin))
+    if water.linear is not None and water.quadratic is not None:
+        squares = np.kron(np.eye(2), R**2)
+        if not np.allclose(np.max(R**2, axis=0), 1.0, atol=1e-6):
+            notes.changed.append(f"{link.name}: its drag is by axes that are aslant in "
+                                 f"'{body.name}': weighted by the squares of the cosines")
+        body.drag.append(Strip(squares @ water.linear, squares @ water.quadratic, origin))
+
+
+def middle_poses(bodies: list[Body]) -> list[np.ndarray]:
+    """Returns the poses (4, 4) of the bodies in the vehicle, joints in the middle of limits."""
+    found = [np.eye(4)]
+    for before, body in pairwise(bodies):
+        joint = body.joint
+        assert joint is not None
+        finite = np.isfinite([joint.lower, joint.upper]).all()
+        value = 0.5 * (joint.lower + joint.upper) if finite else 0.0
+        found.append(found[-1] @ inverse(before.X) @ body.X @ along(joint.kind, joint.axis, value))
+    return found
+
+
+def place_thrusters(bodies: list[Body], thrusters: list[Thruster], notes: Notes
+                    ) -> list[tuple[Thruster, np.ndarray, np.ndarray]]:
+    """Returns those of the vehicle with their positions [m] and axes in its frame."""
+    vehicle = bodies[0]
+    found = []
+    for thruster in thrusters:
+        if thruster.link not in vehicle.links:
+            notes.changed.append(f"thruster {thruster.name} is not on the vehicle: left out")
+            continue
+        X = vehicle.of(thruster.link)
+        found.append((thruster, X[:3, 3], X[:3, :3] @ thruster.axis))
+    return found

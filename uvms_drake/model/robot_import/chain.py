@@ -1,0 +1,195 @@
+"""Chooses vehicle and arm in a tree: the root, the chain of joints, and what is fixed beside it."""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter
+from uvms_drake.model.robot_import.notes import Notes, listed
+from uvms_drake.model.robot_import.tree import MOVING, Joint, Tree
+
+ROTOR = re.compile(r"thruster|propell|(^|[_/:])props?([_\d]|$)|rotor|(^|[_/:])t[12]00", re.I)
+JAW = re.compile(r"jaw|finger|gripper|claw|grasp|pincer", re.I)
+TURNS = re.compile(r"roll|rotat|wrist|yaw|twist", re.I)
+ARM = re.compile(r"arm|manip|shoulder|elbow|wrist|gripper|jaw|finger|alpha|bravo|oberon|tool", re.I)
+SIDES = re.compile(r"left|right|[_/]?[lr]([_/]|$)|\d+", re.I)
+NARROW = 1e-9
+"""Range of a joint that is none [rad, m]."""
+
+
+@dataclass
+class Chain:
+    """Vehicle and arm of a tree."""
+
+    root: str
+    """The link that gives the vehicle its frame."""
+    joints: list[Joint]
+    """The arm's joints, from the vehicle outwards."""
+    groups: list[list[str]] = field(default_factory=list)
+    """Links that move as one: those of the vehicle, and those beyond each joint."""
+
+
+def choose_chain(tree: Tree, rotors: set[str], notes: Notes) -> Chain:
+    """Returns vehicle and arm, every other joint fixed, and says what was chosen and fixed.
+
+    Args:
+        tree: The robot; joints that are fixed off zero are moved there.
+        rotors: Joints that thrusters are known by.
+        notes: To which the choice is added.
+
+    Raises:
+        InvalidParameter: It is not one tree.
+    """
+    # Joints that may be the arm's, and the paths that they make from the root.
+    root = _root(tree, notes)
+    inside = set(tree.beyond(root))
+    joints = [joint for joint in tree.joints.values() if joint.parent in inside]
+    why = {joint.name: reason for joint in joints
+           if (reason := _reason_to_fix(joint, rotors)) is not None}
+    free = [joint for joint in joints if joint.name not in why and joint.kind in MOVING]
+    paths = _paths(root, joints, free)
+    # The longest path, jaws at its end not counted; all others are fixed.
+    stripped = [_without_jaws(path, joints, free) for path in paths]
+    best = max(range(len(stripped)), key=lambda i: (
+        len(stripped[i]), sum(bool(ARM.search(joint.name + joint.child)) for joint in stripped[i]),
+        -i), default=None)
+    arm = [] if best is None else stripped[best]
+    _tell_rivals(arm, stripped, notes)
+    jaws = {joint.name for path in paths for joint in path if path[:len(arm)] == arm}
+    for joint in free:
+        if joint not in arm:
+            why[joint.name] = "a jaw" if joint.name in jaws and arm else "beside the chain"
+    _fix(tree, joints, why, notes)
+    # Links that move as one; the heaviest of the vehicle's gives the frame if the root is a dummy.
+    chain = Chain(root, arm)
+    starts = [root, *(joint.child for joint in arm)]
+    chain.groups = [_welded(start, joints, arm) for start in starts]
+    if tree.links[root].mass <= 0.0:
+        chain.root = max(chain.groups[0], key=lambda name: tree.links[name].mass)
+        if chain.root != root:
+            notes.changed.append(f"root '{root}' has no mass: skipped; the vehicle's frame is that "
+                                 f"of the heaviest link that is fixed to it, '{chain.root}'")
+    notes.taken.append(f"vehicle: link '{chain.root}' of {tree.links[chain.root].mass:g} kg, with "
+                       f"what is fixed to it: {listed(_others(chain.groups[0], chain.root))}")
+    notes.taken.append(f"arm: {len(arm)} joints, {listed([joint.name for joint in arm], 20)}"
+                       if arm else "arm: none, for no joint moves; the tool is bolted on")
+    return chain
+
+
+def _others(names: list[str], name: str) -> list[str]:
+    return [other for other in names if other != name] or ["nothing else"]
+
+
+def _root(tree: Tree, notes: Notes) -> str:
+    """Returns the link on which all others hang; joints to the world and free ones are let go."""
+    parents: dict[str, Joint] = {}
+    for joint in list(tree.joints.values()):
+        if joint.child in parents:
+            raise InvalidParameter(joint.node.place(), joint.child, "the child of one joint: "
+                                   f"'{parents[joint.child].name}' has it already (a closed loop)")
+        parents[joint.child] = joint
+    for joint in list(tree.joints.values()):
+        above = tree.links[joint.parent]
+        free = joint.kind == "floating" or joint.parent == "world"
+        if free and above.mass <= 0.0 and joint.parent not in parents:
+            del tree.joints[joint.name], parents[joint.child]
+            notes.changed.append(f"dummy root '{joint.parent}' and its joint '{joint.name}' "
+                                 f"({joint.kind}): left out, the vehicle floats by itself")
+    roots = [name for name in tree.links if name not in parents]
+    roots.sort(key=lambda name: -len(tree.beyond(name)))
+    if not roots:
+        raise InvalidParameter("--from", str(next(iter(tree.joints.values())).node.file),
+                               "a tree of links with a root")
+    lost = [name for name in roots[1:] if tree.links[name].mass > 0.0]
+    if lost:
+        raise InvalidParameter(tree.links[lost[0]].node.place(), listed(lost),
+                               f"joined to '{roots[0]}' by a joint, as all links of a robot are")
+    notes.changed += [f"link '{name}', which has no mass and is joined to nothing: left out"
+                      for name in roots[1:] if name != "world" and len(tree.beyond(name)) == 1
+                      and not any(name in said for said in notes.changed)]
+    return roots[0]
+
+
+def _reason_to_fix(joint: Joint, rotors: set[str]) -> str | None:
+    """Returns the reason why a joint cannot be one of the arm, None if it may."""
+    if joint.name in rotors or ROTOR.search(joint.name) or ROTOR.search(joint.child):
+        return "a rotor" if joint.kind != "fixed" else None
+    if joint.kind == "fixed":
+        return None
+    if joint.mimic is not None:
+        return f"mimics '{joint.mimic[0]}'"
+    if joint.kind not in MOVING:
+        return f"of type {joint.kind}"
+    if joint.upper - joint.lower <= NARROW:
+        return f"limits {joint.lower:g}..{joint.upper:g}"
+    return None
+
+
+def _paths(root: str, joints: list[Joint], free: list[Joint]) -> list[list[Joint]]:
+    """Returns the sequences of free joints from the root to every link on which nothing hangs."""
+    found: list[list[Joint]] = []
+    stack: list[tuple[str, list[Joint]]] = [(root, [])]
+    while stack:
+        link, path = stack.pop()
+        below = [joint for joint in joints if joint.parent == link]
+        if not below:
+            found.append(path)
+        stack += [(joint.child, [*path, joint] if joint in free else path)
+                  for joint in reversed(below)]
+    return [path for i, path in enumerate(found) if path and path not in found[:i]]
+
+
+def _without_jaws(path: list[Joint], joints: list[Joint], free: list[Joint]) -> list[Joint]:
+    """Returns a path without the joints at its end that open a gripper."""
+    mimicked = {joint.mimic[0] for joint in joints if joint.mimic is not None}
+    while path and (_is_jaw(path[-1], mimicked) or (
+            len(path) > 1 and any(_are_twins(path[-1], other) for other in joints))):
+        path = path[:-1]
+    return path
+
+
+def _is_jaw(joint: Joint, mimicked: set[str]) -> bool:
+    named = JAW.search(joint.name) or JAW.search(joint.child)
+    return joint.name in mimicked or bool(named and not TURNS.search(joint.name))
+
+
+def _are_twins(joint: Joint, other: Joint) -> bool:
+    """Whether two joints on one link are left and right of each other."""
+    return (other is not joint and other.parent == joint.parent and other.kind == joint.kind
+            and SIDES.sub("", other.name) == SIDES.sub("", joint.name) != joint.name)
+
+
+def _tell_rivals(arm: list[Joint], paths: list[list[Joint]], notes: Notes) -> None:
+    """Says which other arms were left out."""
+    rivals = [path for path in paths if len(path) == len(arm) > 1 and path[0] is not arm[0]]
+    for path in rivals:
+        notes.changed.append(f"another arm, of '{path[0].name}' to '{path[-1].name}', is held fast:"
+                             " a robot has one here; that of the better names was taken")
+
+
+def _fix(tree: Tree, joints: list[Joint], why: dict[str, str], notes: Notes) -> None:
+    """Moves joints to where they are fixed, as near to zero as limits allow, and lists them."""
+    at: dict[str, float] = {}
+    for joint in joints:
+        if joint.name not in why or joint.kind not in MOVING:
+            continue
+        target = 0.0
+        if joint.mimic is not None:
+            target = joint.mimic[1] * at.get(joint.mimic[0], 0.0) + joint.mimic[2]
+        at[joint.name] = value = float(np.clip(target, joint.lower, joint.upper))
+        if value != 0.0:
+            tree.displace(joint, value)
+    reasons: dict[str, list[str]] = {}
+    for name, reason in why.items():
+        where = f" at {at[name]:.4g}" if at.get(name, 0.0) != 0.0 else ""
+        reasons.setdefault(reason, []).append(f"{name}{where}")
+    notes.changed += [f"fixed, {reason}: {listed(names)}" for reason, names in reasons.items()]
+
+
+def _welded(start: str, joints: list[Joint], arm: list[Joint]) -> list[str]:
+    """Returns a link and all that is fixed to it."""
+    found = [start]
+    for name in found:
+        found += [joint.child for joint in joints if joint.parent == name and joint not in arm]
+    return found

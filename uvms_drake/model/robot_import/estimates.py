@@ -1,0 +1,226 @@
+"""Estimates of the numbers that a file does not give; the notes ask for each, with its key.
+
+They are of the right size for a robot that swims: neutral, upright, a box of a vehicle and an arm
+of cylinders.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from uvms_drake.model.robot_import.bodies import Body, Strip, middle_poses
+from uvms_drake.model.robot_import.notes import Notes, listed
+from uvms_drake.model.robot_import.poses import inverse
+from uvms_drake.model.robot_import.shapes import box_of, volume_of
+from uvms_drake.model.robot_import.tree import Joint
+from uvms_drake.model.robot_import.water import Waters
+
+FRESH = 1000.0
+"""Density of water that a file does not give [kg/m³]."""
+FLOATS = (0.8, 1.25)
+"""Displaced mass over mass of shapes that can be those of a robot that swims."""
+ARM_FLOATS = 0.6
+"""Displaced mass over mass of a link of an arm."""
+SPARE = 1.002
+"""Displaced mass over mass of a robot that comes up by itself."""
+LEVER = 0.1
+"""Height of buoyancy over mass, over the edge of a cube of the vehicle's volume."""
+DRAG = 1.1
+"""C_D of boxes, and of cylinders across."""
+GEAR = 100.0
+"""Ratio in which the inertia of an unknown motor is written."""
+LEAST_MOTOR = 0.05
+"""Least inertia of a motor as its joint feels it [kg m², kg]."""
+OF_LARGEST = 0.02
+"""Least inertia of a motor, over that of what the arm's strongest one moves."""
+SPEED = 1.0
+"""Speed that thrusters of unknown force are to reach [m/s]."""
+WATER = "hydrodynamics.yaml"
+
+
+def take_collisions(bodies: list[Body], density: float, notes: Notes) -> None:
+    """Takes volumes from collision shapes, as Gazebo does, if those are of a robot that swims."""
+    unknown = [body for body in bodies if body.volume is None]
+    found = {}
+    for body in unknown:
+        parts = [(volume_of(link, shape), shape.X[:3, 3]) for link, shape in body.collisions]
+        found[body.name] = sum(volume for volume, _ in parts), sum(
+            (volume * center for volume, center in parts), np.zeros(3))
+    known = sum(body.volume or 0.0 for body in bodies)
+    share = density * (known + sum(volume for volume, _ in found.values())) / sum(
+        body.mass for body in bodies)
+    if not FLOATS[0] <= share <= FLOATS[1]:
+        notes.changed.append(f"collision shapes displace {share:.3g} times the robot's mass of "
+                             "water, so that they are not its volume: not used for that")
+        return
+    for body in unknown:
+        volume, moment = found[body.name]
+        body.volume = volume
+        body.center = moment / volume if volume > 0.0 else body.com
+    notes.taken.append("volumes of collision shapes, as Gazebo takes them: "
+                       f"{listed([body.name for body in unknown], 20)}")
+
+
+def estimate_water(bodies: list[Body], tip: np.ndarray, waters: Waters, notes: Notes) -> None:
+    """Fills in volumes, added mass and drag of all bodies that have none."""
+    density = waters.density or FRESH
+    if waters.density is None:
+        notes.ask(WATER, "fluid_density", f"none in the file. ESTIMATE: {FRESH:g} kg/m³, fresh; "
+                  "the sea has 1025")
+    ends: list[np.ndarray | None] = [None]  # Of each body; a vehicle is a box.
+    if len(bodies) > 1:
+        ends += [inverse(body.X) @ after.X for body, after in pairwise(bodies[1:])] + [tip]
+    guesses: dict[str, list[str]] = {}
+    for body in bodies[1:]:
+        if body.volume is None:
+            body.volume, body.center = ARM_FLOATS * body.mass / density, body.com
+            guesses.setdefault("displaced_volume", []).append(body.name)
+    if bodies[0].volume is None:
+        _float(bodies, density, notes)
+    for body, end in zip(bodies, ends, strict=True):
+        if not body.added_mass:
+            body.added_mass = [_added_mass(body, end, density)]
+            guesses.setdefault("added_mass", []).append(body.name)
+        if not body.drag:
+            body.drag = _box_drag(body, density) if end is None else _rod_drag(body, end, density)
+            guesses.setdefault("drag", []).append(body.name)
+    reasons = {"displaced_volume": f"{ARM_FLOATS:g} of what carries its mass",
+               "added_mass": "what the vehicle displaces; of links, a cylinder across",
+               "drag": f"a box, or a cylinder across in three strips, with C_D = {DRAG:g}"}
+    for key, names in guesses.items():
+        notes.ask(WATER, f"bodies.*.{key}", f"of {listed(names, 20)}. ESTIMATE: {reasons[key]}")
+
+
+def ask_for_trim(bodies: list[Body], density: float, notes: Notes) -> None:
+    """Asks for another volume of the vehicle if the robot is far from neutral."""
+    mass = sum(body.mass for body in bodies)
+    displaced = density * sum(body.volume or 0.0 for body in bodies)
+    if abs(displaced - mass) > 0.02 * mass:
+        volume = (bodies[0].volume or 0.0) + (SPARE * mass - displaced) / density
+        notes.ask(WATER, "bodies.vehicle.displaced_volume",
+                  f"the robot weighs {mass:.4g} kg and displaces {displaced:.4g} kg of water; with "
+                  f"floats or ballast for neutral trim: {volume:.6g} m³")
+
+
+def estimate_motors(bodies: list[Body], notes: Notes) -> None:
+    """Gives a motor to each joint that has none, and asks for efforts and limits."""
+    motors, efforts, limits, friction = [], [], [], []
+    # Inertias that the motors have to move.
+    beyond = [_inertia_beyond(bodies[i:], body.joint) for i, body in enumerate(bodies)
+              if body.joint is not None]
+    least = max([LEAST_MOTOR, *(OF_LARGEST * inertia for inertia in beyond)])
+    # Each joint, and the numbers that it lacks.
+    for body, inertia in zip(bodies[1:], beyond, strict=True):
+        joint = body.joint
+        assert joint is not None
+        if joint.rotor is None:
+            joint.rotor = (float(f"{max(inertia, least):.2g}") / GEAR**2, GEAR)
+            motors.append(joint.name)
+        if not joint.effort:
+            joint.effort = None
+            efforts.append(joint.name)
+        if not np.isfinite([joint.lower, joint.upper]).all() and joint.kind != "continuous":
+            limits.append(joint.name)
+        if joint.friction:
+            friction.append(f"{joint.name} {joint.friction:g}")
+    if motors:
+        notes.ask(notes.sdf, "drake:rotor_inertia, drake:gear_ratio", f"of {listed(motors, 20)}. "
+                  "ESTIMATE: gear² times rotor is the inertia of all that is beyond the joint, "
+                  f"{least:.2g} kg m² at least")
+    if efforts:
+        notes.ask(notes.sdf, "axis/limit/effort", f"of {listed(efforts, 20)}: none, or 0, in the "
+                  "file; without it a motor has no limit [N m, N]")
+    if limits:
+        notes.ask(notes.sdf, "axis/limit/lower, upper",
+                  f"of {listed(limits, 20)}: none in the file")
+    if friction:
+        notes.changed.append(f"friction of joints ({listed(friction)}) left out: it is a part of "
+                             "the disturbance, or `model_error.joint_friction` of a scenario")
+
+
+def thrust_limit(vehicle: Body) -> float:
+    """Returns the force [N] that pulls the vehicle ahead or aside at `SPEED`."""
+    drag = sum((strip.linear + strip.quadratic * SPEED for strip in vehicle.drag), np.zeros(6))
+    return float(f"{max(SPEED * drag[:2].max(), 1.0):.2g}")
+
+
+def _float(bodies: list[Body], density: float, notes: Notes) -> None:
+    """Gives the vehicle the volume and centre by which the robot is neutral, level and upright.
+
+    Level it is with its arm in the middle of the joints' limits.
+    """
+    vehicle = bodies[0]
+    mass = sum(body.mass for body in bodies)
+    volume = SPARE * mass / density - sum(body.volume or 0.0 for body in bodies[1:])
+    vehicle.volume = max(volume, 0.5 * vehicle.mass / density)
+    masses, moments = np.zeros(2), np.zeros((2, 3))
+    for body, X in zip(bodies, middle_poses(bodies), strict=True):
+        for i, (m, c) in enumerate(((body.mass, body.com),
+                                    (density * (body.volume or 0.0), body.center))):
+            if i == 0 or body is not vehicle:
+                masses[i] += m
+                moments[i] += m * (X[:3, :3] @ c + X[:3, 3])
+    total = masses[1] + density * vehicle.volume
+    center = (moments[0] / masses[0] * total - moments[1]) / (density * vehicle.volume)
+    center[2] -= LEVER * vehicle.volume ** (1.0 / 3.0)
+    vehicle.center = center
+    notes.ask(WATER, "bodies.vehicle.displaced_volume, center_of_buoyancy",
+              "ESTIMATE: the robot is neutral, level with its arm in the middle of its limits, and "
+              "upright")
+
+
+def _rod(body: Body, end: np.ndarray) -> tuple[np.ndarray, float]:
+    """Returns the direction (3,) and length [m] of a link that ends at a frame."""
+    length = float(np.linalg.norm(end[:3, 3]))
+    if length < 1e-3:
+        size = (body.volume or 1e-6) ** (1.0 / 3.0)
+        return np.array([1.0, 0.0, 0.0]), size
+    return end[:3, 3] / length, length
+
+
+def _added_mass(body: Body, end: np.ndarray | None, density: float
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns an added mass (6, 6) and its point: of a box, or of a cylinder across."""
+    water = density * (body.volume or 0.0)
+    if end is None:
+        return np.diag([*[water] * 3, *np.diag(body.inertia)]), body.center
+    direction, length = _rod(body, end)
+    across = np.eye(3) - np.outer(direction, direction)
+    M = np.zeros((6, 6))
+    M[:3, :3], M[3:, 3:] = water * across, water * length**2 / 12.0 * across
+    return M, body.center
+
+
+def _box_drag(body: Body, density: float) -> list[Strip]:
+    """Returns the drag of a box: across its faces, and of faces that turn about its middle."""
+    box = box_of(body)
+    edge = np.full(3, (body.volume or 1e-3) ** (1.0 / 3.0)) if box is None else box[1] - box[0]
+    middle = body.center if box is None else 0.5 * (box[0] + box[1])
+    areas = np.array([edge[1] * edge[2], edge[2] * edge[0], edge[0] * edge[1]])
+    turning = np.array([areas[1] * edge[2] ** 3, areas[2] * edge[0] ** 3, areas[1] * edge[0] ** 3])
+    quadratic = 0.5 * density * DRAG * np.concatenate([areas, turning / 32.0])
+    return [Strip(0.1 * quadratic, quadratic, middle)]
+
+
+def _rod_drag(body: Body, end: np.ndarray, density: float) -> list[Strip]:
+    """Returns the drag of a cylinder across its axis, in three strips."""
+    direction, length = _rod(body, end)
+    radius = np.sqrt((body.volume or 0.0) / (np.pi * length))
+    across = 1.0 - direction**2
+    strip = 0.5 * density * DRAG * 2.0 * radius * length / 3.0 * across
+    quadratic = np.concatenate([strip, np.zeros(3)])
+    return [Strip(np.zeros(6), quadratic, share * length * direction)
+            for share in (1.0 / 6.0, 0.5, 5.0 / 6.0)]
+
+
+def _inertia_beyond(bodies: list[Body], joint: Joint) -> float:
+    """Returns the inertia of bodies about a joint's axis, at zero [kg m²]; or their mass [kg]."""
+    if joint.kind == "prismatic":
+        return sum(body.mass for body in bodies)
+    axis = joint.X[:3, :3] @ joint.axis / np.linalg.norm(joint.axis)
+    total = 0.0
+    for body in bodies:
+        R = body.X[:3, :3]
+        arm = np.cross(axis, R @ body.com + body.X[:3, 3] - joint.X[:3, 3])
+        total += axis @ R @ body.inertia @ R.T @ axis + body.mass * arm @ arm
+    return float(total)

@@ -1,0 +1,146 @@
+"""Makes the files of a robot's folder out of a file as it is found."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from uvms_drake.common.errors import require
+from uvms_drake.model.description.thruster_file import undriven_axes
+from uvms_drake.model.robot_import.bodies import (
+    ask_for_ahead,
+    lump,
+    place_thrusters,
+    unique,
+    z_is_up,
+)
+from uvms_drake.model.robot_import.chain import choose_chain
+from uvms_drake.model.robot_import.estimates import (
+    FRESH,
+    ask_for_trim,
+    estimate_motors,
+    estimate_water,
+    take_collisions,
+    thrust_limit,
+)
+from uvms_drake.model.robot_import.notes import Notes, listed
+from uvms_drake.model.robot_import.read_sdf import is_sdf, read_sdf
+from uvms_drake.model.robot_import.read_urdf import read_urdf
+from uvms_drake.model.robot_import.shapes import drawn
+from uvms_drake.model.robot_import.spelling import require_spelled
+from uvms_drake.model.robot_import.thrust import Thruster, read_thrusters
+from uvms_drake.model.robot_import.tip import place_tip
+from uvms_drake.model.robot_import.tree import Tree
+from uvms_drake.model.robot_import.water import is_water, read_water
+from uvms_drake.model.robot_import.write import (
+    LAG,
+    format_package,
+    format_sdf,
+    format_thrusters,
+    format_water,
+)
+from uvms_drake.model.robot_import.xml_node import read_xml
+
+Placed = list[tuple[Thruster, np.ndarray, np.ndarray]]
+
+
+@dataclass
+class Imported:
+    """A robot's folder that is still to be written."""
+
+    files: dict[str, bytes]
+    """By path in the folder."""
+    notes: Notes
+
+
+def import_robot(file: Path, name: str) -> Imported:
+    """Returns the folder of a robot, made of a URDF or SDFormat file.
+
+    Args:
+        file: Of the robot, as it was found.
+        name: Of the folder.
+
+    Raises:
+        InvalidParameter: The file cannot be read, or is no robot.
+    """
+    # The file, and what it is of: bodies of a vehicle and its arm.
+    notes = Notes(f"{name}.sdf")
+    tree = read_tree(file)
+    _tell_unread(tree, notes)
+    # Plugins speak of links in their own axes, and their rotors are not joints of an arm.
+    waters = read_water(tree, notes)
+    thrusters, rotors = read_thrusters(tree, notes)
+    chain = choose_chain(tree, rotors, notes)
+    flips = z_is_up(tree, chain, waters, notes)
+    bodies = lump(tree, chain, waters, notes, flips)
+    ask_for_ahead(bodies, notes)
+    require(sum(body.mass for body in bodies) > 0.0, "--from", str(file),
+            "a robot with masses: no link has an <inertial>")
+    frames = [link.name for body in bodies for link in body.links if link.mass <= 0.0]
+    if frames:
+        notes.changed.append(f"links without a mass, taken as frames: {listed(frames)}")
+    for body in bodies[1:]:
+        if body.mass <= 0.0:
+            notes.ask(notes.sdf, f"link {body.name}, inertial", "no mass in the file")
+    # Missing numbers are guessed from the others.
+    tip = place_tip(tree, bodies, notes, flips)
+    density = waters.density or FRESH
+    if waters.shapes_float:
+        take_collisions(bodies, density, notes)
+    estimate_water(bodies, tip, waters, notes)
+    ask_for_trim(bodies, density, notes)
+    estimate_motors(bodies, notes)
+    placed = place_thrusters(bodies, thrusters, notes)
+    # Pictures are spoken of last: the list begins with physics.
+    pictures = drawn(bodies, name, notes)
+    # The files.
+    joints = unique([joint.name for joint in chain.joints])
+    files = {f"{name}.sdf": format_sdf(name, file.name, bodies, joints, tip, pictures.shapes),
+             "hydrodynamics.yaml": format_water(name, density, bodies),
+             "package.xml": format_package(name, file.name)}
+    if placed:
+        limit = thrust_limit(bodies[0])
+        axes = _undriven(placed, limit, notes)
+        files["thrusters.yaml"] = format_thrusters(name, placed, axes, limit)
+    else:
+        notes.ask("thrusters.yaml", "thrusters", "no thruster in the file; without this one the "
+                  "wrench on the vehicle has no limit")
+    files["README.md"] = f"# {name}\n\nMade of `{file.name}`.\n\n{notes.format()}"
+    return Imported({key: text.encode() for key, text in files.items()} | pictures.files, notes)
+
+
+def read_tree(file: Path) -> Tree:
+    """Returns the tree of a URDF or SDFormat file."""
+    root = read_xml(file)
+    require_spelled(root)
+    tree = read_sdf(root) if is_sdf(root, file) else read_urdf(root)
+    require(bool(tree.links), "--from", str(file), "a robot with links")
+    return tree
+
+
+def _tell_unread(tree: Tree, notes: Notes) -> None:
+    """Says which plugins and elements have no meaning here."""
+    plugins = sorted({plugin.attributes.get("filename", "?") for _, plugin in tree.plugins
+                      if not is_water(plugin) and "thruster" not in (plugin.attributes.get(
+                          "filename", "") + plugin.attributes.get("name", "")).lower()})
+    if plugins:
+        notes.changed.append(f"plugins without a meaning here, left out: {listed(plugins)}")
+    notes.changed += tree.mended
+    if tree.included:
+        notes.taken.append(f"included models: {listed(tree.included)}")
+    if tree.unread:
+        notes.changed.append(f"left out: {listed(tree.unread)}")
+
+
+def _undriven(placed: Placed, limit: float, notes: Notes) -> list[str]:
+    """Returns the axes that no thruster drives, and asks for what is not known of thrusters."""
+    unknown = [thruster.name for thruster, _, _ in placed if thruster.force.size < 2]
+    if unknown:
+        notes.ask("thrusters.yaml", "kinds.*.curves", f"no limit of {listed(unknown)} in the file. "
+                  f"ESTIMATE: ±{limit:g} N, with which one alone moves the vehicle at 1 m/s")
+    if any(thruster.lag is None for thruster, _, _ in placed):
+        notes.ask("thrusters.yaml", "kinds.*.lag", f"the file has none. ESTIMATE: {LAG:g} s")
+    axes = undriven_axes([(position, axis) for _, position, axis in placed])
+    if axes:
+        notes.taken.append(f"axes that the thrusters do not drive: {', '.join(axes)}")
+    return axes

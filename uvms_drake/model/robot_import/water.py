@@ -1,0 +1,223 @@
+"""Reads the water of each link from plugins of Gazebo: volumes, added mass and drag.
+
+gz-sim's Hydrodynamics has Fossen's derivatives: M_A = −X_u̇ and D = −X_u, so that they are negative
+(its first version had +X_u̇, as some files still have). uuv_simulator's has M_A itself, and damping
+as derivatives, D = −(X_u + X_u|u| |u|). Both act at the link's origin, in its axes, and so does
+SDFormat's `fluid_added_mass`, which is M_A. Signs are those of what can be: M_A and D are positive.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_drake.common.errors import InvalidParameter, require
+from uvms_drake.model.robot_import.notes import Notes
+from uvms_drake.model.robot_import.tree import Link, Tree
+from uvms_drake.model.robot_import.xml_node import Node
+
+FORCES, RATES = "xyzkmn", "UVWPQR"
+"""SNAME's letters of forces and velocities, as gz-sim has them."""
+ROUNDED = 0.01
+"""Share of the largest entry of a matrix that may be rounding, or a digit mistyped."""
+SEA = 1028.0
+"""Density of uuv_simulator's water where a file has none [kg/m³]."""
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+
+@dataclass
+class Water:
+    """The water's forces on a link, about its origin in its axes; None is not known."""
+
+    volume: float | None = None
+    center: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    added_mass: np.ndarray | None = None
+    linear: np.ndarray | None = None
+    quadratic: np.ndarray | None = None
+
+
+@dataclass
+class Waters:
+    """The water of all links, as a file has it."""
+
+    links: dict[str, Water] = field(default_factory=dict)
+    density: float | None = None
+    shapes_float: bool = False
+    """Whether it is for gz-sim, where collision shapes displace water."""
+
+
+def read_water(tree: Tree, notes: Notes) -> Waters:
+    """Returns the water in plugins and links, and says where it was found."""
+    waters = Waters()
+    for prefix, plugin in tree.plugins:
+        kind = _kind(plugin)
+        if kind == "gz":
+            _read_gz(tree, prefix, plugin, waters, notes)
+        elif kind == "uuv":
+            _read_uuv(tree, prefix, plugin, waters, notes)
+        waters.shapes_float |= kind in ("gz", "buoyancy")
+    for link in tree.links.values():
+        if link.added_mass is not None:
+            water = waters.links.setdefault(link.name, Water())
+            water.added_mass = symmetric(f"{link.name}: fluid_added_mass", link.added_mass, notes)
+            notes.taken.append(f"added mass of '{link.name}': fluid_added_mass")
+    return waters
+
+
+def is_water(plugin: Node) -> bool:
+    """Whether a plugin is read here."""
+    return bool(_kind(plugin))
+
+
+def _kind(plugin: Node) -> str:
+    name = f"{plugin.attributes.get('filename', '')} {plugin.attributes.get('name', '')}".lower()
+    if "hydrodynamics" in name and plugin.find("link_name") is not None:
+        return "gz"
+    if "underwater_object" in name or any(plugin.all("link/hydrodynamic_model")):
+        return "uuv"
+    return "buoyancy" if "buoyancy" in name else ""
+
+
+def _link(tree: Tree, prefix: str, name: str, plugin: Node, notes: Notes) -> Link | None:
+    link = tree.find_link(prefix, name)
+    if link is None:
+        notes.changed.append(f"plugin at line {plugin.line} is for link '{name}', which is not "
+                             "there: left out")
+    return link
+
+
+def _read_gz(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes) -> None:
+    """Reads gz-sim's Hydrodynamics, of one link."""
+    link = _link(tree, prefix, plugin.words("link_name") or "", plugin, notes)
+    if link is None:
+        return
+    waters.density = plugin.number("water_density", plugin.number("waterDensity", 998.0))
+    key = f"{link.name}: Hydrodynamics (line {plugin.line})"
+    # Derivatives, by SNAME's letters.
+    M = np.array([[plugin.number(f"{f}Dot{v}", 0.0) or 0.0 for v in RATES] for f in FORCES])
+    linear = np.array([[plugin.number(f"{f}{v}", 0.0) or 0.0 for v in RATES] for f in FORCES])
+    squares = [f"{f}{v}abs{v}" if plugin.find(f"{f}{v}abs{v}") is not None else f"{f}{v}{v}"
+               for f, v in zip(FORCES, RATES, strict=True)]
+    quadratic = np.diag([plugin.number(square, 0.0) or 0.0 for square in squares])
+    if not np.any(M > 0.0) or np.trace(M) < 0.0:
+        M = -M
+    else:
+        notes.changed.append(f"{key}: xDotU and its like are positive, as old files have them; "
+                             "taken as added mass")
+    # As positive numbers, and all that is left out.
+    water = waters.links.setdefault(link.name, Water())
+    if np.any(M):
+        water.added_mass = symmetric(f"{key}: added mass", M, notes)
+    _take_damping(key, water, -linear, -quadratic, notes)
+    known = re.compile(f"[{FORCES}](Dot)?[{RATES}](abs)?[{RATES}]?|link_name|water_?[dD]ensity|"
+                       "namespace|default_current|disable_.*|lookup_current_.")
+    strange = [child.tag for child in plugin.children if not known.fullmatch(child.tag)]
+    if strange:
+        notes.changed.append(f"{key}: {', '.join(strange)} not known: left out")
+    crossed = sorted({child.tag for child in plugin.children if "abs" in child.tag
+                      and child.tag not in squares})
+    if crossed:
+        notes.changed.append(f"{key}: {', '.join(crossed)} left out: drag is by axis here")
+    notes.taken.append(f"water of '{link.name}': plugin Hydrodynamics of gz-sim, line {plugin.line}"
+                       + _missing(water))
+
+
+def _read_uuv(tree: Tree, prefix: str, plugin: Node, waters: Waters, notes: Notes) -> None:
+    """Reads uuv_simulator's underwater object, of several links."""
+    waters.density = plugin.number("fluid_density", SEA)
+    for node in plugin.all("link"):
+        link = _link(tree, prefix, node.name(), plugin, notes)
+        if link is None:
+            continue
+        key = f"{link.name}: underwater object (line {node.line})"
+        water = waters.links.setdefault(link.name, Water())
+        if node.words("neutrally_buoyant") in ("1", "true"):
+            water.volume = link.mass / (waters.density or SEA)
+        elif volume := node.number("volume"):  # That of a template is 0.
+            water.volume = volume
+        center = node.find("center_of_buoyancy")
+        water.center = np.zeros(3) if center is None else center.numbers(3)
+        model = node.find("hydrodynamic_model")
+        if model is not None:
+            _read_fossen(key, model, water, notes)
+        notes.taken.append(f"water of '{link.name}': plugin of uuv_simulator, line {node.line}"
+                           + _missing(water))
+
+
+def _read_fossen(key: str, model: Node, water: Water, notes: Notes) -> None:
+    kind = model.words("type") or "fossen"
+    if kind != "fossen":
+        notes.changed.append(f"{key}: the model '{kind}' is not read, only 'fossen'")
+        return
+    if (added := model.find("added_mass")) is not None:
+        scale = model.number("scaling_added_mass", 1.0)
+        water.added_mass = symmetric(f"{key}: added_mass", scale * _square(added), notes)
+    damping = []
+    for name in ("linear_damping", "quadratic_damping"):
+        node = model.find(name)
+        damping.append(-_square(node) if node is not None else np.zeros((6, 6)))
+    _take_damping(key, water, damping[0], damping[1], notes)
+    forward = model.find("linear_damping_forward_speed")
+    if forward is not None and np.any(forward.numbers(None)):
+        notes.changed.append(f"{key}: linear_damping_forward_speed left out: drag is by axis here")
+
+
+def _square(node: Node) -> np.ndarray:
+    """Returns a matrix (6, 6) of 36 numbers, or of its diagonal."""
+    values = node.numbers(None)
+    if len(values) not in (6, 36):
+        raise InvalidParameter(node.place(), f"{len(values)} numbers", "6 or 36 numbers")
+    return np.diag(values) if len(values) == 6 else values.reshape(6, 6)
+
+
+def _take_damping(key: str, water: Water, linear: np.ndarray, quadratic: np.ndarray, notes: Notes
+                  ) -> None:
+    """Takes the diagonals of drag that slows down, and says what else there is."""
+    taken = []
+    for name, D in (("linear", linear), ("quadratic", quadratic)):
+        d = np.diag(D).copy()
+        off = D - np.diag(d)
+        if np.any(off):
+            notes.changed.append(f"{key}: {np.count_nonzero(off)} entries of {name} drag beside "
+                                 f"the diagonal left out, the largest {np.max(np.abs(off)):g}")
+        if np.all(d <= 0.0) and np.any(d):
+            notes.changed.append(f"{key}: {name} drag that would speed up by its sign: turned")
+            d = -d
+        for i in np.flatnonzero(d < 0.0):
+            notes.changed.append(f"{key}: {name} drag in {AXES[i]} would speed up: turned")
+        taken.append(np.abs(d))
+    if np.any(taken):
+        water.linear, water.quadratic = taken
+
+
+def symmetric(key: str, M: np.ndarray, notes: Notes) -> np.ndarray:
+    """Returns the symmetric part of an added mass (6, 6) that is positive semidefinite.
+
+    What rounding can be is mended and said, by entry; more is refused.
+
+    Raises:
+        InvalidParameter: It is no added mass.
+    """
+    scale = float(np.max(np.abs(M)))
+    i, j = np.unravel_index(np.argmax(np.abs(M - M.T)), M.shape)
+    off = abs(M[i, j] - M[j, i])
+    require(off <= ROUNDED * max(scale, 1e-300), f"{key}[{i + 1}][{j + 1}]", float(M[i, j]),
+            f"that of [{j + 1}][{i + 1}], {M[j, i]:g}: the matrix is symmetric")
+    if off > 0.0:
+        notes.changed.append(f"{key}: made symmetric; [{i + 1}][{j + 1}] is {M[i, j]:g}, "
+                             f"[{j + 1}][{i + 1}] is {M[j, i]:g}")
+    M = 0.5 * (M + M.T)
+    values, vectors = np.linalg.eigh(M)
+    require(bool(values[0] >= -ROUNDED * scale), key, f"smallest eigenvalue {values[0]:.3g}",
+            "positive: the water would push what it is to hold back")
+    if values[0] < -1e-9 * scale:
+        notes.changed.append(f"{key}: its smallest eigenvalue, {values[0]:.3g}, set to zero")
+        M = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return 0.5 * (M + M.T)
+
+
+def _missing(water: Water) -> str:
+    """Returns the parts that a plugin does not give, as the end of a line."""
+    parts = [name for name, value in (("added mass", water.added_mass), ("drag", water.linear))
+             if value is None]
+    return f"; it has no {' and no '.join(parts)}" if parts else ""

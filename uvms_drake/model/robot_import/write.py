@@ -1,0 +1,193 @@
+"""Writes the files of a robot's folder: SDFormat, water, thrusters, package and notes."""
+
+from collections.abc import Iterable
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from uvms_drake.model.robot_import.bodies import Body, unique
+from uvms_drake.model.robot_import.poses import inverse, matrix_rpy
+from uvms_drake.model.robot_import.thrust import Thruster
+from uvms_drake.model.robot_import.tree import Shape
+
+LAG = 0.15
+"""Time constant of a thruster that a file does not give [s]."""
+INERTIAS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def number(value: float) -> str:
+    """Returns a number in ten digits, and no −0."""
+    return f"{value + 0.0:.10g}" if abs(value) > 1e-14 else "0"
+
+
+def row(values: Iterable[float]) -> str:
+    """Returns numbers with blanks between them, as XML has them."""
+    return " ".join(number(float(value)) for value in values)
+
+
+def listing(values: Iterable[float]) -> str:
+    """Returns numbers as a list of YAML; with a point, for its 1e-05 is a text without."""
+    return "[" + ", ".join(_yaml(float(value)) for value in values) + "]"
+
+
+def _yaml(value: float) -> str:
+    text = number(value)
+    return text if "." in text or "e" not in text else text.replace("e", ".0e")
+
+
+def comment(text: str) -> str:
+    """Returns a text that may stand in a comment of XML."""
+    return text.replace("--", "- -")
+
+
+def format_sdf(name: str, source: str, bodies: list[Body], joints: list[str], tip: np.ndarray,
+               shapes: list[list[Shape]]) -> str:
+    """Returns the SDFormat file.
+
+    Args:
+        name: Of the robot.
+        source: Of the file from which it was made.
+        bodies: Vehicle and arm, in axes of their own.
+        joints: Names of the joints.
+        tip: Pose of the tip in the last body (4, 4).
+        shapes: What is drawn of each body.
+    """
+    lines = ['<?xml version="1.0"?>',
+             f"<!-- {comment(name)}, made of {comment(source)} by `uvms-drake robot` with `from`;",
+             "     README.md says what was taken and changed, and what is an ESTIMATE. SI. -->",
+             '<sdf version="1.9" xmlns:drake="http://drake.mit.edu">',
+             f'  <model name="{name}">']
+    for i, body in enumerate(bodies):
+        lines += _link(body, bodies[i - 1] if i else None, shapes[i])
+        if body.joint is not None:
+            lines += _joint(body, bodies[i - 1].name, joints[i - 1])
+    lines += ["", f'    <frame name="tip" attached_to="{bodies[-1].name}">'
+              "  <!-- what presses, x along the tool -->",
+              f"      <pose>{_pose(tip)}</pose>", "    </frame>", "  </model>", "</sdf>"]
+    return "\n".join(lines) + "\n"
+
+
+def _pose(X: np.ndarray) -> str:
+    return f"{row(X[:3, 3])} {row(matrix_rpy(X[:3, :3]))}"
+
+
+def _link(body: Body, before: Body | None, shapes: list[Shape]) -> list[str]:
+    lines = ["", f'    <link name="{body.name}">']
+    names = [link.name for link in body.links]
+    if names != [body.name]:
+        lines.append(f"      <!-- {comment(', '.join(names))} -->")
+    if before is not None:
+        lines.append(f'      <pose relative_to="{before.name}">'
+                     f"{_pose(inverse(before.X) @ body.X)}</pose>")
+    inertia = "".join(f"<{key}>{number(body.inertia[place])}</{key}>"
+                      for key, place in zip(INERTIAS, PLACES, strict=True))
+    lines += ["      <inertial>", f"        <pose>{row(body.com)} 0 0 0</pose>",
+              f"        <mass>{number(body.mass)}</mass>", f"        <inertia>{inertia}</inertia>",
+              "      </inertial>"]
+    for i, shape in enumerate(shapes):
+        lines += [f'      <visual name="visual_{i + 1}">',
+                  f"        <pose>{_pose(shape.X)}</pose>",
+                  f"        <geometry>{_geometry(shape)}</geometry>"]
+        if shape.color is not None:
+            lines.append(f"        <material><diffuse>{row(shape.color)}</diffuse></material>")
+        lines.append("      </visual>")
+    return [*lines, "    </link>"]
+
+
+def _geometry(shape: Shape) -> str:
+    if shape.kind == "mesh":
+        return f"<mesh><uri>{escape(shape.uri)}</uri><scale>{row(shape.size)}</scale></mesh>"
+    keys = {"box": ["size"], "sphere": ["radius"], "ellipsoid": ["radii"]}.get(
+        shape.kind, ["radius", "length"])
+    sizes = [shape.size] if len(keys) == 1 else [shape.size[i:i + 1] for i in range(2)]
+    inner = "".join(f"<{key}>{row(size)}</{key}>" for key, size in zip(keys, sizes, strict=True))
+    return f"<{shape.kind}>{inner}</{shape.kind}>"
+
+
+def _joint(body: Body, parent: str, name: str) -> list[str]:
+    joint = body.joint
+    assert joint is not None and joint.rotor is not None
+    limits = [f"<{key}>{number(value)}</{key}>" for key, value in (
+        ("lower", joint.lower), ("upper", joint.upper)) if np.isfinite(value)]
+    limits += [f"<{key}>{number(value)}</{key}>" for key, value in (
+        ("effort", joint.effort), ("velocity", joint.velocity)) if value]
+    kind = "prismatic" if joint.kind == "prismatic" else "revolute"
+    return ["", f'    <joint name="{name}" type="{kind}">'
+            + (f"  <!-- {comment(joint.name)} -->" if joint.name != name else ""),
+            f"      <parent>{parent}</parent>", f"      <child>{body.name}</child>", "      <axis>",
+            f"        <xyz>{row(joint.axis / np.linalg.norm(joint.axis))}</xyz>",
+            f"        <limit>{''.join(limits)}</limit>",
+            f"        <dynamics><damping>{number(joint.damping)}</damping></dynamics>",
+            "      </axis>",
+            f"      <drake:rotor_inertia>{number(joint.rotor[0])}</drake:rotor_inertia>",
+            f"      <drake:gear_ratio>{number(joint.rotor[1])}</drake:gear_ratio>", "    </joint>"]
+
+
+def format_water(name: str, density: float, bodies: list[Body]) -> str:
+    """Returns hydrodynamics.yaml."""
+    lines = [f"# What the water does to {name}; README.md says what is an ESTIMATE. SI units, axes",
+             f"# and origins of the bodies in {name}.sdf, order (x, y, z, roll, pitch, yaw).",
+             "", f"fluid_density: {_yaml(density)}  # [kg/m³]", "", "bodies:"]
+    for body in bodies:
+        lines += [f"  {body.name}:", f"    displaced_volume: {_yaml(body.volume or 0.0)}  # [m³]",
+                  f"    center_of_buoyancy: {listing(body.center)}  # [m]", "    added_mass:"]
+        for M, point in body.added_mass:
+            rows = [listing(np.diag(M))] if np.array_equal(M, np.diag(np.diag(M))) else [
+                "[" + ",\n               ".join(listing(values) for values in M) + "]"]
+            lines += [f"      - matrix: {rows[0]}", f"        point: {listing(point)}"]
+        lines.append("    drag:")
+        for strip in body.drag:
+            lines += [f"      - linear: {listing(strip.linear)}",
+                      f"        quadratic: {listing(strip.quadratic)}",
+                      f"        point: {listing(strip.point)}"]
+    return "\n".join(lines) + "\n"
+
+
+def format_thrusters(name: str, placed: list[tuple[Thruster, np.ndarray, np.ndarray]],
+                     undriven: list[str], force: float) -> str:
+    """Returns thrusters.yaml; thrusters with the same curve and lag are of one kind.
+
+    Args:
+        name: Of the robot.
+        placed: Thrusters with positions [m] and axes in the vehicle's frame.
+        undriven: Axes that they do not drive.
+        force: Of those whose curve is not known [N].
+    """
+    # Thrusters, each of a kind that is written when it first occurs.
+    kinds: dict[tuple, str] = {}
+    lines = [f"# The thrusters of {name}; README.md says what is an ESTIMATE. SI units, in",
+             "# the vehicle's frame (FRD). An axis points to where a positive force pushes.", "",
+             f"undriven: [{', '.join(undriven)}]", "", "kinds:"]
+    rows = []
+    for thruster, position, axis in placed:
+        known = thruster.force.size >= 2
+        command = thruster.command if known else np.array([-force, 0.0, force])
+        values = thruster.force if known else command
+        key = (tuple(command), tuple(values), thruster.lag)
+        if key not in kinds:
+            kinds[key] = f"thruster_{len(kinds) + 1}"
+            lines += [f"  {kinds[key]}:", f"    lag: {_yaml(thruster.lag or LAG)}  # [s]"
+                      + ("" if thruster.lag else " ESTIMATE"),
+                      "    curves:  # command, and the force at it [N]"
+                      + ("" if known else " ESTIMATE"),
+                      f"      - command: {listing(command)}", f"        force: {listing(values)}"]
+        rows.append(f"{{kind: {kinds[key]}, position: {listing(position)}, "
+                    f"axis: {listing(axis)}}}")
+    return "\n".join([*lines, "", "thrusters:"]) + "\n" + "".join(
+        f"  {thruster_name}: {text}\n" for thruster_name, text in zip(
+            _names(placed), rows, strict=True))
+
+
+def _names(placed: list[tuple[Thruster, np.ndarray, np.ndarray]]) -> list[str]:
+    return [f"thruster_{name}" if name[0].isdigit() else name
+            for name in unique([thruster.name for thruster, _, _ in placed])]
+
+
+def format_package(name: str, source: str) -> str:
+    """Returns package.xml."""
+    return ('<?xml version="1.0"?>\n<package format="2">\n'
+            f"  <name>{name}</name>\n  <version>0.1.0</version>\n"
+            f"  <description>Made of {escape(source)}</description>\n"
+            "  <license>that of the file it was made of</license>\n</package>\n")
+

@@ -1,0 +1,130 @@
+"""Whether a robot can hold a task at rest: weight and force apart, and what would help.
+
+With w = b(𝔮) what weight and buoyancy take, j = J_𝔭ᵀ times the direction of pressing what a newton
+on the wall takes, and r what has to be left to move with, coordinate i can be held where
+
+    |wᵢ + F jᵢ| ≤ aᵢ = τ_max,i − rᵢ,                                                             (1)
+
+which is an interval of forces F: an arm that reaches up may be too weak to carry itself and strong
+enough to press.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_drake.model.description.hydrodynamics_file import BodyHydrodynamics
+from uvms_drake.model.description.thruster_file import AXES
+from uvms_drake.model.uvms import Uvms
+from uvms_drake.model.uvms_model import UvmsModel
+
+NOTHING = 1e-9
+"""Lever of a coordinate that a force on the wall does not reach [m]."""
+
+
+@dataclass(frozen=True)
+class Holding:
+    """What holds a task at rest, by coordinate (6+n,), in N and N m."""
+
+    weight: np.ndarray
+    """w of (1)."""
+    by_newton: np.ndarray
+    """j of (1), for each newton [1, m]."""
+    reserve: np.ndarray
+    """r of (1)."""
+    reserve_if_strong: np.ndarray
+    """That of stronger motors, which have more friction, too."""
+    strength: np.ndarray
+    """τ_max of (1); infinite where it is not known."""
+
+    def missing(self, force: float) -> np.ndarray:
+        """Returns how much stronger each would have to be (6+n,); zero or less is enough."""
+        lacking: np.ndarray = np.abs(self.weight + force * self.by_newton) - (
+            self.strength - self.reserve)
+        return lacking
+
+    def forces(self) -> tuple[float, float]:
+        """Returns the smallest and the largest F [N] of (1); the first exceeds the last if none."""
+        least, most = 0.0, np.inf
+        room = self.strength - self.reserve
+        for a, w, j in zip(room, self.weight, self.by_newton, strict=True):
+            if not np.isfinite(a):
+                continue
+            if a < 0.0 or (abs(j) < NOTHING and abs(w) > a):
+                return np.inf, 0.0
+            if abs(j) >= NOTHING:
+                ends = sorted([(-a - w) / j, (a - w) / j])
+                least, most = max(least, ends[0]), min(most, ends[1])
+        return least, most
+
+    def said(self, i: int, force: float) -> str:
+        """Returns what weight and force take of coordinate i, in words."""
+        unit = "N" if i < 3 else "N m"
+        weight, pressing = self.weight[i], force * self.by_newton[i]
+        change = abs(weight + pressing) - abs(weight)
+        how = f"take {-change:.3g} off" if change < 0.0 else f"add {change:.3g}"
+        return (f"weight and buoyancy take {abs(weight):.3g} {unit}, and {force:g} N on the wall "
+                f"{how}")
+
+
+def with_water(uvms: Uvms) -> tuple[Uvms, list[str]]:
+    """Returns a robot whose dry links of the arm weigh nothing in water, and their names."""
+    plant, water = uvms.plant, uvms.hydrodynamics
+    bodies, names = dict(water.bodies), []
+    moved = {body.index() for joint in uvms.joints
+             for body in plant.GetBodiesWeldedTo(joint.child_body())}
+    for body in (plant.get_body(index) for index in moved):
+        known = bodies.get(body.name(), BodyHydrodynamics())
+        if known.displaced_volume == 0.0 and body.default_mass() > 0.0:
+            names.append(body.name())
+            bodies[body.name()] = replace(
+                known, displaced_volume=body.default_mass() / water.fluid_density,
+                center_of_buoyancy=body.default_com())
+    return replace(uvms, hydrodynamics=replace(water, bodies=bodies)), sorted(names)
+
+
+def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -> str:
+    """Returns what makes (1) hold, in words; each of it is checked.
+
+    Args:
+        uvms: The robot.
+        config: 𝔮 (6+n,) of the task.
+        holding: What holds it, at the thrusters and motors that there are.
+        force: F that was asked for [N].
+    """
+    found = []
+    least, most = holding.forces()
+    least, most = _rounded(least, np.ceil), _rounded(most, np.floor)
+    if max(least, 0.0) < most:
+        found.append(f"--force of {least:g} N at least" if not np.isfinite(most) else
+                     f"--force of {most:g} N at most" if least <= 0.0 else
+                     f"--force from {least:g} to {most:g} N")
+    # Links of which the water is not known may weigh less.
+    wet, names = with_water(uvms)
+    if names:
+        model = UvmsModel(wet)
+        rest = np.zeros(model.size)
+        lighter = replace(holding, weight=model.inverse_dynamics(
+            model.kinematics(config), rest, rest))
+        if np.all(lighter.missing(force) <= 0.0):
+            found.append(f"water in hydrodynamics.yaml for what is dry, {', '.join(names)}: what "
+                         "floats by itself would do")
+    strong = replace(holding, reserve=holding.reserve_if_strong)
+    lacking = np.where(holding.missing(force) > 0.0, strong.missing(force), 0.0)
+    found.append(" and ".join(
+        f"{_rounded(holding.strength[i] + lacking[i], np.ceil):g} {'N' if i < 3 else 'N m'} along "
+        f"{coordinate(i)}" for i in range(len(lacking)) if lacking[i] > 0.0))
+    return "; or ".join(found)
+
+
+def coordinate(i: int) -> str:
+    """Returns the name of coordinate i of ζ."""
+    return AXES[i] if i < 6 else f"q{i - 5}"
+
+
+def _rounded(value: float, way: np.ufunc) -> float:
+    """Returns a value of two digits above or below one."""
+    if not np.isfinite(value) or value <= 0.0:
+        return value
+    size = 10.0 ** (np.floor(np.log10(value)) - 1.0)
+    return float(f"{float(way(value / size) * size):.6g}")
