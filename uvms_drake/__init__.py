@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from uvms_drake.control.plan.points import Points as Points
     from uvms_drake.control.tube_mpc import make_tube_mpc as make_tube_mpc
     from uvms_drake.model.robot import Robot as Robot
-    from uvms_drake.model.sensor_actuator import Part as Part
-    from uvms_drake.model.sensor_actuator import Signals as Signals
+    from uvms_drake.model.signals.sensor_actuator import Part as Part
+    from uvms_drake.model.signals.sensor_actuator import Signals as Signals
     from uvms_drake.model.surface.law import Surface as Surface
     from uvms_drake.model.surface.plane import UnilateralPlane as UnilateralPlane
     from uvms_drake.model.surface.spring import BilateralSpring as BilateralSpring
@@ -64,13 +64,13 @@ _HOME = {
     "make_tube_mpc": "control.tube_mpc",
     "make_uvms_plant": "plant.uvms_plant",
     "Pair": "control.laws.law",
-    "Part": "model.sensor_actuator",
+    "Part": "model.signals.sensor_actuator",
     "Points": "control.plan.points",
     "Record": "station.record",
     "Robot": "model.robot",
     "Scenario": "station.scenario.scenario",
     "set_state": "plant.uvms_plant",
-    "Signals": "model.sensor_actuator",
+    "Signals": "model.signals.sensor_actuator",
     "simulate": "station.simulation",
     "start_state": "station.problem",
     "summarise": "report.summary",

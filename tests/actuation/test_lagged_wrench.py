@@ -10,7 +10,7 @@ from uvms_drake.actuation import LaggedWrench
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
-from uvms_drake.model.sensor_actuator import ON_TIME, VEHICLE_WRENCH, Signals
+from uvms_drake.model.signals.sensor_actuator import ON_TIME, VEHICLE_WRENCH, Signals
 from uvms_drake.station.scenario.scenario import load_scenario
 
 TAU = np.array([300.0, -90.0, 70.0, 20.0, 40.0, -30.0, 1.0, 2.0, 3.0, 4.0])

@@ -16,7 +16,7 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Signals
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Signals
 
 TAU = np.array([12.0, -9.0, 7.0, 2.0, 4.0, -3.0, 1.0, 2.0, 3.0, 4.0])
 

@@ -16,7 +16,7 @@ from uvms_drake.model.robot import Robot
 from uvms_drake.model.robot_import.importer import import_robot
 from uvms_drake.model.robot_import.meshes import format_obj, mesh_volume
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.poses import matrix_rpy, rpy_matrix
+from uvms_drake.model.robot_import.reading.poses import matrix_rpy, rpy_matrix
 from uvms_drake.model.robot_import.water import symmetric
 from uvms_drake.model.uvms_model import UvmsModel
 

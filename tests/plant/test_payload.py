@@ -8,7 +8,7 @@ from support.field import FIELD_CASES
 
 from uvms_drake.command.main import main
 from uvms_drake.model.frames.euler import rotation_matrix
-from uvms_drake.model.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
+from uvms_drake.model.signals.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
 from uvms_drake.model.uvms_model import UvmsModel, read_uvms
 from uvms_drake.plant.model_error import ModelError
 from uvms_drake.plant.payload import Payload, holding_wrench

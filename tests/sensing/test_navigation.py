@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
 from uvms_drake.common.errors import InvalidParameter
-from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.sensing.navigation import (
     CHANNELS,
     Channel,

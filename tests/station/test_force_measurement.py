@@ -10,7 +10,7 @@ from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
 from uvms_drake.control.feedback.tube_monitor import TUBE_REPORT
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import Part
+from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.sensing.force_faults import FrozenForce, JumpedForce, LostForce, SaturatedForce
 from uvms_drake.sensing.force_sensor import ForceSensor

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Gain
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import InvalidParameter, ScenarioError
-from uvms_drake.model.sensor_actuator import Part
+from uvms_drake.model.signals.sensor_actuator import Part
 from uvms_drake.plant.disturbance import Disturbance, SinusoidalDisturbance
 from uvms_drake.sensing.navigation import Channel, Dvl, Navigation
 from uvms_drake.station.diagram import make_station

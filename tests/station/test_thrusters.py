@@ -6,7 +6,7 @@ import pytest
 from uvms_drake.certificate.certify import assumptions
 from uvms_drake.common.errors import ScenarioError
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
 from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 from uvms_drake.station.simulation import simulate
 

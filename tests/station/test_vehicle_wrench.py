@@ -11,7 +11,7 @@ from uvms_drake.actuation.joint_brake import StuckJoint
 from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import Command
 from uvms_drake.control.laws.tip_first import BlockGains
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Part
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Part
 from uvms_drake.station.diagram import make_station
 from uvms_drake.station.scenario.scenario import load_scenario
 

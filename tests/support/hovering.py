@@ -14,7 +14,7 @@ from pydrake.systems.primitives import (
 
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.feedback.disturbance_observer import add_observer
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, Part
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, Part
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 

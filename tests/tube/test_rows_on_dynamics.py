@@ -16,7 +16,7 @@ from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.outputs import outputs_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.laws.tip_rows import tip_rows
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import configuration_rate
 from uvms_drake.plant.disturbance import (
     DirectedDisturbance,

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
-from uvms_drake.model.sensor_actuator import ONLY_ONCE, Fault, Part, Signals, check_times
+from uvms_drake.model.signals.sensor_actuator import ONLY_ONCE, Fault, Part, Signals, check_times
 from uvms_drake.model.uvms_model import UvmsModel
 
 BRAKE = (400.0, 40.0)

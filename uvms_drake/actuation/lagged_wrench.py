@@ -8,7 +8,7 @@ from uvms_drake.actuation.thrusters import Thrusters
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import AXES
 from uvms_drake.model.propulsion.thrusters import ThrusterModel, Unlimited
-from uvms_drake.model.sensor_actuator import CommandPath
+from uvms_drake.model.signals.sensor_actuator import CommandPath
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_period
-from uvms_drake.model.sample_and_hold import Clock, SampledVector
-from uvms_drake.model.sensor_actuator import CommandPath, Part, Signals
+from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
+from uvms_drake.model.signals.sensor_actuator import CommandPath, Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -26,7 +26,7 @@ from uvms_drake.actuation.thruster_dynamics import ThrusterDynamics
 from uvms_drake.common.errors import InvalidParameter, require, require_period
 from uvms_drake.model.propulsion.allocation import Allocation
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH, CommandPath, Part, Signals
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH, CommandPath, Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 

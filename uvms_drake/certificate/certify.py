@@ -27,7 +27,7 @@ from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.plan import P, Plan
 from uvms_drake.control.plan.points import Points
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import Component
+from uvms_drake.model.signals.sensor_actuator import Component
 from uvms_drake.model.surface.law import NotOffered
 from uvms_drake.plant.waves import largest_speed
 from uvms_drake.station.contact_bounds import sensed_contact

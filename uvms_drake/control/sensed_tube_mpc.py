@@ -19,7 +19,7 @@ from uvms_drake.control.mpc.plan_extent import PlanExtent
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.ocp.tracking_ocp import TURNED_FREELY, TrackingOcp
 from uvms_drake.control.plan.commitment import committed_intervals
-from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay
+from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 

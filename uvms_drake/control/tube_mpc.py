@@ -15,7 +15,7 @@ from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
 from uvms_drake.control.plan.commitment import committed_intervals
-from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay
+from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay
 
 
 def make_tube_mpc(ocp: DynamicOcp, law: AncillaryLaw,

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, PassThrough
 from uvms_drake.common.errors import require, vector, within
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.frames.euler import WORLD
-from uvms_drake.model.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
+from uvms_drake.model.signals.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST
 from uvms_drake.model.surface.law import Surface
 from uvms_drake.plant.applied_forces import AppliedForces
 from uvms_drake.plant.disturbance import OpenLoopDisturbance

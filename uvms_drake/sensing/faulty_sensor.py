@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
-from uvms_drake.model.sensor_actuator import (
+from uvms_drake.model.signals.sensor_actuator import (
     ONLY_ONCE,
     Fault,
     Part,

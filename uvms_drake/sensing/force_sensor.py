@@ -46,7 +46,7 @@ from uvms_drake.common.wiring import added
 from uvms_drake.model.end_effector import force_in_tip, force_of_tip
 from uvms_drake.model.frames.euler import rotated_back
 from uvms_drake.model.frames.spatial import block_diagonal
-from uvms_drake.model.sensor_actuator import (
+from uvms_drake.model.signals.sensor_actuator import (
     MEASURED_FORCE,
     PAYLOAD,
     PAYLOAD_AT_REST,

@@ -28,8 +28,8 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, require_rate, vector, within
-from uvms_drake.model.sample_and_hold import Clock, SampledVector
-from uvms_drake.model.sensor_actuator import Part, Signals
+from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
+from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 STREAM = 2

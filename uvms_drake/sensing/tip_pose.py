@@ -9,7 +9,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 
 

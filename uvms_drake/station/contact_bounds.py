@@ -8,7 +8,7 @@ import numpy as np
 from uvms_drake.common.errors import InvalidParameter, within
 from uvms_drake.control.contact.contact_state import ForceSensorModel
 from uvms_drake.control.limits import TubeRadii, resolved_radii
-from uvms_drake.model.sensor_actuator import ForceReading
+from uvms_drake.model.signals.sensor_actuator import ForceReading
 from uvms_drake.model.surface import SensedContact
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.conditions import Condition

@@ -15,7 +15,12 @@ from uvms_drake.control.limits import resolved_radii
 from uvms_drake.control.mpc.planner import MPC_REPORT
 from uvms_drake.control.mpc.solver_faults import SolverFaults
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import PAYLOAD, PAYLOAD_AT_REST, VEHICLE_WRENCH, Signals
+from uvms_drake.model.signals.sensor_actuator import (
+    PAYLOAD,
+    PAYLOAD_AT_REST,
+    VEHICLE_WRENCH,
+    Signals,
+)
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.force_measurement import add_force_measurement
 from uvms_drake.station.mission import add_mission

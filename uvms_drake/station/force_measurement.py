@@ -5,7 +5,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from uvms_drake.common.errors import require
 from uvms_drake.control.contact.tangential_filter import TangentialFilter
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import MEASURED_FORCE, Signals
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, Signals
 from uvms_drake.sensing.force_fault_detector import ForceFaultDetector
 from uvms_drake.sensing.hold_last_value import HoldLastValue
 from uvms_drake.station.contact_bounds import sensed_contact, sensing_of

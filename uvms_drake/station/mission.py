@@ -5,7 +5,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from uvms_drake.mission.system import MissionControl
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.station.contact_bounds import sensed_contact
 from uvms_drake.station.problem import task_place
 from uvms_drake.station.scenario.scenario import Scenario

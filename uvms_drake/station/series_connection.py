@@ -6,7 +6,7 @@ from dataclasses import fields
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from uvms_drake.common.errors import require, within
-from uvms_drake.model.sensor_actuator import Part, Signals
+from uvms_drake.model.signals.sensor_actuator import Part, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.record import RENAMED, Record
 

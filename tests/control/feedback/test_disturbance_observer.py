@@ -14,7 +14,7 @@ from uvms_drake.control.laws import Resolved, TipFirst
 from uvms_drake.control.laws.law import pair_of
 from uvms_drake.control.laws.tip_first import BlockGains
 from uvms_drake.control.limits import Limits
-from uvms_drake.model.sensor_actuator import VEHICLE_WRENCH
+from uvms_drake.model.signals.sensor_actuator import VEHICLE_WRENCH
 from uvms_drake.plant.disturbance import ConstantDisturbance
 from uvms_drake.sensing.faulty_sensor import FrozenState, LostState
 from uvms_drake.sensing.navigation import Channel, Drift, Dvl, Navigation

@@ -5,7 +5,7 @@ import pytest
 
 from uvms_drake.actuation.sampled_command import SampledCommand
 from uvms_drake.actuation.thrusters import Thrusters
-from uvms_drake.model.sensor_actuator import CommandPath
+from uvms_drake.model.signals.sensor_actuator import CommandPath
 from uvms_drake.tube.loops.actuator_path import Path, actuators_of
 
 

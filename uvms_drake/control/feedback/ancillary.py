@@ -28,7 +28,7 @@ from uvms_drake.common.errors import require
 from uvms_drake.common.wiring import added
 from uvms_drake.control.laws.law import AncillaryLaw, Command, pair_of
 from uvms_drake.control.limits import Limits, check_limits
-from uvms_drake.model.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import UvmsModel
 
 

@@ -25,7 +25,7 @@ from pydrake.systems.framework import (
 
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback, is_lost
 from uvms_drake.control.laws.law import AncillaryLaw, Observed, Pair
-from uvms_drake.model.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
+from uvms_drake.model.signals.sensor_actuator import MEASURED_FORCE, VEHICLE_WRENCH
 from uvms_drake.model.uvms_model import UvmsModel
 
 

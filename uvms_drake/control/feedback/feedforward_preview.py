@@ -23,7 +23,7 @@ from uvms_drake.control.contact.contact_estimator import ContactEstimator
 from uvms_drake.control.feedback.ancillary import AncillaryFeedback
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.plan.plan import DynamicPlan
-from uvms_drake.model.sensor_actuator import ActuationDelay
+from uvms_drake.model.signals.sensor_actuator import ActuationDelay
 from uvms_drake.model.uvms_model import UvmsModel
 
 CONTACT_PORTS = {"touched": 1, "reading": 4, "slope": 1, "tilt": 3, "force_lost": 1}

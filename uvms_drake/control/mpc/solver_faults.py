@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, SOLVED, TIMED_OUT
-from uvms_drake.model.sensor_actuator import Fault, check_times, is_active
+from uvms_drake.model.signals.sensor_actuator import Fault, check_times, is_active
 
 PRECEDENCE = (DROPPED, FAILED, TIMED_OUT)
 """Statuses by rank: of two faults at the same instant the earlier one here counts."""

@@ -16,7 +16,7 @@ import math
 
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.plan.plan import KNOT_TOLERANCE
-from uvms_drake.model.sensor_actuator import ActuationDelay
+from uvms_drake.model.signals.sensor_actuator import ActuationDelay
 
 
 def committed_intervals(law: AncillaryLaw, actuation_delay: ActuationDelay, time_step: float

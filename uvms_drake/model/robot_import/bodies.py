@@ -11,9 +11,9 @@ import numpy as np
 
 from uvms_drake.model.robot_import.chain import Chain
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.poses import along, inverse, pose
+from uvms_drake.model.robot_import.reading.poses import along, inverse, pose
+from uvms_drake.model.robot_import.reading.tree import Joint, Link, Shape, Tree
 from uvms_drake.model.robot_import.thrust import Thruster
-from uvms_drake.model.robot_import.tree import Joint, Link, Shape, Tree
 from uvms_drake.model.robot_import.water import Water, Waters
 
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])

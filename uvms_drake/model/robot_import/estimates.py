@@ -10,9 +10,9 @@ import numpy as np
 
 from uvms_drake.model.robot_import.bodies import Body, Strip, middle_poses
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.poses import inverse
+from uvms_drake.model.robot_import.reading.poses import inverse
+from uvms_drake.model.robot_import.reading.tree import Joint
 from uvms_drake.model.robot_import.shapes import box_of, volume_of
-from uvms_drake.model.robot_import.tree import Joint
 from uvms_drake.model.robot_import.water import Waters
 
 FRESH = 1000.0

@@ -24,13 +24,14 @@ from uvms_drake.model.robot_import.estimates import (
     thrust_limit,
 )
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.read_sdf import is_sdf, read_sdf
-from uvms_drake.model.robot_import.read_urdf import read_urdf
+from uvms_drake.model.robot_import.reading.read_sdf import is_sdf, read_sdf
+from uvms_drake.model.robot_import.reading.read_urdf import read_urdf
+from uvms_drake.model.robot_import.reading.spelling import require_spelled
+from uvms_drake.model.robot_import.reading.tree import Tree
+from uvms_drake.model.robot_import.reading.xml_node import read_xml
 from uvms_drake.model.robot_import.shapes import drawn
-from uvms_drake.model.robot_import.spelling import require_spelled
 from uvms_drake.model.robot_import.thrust import Thruster, read_thrusters
 from uvms_drake.model.robot_import.tip import place_tip
-from uvms_drake.model.robot_import.tree import Tree
 from uvms_drake.model.robot_import.water import is_water, read_water
 from uvms_drake.model.robot_import.write import (
     LAG,
@@ -39,7 +40,6 @@ from uvms_drake.model.robot_import.write import (
     format_thrusters,
     format_water,
 )
-from uvms_drake.model.robot_import.xml_node import read_xml
 
 Placed = list[tuple[Thruster, np.ndarray, np.ndarray]]
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from uvms_drake.model.description.meshes import bounding_box, reason_not_drawn, stl_triangles
 from uvms_drake.model.robot_import.bodies import Body
-from uvms_drake.model.robot_import.files import resolve
 from uvms_drake.model.robot_import.meshes import format_obj, mesh_volume
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.poses import pose
-from uvms_drake.model.robot_import.tree import Link, Shape
+from uvms_drake.model.robot_import.reading.files import resolve
+from uvms_drake.model.robot_import.reading.poses import pose
+from uvms_drake.model.robot_import.reading.tree import Link, Shape
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 BESIDE = re.compile(r'^(?:mtllib|map_\w+)\s+(.+?)\s*$|"uri"\s*:\s*"(?!data:)([^"]+)"', re.M)

@@ -10,8 +10,8 @@ import numpy as np
 
 from uvms_drake.model.robot_import.chain import ROTOR
 from uvms_drake.model.robot_import.notes import Notes, listed
-from uvms_drake.model.robot_import.tree import Joint, Link, Tree
-from uvms_drake.model.robot_import.xml_node import Node
+from uvms_drake.model.robot_import.reading.tree import Joint, Link, Tree
+from uvms_drake.model.robot_import.reading.xml_node import Node
 
 POINTS = 8
 """Number of commands on a parabola, each way."""

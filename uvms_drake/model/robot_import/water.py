@@ -13,8 +13,8 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.robot_import.notes import Notes
-from uvms_drake.model.robot_import.tree import Link, Tree
-from uvms_drake.model.robot_import.xml_node import Node
+from uvms_drake.model.robot_import.reading.tree import Link, Tree
+from uvms_drake.model.robot_import.reading.xml_node import Node
 
 FORCES, RATES = "xyzkmn", "UVWPQR"
 """SNAME's letters of forces and velocities, as gz-sim has them."""

@@ -6,9 +6,9 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from uvms_drake.model.robot_import.bodies import Body, unique
-from uvms_drake.model.robot_import.poses import inverse, matrix_rpy
+from uvms_drake.model.robot_import.reading.poses import inverse, matrix_rpy
+from uvms_drake.model.robot_import.reading.tree import Shape
 from uvms_drake.model.robot_import.thrust import Thruster
-from uvms_drake.model.robot_import.tree import Shape
 
 LAG = 0.15
 """Time constant of a thruster that a file does not give [s]."""

@@ -17,7 +17,7 @@ from uvms_drake.control.ocp.dynamic_ocp import DynamicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.tube_mpc import make_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay, CommandPath, Signals
+from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay, CommandPath, Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.adversary import KINDS
 from uvms_drake.plant.disturbance import Disturbance, OpenLoopDisturbance

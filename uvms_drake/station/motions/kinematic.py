@@ -11,7 +11,7 @@ from uvms_drake.control.ocp.kinematic_ocp import KinematicOcp
 from uvms_drake.control.ocp.ocp import MpcConfig
 from uvms_drake.control.tube_mpc import make_kinematic_tube_mpc
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.plant.kinematic_plant import make_kinematic_plant

@@ -12,7 +12,7 @@ from uvms_drake.control.feedback.tube_monitor import TubeMonitor
 from uvms_drake.control.laws.law import AncillaryLaw
 from uvms_drake.control.ocp.ocp import MpcConfig, Ocp
 from uvms_drake.model.contact_model import ContactModel
-from uvms_drake.model.sensor_actuator import Signals
+from uvms_drake.model.signals.sensor_actuator import Signals
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.plant.disturbance import Disturbance
 from uvms_drake.station.scenario.scenario import Scenario

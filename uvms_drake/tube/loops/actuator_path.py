@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uvms_drake.model.sensor_actuator import ON_TIME, ActuationDelay, CommandPath
+from uvms_drake.model.signals.sensor_actuator import ON_TIME, ActuationDelay, CommandPath
 
 SAME = 1e-6
 """Tolerance of equal times, over a period."""

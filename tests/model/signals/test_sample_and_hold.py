@@ -1,4 +1,4 @@
-"""Tests of `model.sample_and_hold`: held samples and their instants against the definition."""
+"""Tests of `model.signals.sample_and_hold`: held samples and their instants against the definition."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.scripts import Script
 
-from uvms_drake.model.sample_and_hold import Clock, SampledVector
+from uvms_drake.model.signals.sample_and_hold import Clock, SampledVector
 
 TIMES = np.sqrt(np.linspace(2e-4, 0.98, 171))
 """Instants between events."""

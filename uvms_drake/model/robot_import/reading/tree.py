@@ -9,8 +9,8 @@ import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
 from uvms_drake.model.description.hydrodynamics_file import FARTHEST, require_near
-from uvms_drake.model.robot_import.poses import along, inverse
-from uvms_drake.model.robot_import.xml_node import Node
+from uvms_drake.model.robot_import.reading.poses import along, inverse
+from uvms_drake.model.robot_import.reading.xml_node import Node
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints that an arm may have."""

@@ -3,9 +3,9 @@
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.model.robot_import.poses import pose, rpy_matrix
-from uvms_drake.model.robot_import.tree import Joint, Link, Shape, Tree
-from uvms_drake.model.robot_import.xml_node import Node
+from uvms_drake.model.robot_import.reading.poses import pose, rpy_matrix
+from uvms_drake.model.robot_import.reading.tree import Joint, Link, Shape, Tree
+from uvms_drake.model.robot_import.reading.xml_node import Node
 
 
 def read_urdf(robot: Node) -> Tree:

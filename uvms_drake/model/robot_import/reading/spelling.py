@@ -7,7 +7,7 @@ Unknown names are passed over, for files in the wild have elements of many progr
 import difflib
 
 from uvms_drake.common.errors import require
-from uvms_drake.model.robot_import.xml_node import Node
+from uvms_drake.model.robot_import.reading.xml_node import Node
 
 SHAPES = "box cylinder sphere capsule ellipsoid mesh plane polyline heightmap empty cone"
 ELEMENTS = {

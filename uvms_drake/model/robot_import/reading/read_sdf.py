@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from uvms_drake.common.errors import InvalidParameter, require
-from uvms_drake.model.robot_import.files import model_file, resolve
-from uvms_drake.model.robot_import.poses import inverse, pose, quaternion_matrix, rpy_matrix
-from uvms_drake.model.robot_import.read_urdf import moved, read_urdf
-from uvms_drake.model.robot_import.spelling import require_spelled
-from uvms_drake.model.robot_import.tree import Joint, Link, Shape, Tree
-from uvms_drake.model.robot_import.xml_node import Node, read_xml
+from uvms_drake.model.robot_import.reading.files import model_file, resolve
+from uvms_drake.model.robot_import.reading.poses import inverse, pose, quaternion_matrix, rpy_matrix
+from uvms_drake.model.robot_import.reading.read_urdf import moved, read_urdf
+from uvms_drake.model.robot_import.reading.spelling import require_spelled
+from uvms_drake.model.robot_import.reading.tree import Joint, Link, Shape, Tree
+from uvms_drake.model.robot_import.reading.xml_node import Node, read_xml
 
 ENDLESS = 1e15
 """Limits that mean none."""

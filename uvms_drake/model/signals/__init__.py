@@ -1,0 +1,1 @@
+"""Signals of the loop: the interface of sensors and actuators, sampled vectors."""
