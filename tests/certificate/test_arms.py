@@ -11,8 +11,8 @@ from support.arms import write_arm, write_press
 
 from uvms_drake.certificate.certify import certify, first_plan
 from uvms_drake.control.ocp.scp import SequentialConvexSolver
+from uvms_drake.model.robot import Robot
 from uvms_drake.model.uvms import slides
-from uvms_drake.model.uvms_model import read_uvms
 from uvms_drake.station.motions.motions import make_ocp
 from uvms_drake.station.problem import load_model, start_state
 from uvms_drake.station.robot_loading import complaints_about
@@ -23,9 +23,9 @@ from uvms_drake.station.scenario.scenario import Scenario, load_scenario
     (1, False), (2, False), (3, False), (4, True), (5, False), (6, False), (7, False)])
 def test_the_made_up_robots_are_sound(n, telescope, tmp_path):
     robot = write_arm(tmp_path, n, telescope=telescope)
-    uvms = read_uvms(str(robot))
-    assert [slides(joint) for joint in uvms.joints] == [False] * (n - 1) + [telescope]
-    assert complaints_about(uvms, str(robot)) == []
+    loaded = Robot.load(robot)
+    assert [slides(joint) for joint in loaded.uvms.joints] == [False] * (n - 1) + [telescope]
+    assert complaints_about(loaded) == []
 
 
 def step_time(scenario: Scenario) -> float:

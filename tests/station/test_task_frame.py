@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from support.quick import FEW, search_less
@@ -18,6 +19,7 @@ from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.surface.law import check_surface
 from uvms_drake.model.surface.plane import UnilateralPlane
+from uvms_drake.model.uvms import add_uvms
 from uvms_drake.model.uvms_model import UvmsModel, configuration_rate, read_uvms
 from uvms_drake.plant.surface import pose_and_jacobian
 from uvms_drake.plant.uvms_plant import set_state
@@ -95,8 +97,10 @@ def test_the_limit_on_the_tools_angle_is_about_the_same_axis(uvms):
 
 def closed_loop(scenario, duration: float) -> tuple[np.ndarray, ...]:
     """Returns state, force and τ after a time, without gravity."""
-    model = ContactModel(read_uvms(scenario.model), check_surface(scenario.surface),
-                         scenario.task.frame)
+    alone = MultibodyPlant(time_step=0.0)
+    robot = add_uvms(alone, scenario.model)
+    alone.Finalize()
+    model = ContactModel(robot, check_surface(scenario.surface), scenario.task.frame)
     builder = DiagramBuilder()
     plant = builder.AddSystem(make_simulated_uvms(scenario, scenario.disturbance))
     controller = builder.AddSystem(make_tube_mpc(

@@ -88,7 +88,7 @@ def add_simulated_uvms(plant: MultibodyPlant, model: str, error: ModelError | No
         uvms = add_uvms(plant, scaled_files(files, error.mass))
         _check_scaled(plant, files, error.mass)
     uvms = replace(uvms, hydrodynamics=scaled_hydrodynamics(uvms, error))
-    return with_payload(plant, uvms, error.payload) if error.payload.displaced else uvms
+    return with_payload(plant, uvms, error.payload) if error.payload.present else uvms
 
 
 def _check_scaled(plant: MultibodyPlant, files: RobotFiles, factor: float) -> None:

@@ -50,7 +50,7 @@ class Payload:
 
 
     @property
-    def held(self) -> bool:
+    def present(self) -> bool:
         """Whether there is one."""
         return self.mass > 0.0 or self.displaced > 0.0
 

@@ -160,7 +160,7 @@ def make_uvms_plant(
     builder.Connect(water.GetOutputPort("acceleration"), state.GetInputPort("v_dot"))
 
     # What the hand holds, for a wrist sensor.
-    payload = None if error is None or not error.payload.held else (
+    payload = None if error is None or not error.payload.present else (
         HeldPayload.AddToBuilder(builder, plant, uvms, error.payload))
 
     # The ports.
