@@ -478,7 +478,8 @@ def test_a_quaternion_that_is_off_by_rounding_does_no_harm():
      r"^bodies = 'gripper': must be the name of one body of the plant: vehicle, upper, lower$"),
     (HydrodynamicParameters(fluid_density=-1.0), r"^fluid_density = -1\.0: must be positive$"),
     (one_body(added_mass=[AddedMass(np.triu(np.ones((6, 6))))]),
-     r"^bodies\.vehicle\.added_mass\[0\]\.matrix = 'row 1, column 2: 1 against 0 in row 2, column 1':"
+     r"^bodies\.vehicle\.added_mass\[0\]\.matrix = 'row 1, column 2: 1 against 0 in row 2, "
+     r"column 1':"
      r" must be symmetric, to 0\.1 % of an entry$"),
     (one_body(added_mass=[AddedMass(np.array([1, 1, -2.0, 0, 0, 0]))]),
      r"^bodies\.vehicle\.added_mass\[0\]\.matrix = .* \(its smallest eigenvalue is -2\)$"),
