@@ -92,5 +92,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Returns what the package offers."""
+    """Returns the names that the package offers."""
     return sorted([*globals(), *_HOME])

@@ -40,7 +40,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--margins", action="store_true",
                          help="also print, and write to margins.json, the largest value of each "
                               "source of error alone: noise, lag, stiffness, mass, current, ...")
-    certify.add_argument("--front", action="store_true",
+    certify.add_argument("--front", dest="pareto_front", action="store_true",
                          help="also print the Pareto front over gains and disturbance bounds")
     certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
@@ -91,7 +91,7 @@ def certify_scenario(args: argparse.Namespace) -> int:
             (output.folder / MARGINS_FILE).write_text(json.dumps(jsonable(
                 [asdict(each) for each in found]), indent=2) + "\n", encoding="utf-8")
         print(f"written to {path}: {MARGINS_FILE}", file=sys.stderr)
-    if args.front:
+    if args.pareto_front:
         with closing(Bar("computing the Pareto front", stream_of(args))) as progress:
             points = pareto_front(scenario, model, progress=progress)
         print(f"\n{format_pareto_front(points)}")
@@ -121,14 +121,14 @@ def _draw_budget(certificate: Certificate, folder: Path) -> None:
         from uvms_drake.report.figure_style import STYLE
 
         with matplotlib.rc_context(STYLE):
-            draw_budget(certificate.budget, certificate.room).savefig(folder / BUDGET_FILE)
+            draw_budget(certificate.budget, certificate.margin).savefig(folder / BUDGET_FILE)
 
 
 def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
     """Raises `InvalidParameter` for the first requested study that does not apply."""
     from uvms_drake.studies.pareto_front import check_pareto_front
 
-    if args.front:
+    if args.pareto_front:
         check_pareto_front(scenario)
     for option in ("propose", "laws", "margins"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,

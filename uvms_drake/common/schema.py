@@ -104,11 +104,11 @@ def line_of(text: str, key: str) -> int | None:
         entries = [(str(name.value), name, value) for name, value in node.value] if isinstance(
             node, yaml.MappingNode) else [
             (f"[{i}]", item, item) for i, item in enumerate(node.value)]
-        ahead = [entry for entry in entries
+        matching = [entry for entry in entries
                  if key == entry[0] or key.startswith((f"{entry[0]}.", f"{entry[0]}["))]
-        if not ahead:
+        if not matching:
             break
-        head, start, node = max(ahead, key=lambda entry: len(entry[0]))
+        head, start, node = max(matching, key=lambda entry: len(entry[0]))
         key, line = key[len(head):].removeprefix("."), start.start_mark.line + 1
     return line
 

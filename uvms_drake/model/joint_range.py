@@ -5,7 +5,7 @@ import numpy as np
 from uvms_drake.model.uvms_model import UvmsModel
 
 HALF_TURN = np.pi
-"""Of a joint without limits, the range either way of zero [rad, m]."""
+"""Range of a joint without limits, either way of zero [rad, m]."""
 
 
 def joint_range(model: UvmsModel) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ class Robot:
     """A robot whose files can be used: what checks, a station and a picture begin with."""
 
     files: RobotFiles
-    """What its files say."""
+    """Content of its files."""
     uvms: Uvms
     """The robot alone in a finalized, continuous plant that is registered with a SceneGraph."""
 
@@ -51,7 +51,7 @@ class Robot:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What its files say that is no mistake, but wants to be known; a line each."""
+        """Notes on its files, a line each: no mistakes, but worth knowing."""
         return tuple(self.files.notes)
 
     def add_to(self, plant: MultibodyPlant) -> Uvms:

@@ -1,4 +1,4 @@
-"""What the files of a robot may say: that which the controller's model and a plant can be.
+"""Checks that a robot is one that the controller's model and the plant can represent.
 
 Each check is a function of a robot in a finalized plant and yields its complaints. They come in two
 rounds: as long as the links are no chain, nothing can be said about inertias and trim.
@@ -36,7 +36,7 @@ LIGHTEST = 1e-8
 
 
 def robot_complaints(robot: Robot) -> list[InvalidParameter]:
-    """Returns what is wrong with a robot, by file and key; nothing, if nothing is."""
+    """Returns the complaints about a robot, by file and key; empty if it is sound."""
     sdf, water = robot.files.file, robot.folder / "hydrodynamics.yaml"
     rounds: tuple[tuple[tuple[Path, Callable[[Uvms], Complaints]], ...], ...] = (
         ((sdf, bodies_are_joined), (sdf, the_tip_is_on_the_last_link), (sdf, nothing_pulls),
@@ -141,7 +141,7 @@ def inertias_are_given(uvms: Uvms) -> Complaints:
 
 
 def joints_move_something(uvms: Uvms) -> Complaints:
-    """What is beyond a joint has an inertia about its axis, or its motor has."""
+    """Requires an inertia about the axis of each joint, of the links beyond it or of its motor."""
     plant = uvms.plant
     context = plant.CreateDefaultContext()
     pose_joints(uvms, context, middle_posture(uvms))

@@ -27,7 +27,7 @@ AGREEMENT = 1e-7
 BALANCE = 1e-5
 """The same for the balance of power, which is by differences."""
 STEP = 1e-4
-"""Of the differences [s]."""
+"""Step of the finite differences [s]."""
 _FROM_DRAKE = [3, 4, 5, 0, 1, 2]
 
 
@@ -107,9 +107,9 @@ def _imbalance(uvms: Uvms, model: UvmsModel, coordinates: Coordinates, state: np
     config, zeta = np.split(state, 2)
     power = float(zeta @ model.inverse_dynamics(model.kinematics(config), zeta, zeta_dot))
     tangent = np.concatenate([configuration_rate(config, zeta), zeta_dot])
-    ahead, behind, far, back = (energy(uvms, coordinates.to_drake(state + s * STEP * tangent))
+    forward, backward, far, back = (energy(uvms, coordinates.to_drake(state + s * STEP * tangent))
                                 for s in (1, -1, 2, -2))
-    rate = (8.0 * (ahead - behind) - (far - back)) / (12.0 * STEP)
+    rate = (8.0 * (forward - backward) - (far - back)) / (12.0 * STEP)
     lost = dissipated(uvms, coordinates.to_drake(state))
     size = abs(power) + abs(rate) + lost + 1e-12
     return "balance of power", abs(power - rate - lost) / size, BALANCE

@@ -1,4 +1,4 @@
-"""What the hand holds without the controller's knowing.
+"""A payload in the hand that the controller does not know of.
 
 A ball of mass m and radius r displaces water of mass m_w. Its centre C, at c from the origin of the
 end-effector E, accelerates by a_C = a_E + α × c + ω × (ω × c), the water by a_w. The hand exerts
@@ -23,7 +23,7 @@ from uvms_drake.model.frames.spatial import cross
 from uvms_drake.model.uvms import Uvms
 
 NAME = "unknown_payload"
-"""Of its body in the plant."""
+"""Name of its body in the plant."""
 
 
 @dataclass
@@ -97,12 +97,12 @@ def with_payload(plant: MultibodyPlant, uvms: Uvms, payload: Payload) -> Uvms:
         parameters, bodies={**parameters.bodies, NAME: water}))
 
 
-class HeldPayload(LeafSystem):
+class PayloadWrench(LeafSystem):
     """Tells the wrench by which the hand holds a payload, see (1).
 
     .. pydrake_system::
 
-        name: HeldPayload
+        name: PayloadWrench
         input_ports:
         - body_poses
         - body_spatial_velocities
@@ -158,10 +158,10 @@ class HeldPayload(LeafSystem):
 
     @staticmethod
     def AddToBuilder(builder: DiagramBuilder, plant: MultibodyPlant, uvms: Uvms, payload: Payload,
-                     name: str = "payload") -> "HeldPayload":
+                     name: str = "payload") -> "PayloadWrench":
         """Adds the system to `builder` and wires it to `plant`, but for the water."""
         body = plant.GetBodyByName(NAME, uvms.model_instance)
-        system = HeldPayload(plant, body, payload, uvms.hydrodynamics.fluid_density)
+        system = PayloadWrench(plant, body, payload, uvms.hydrodynamics.fluid_density)
         return added(builder, name, system, body_poses=plant.get_body_poses_output_port(),
                      body_spatial_velocities=plant.get_body_spatial_velocities_output_port(),
                      body_spatial_accelerations=plant.get_body_spatial_accelerations_output_port())

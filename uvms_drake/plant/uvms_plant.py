@@ -18,7 +18,7 @@ from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.joint_friction import DryJoints
 from uvms_drake.plant.model_error import ModelError, add_simulated_uvms
 from uvms_drake.plant.order import ToDrakeOrder, ToPaperOrder
-from uvms_drake.plant.payload import HeldPayload
+from uvms_drake.plant.payload import PayloadWrench
 from uvms_drake.plant.surface import CompliantSurface
 
 
@@ -88,7 +88,7 @@ def make_uvms_plant(
     - `disturbance` (6 + n) [m/s², rad/s²]: d, in the paper's order.
     - `acceleration` (6 + n) [m/s², rad/s²]: ζ̇, with d in it.
     - `plant_state` (nq + nv): of the MultibodyPlant, which is continuous.
-    - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds it, see `HeldPayload`.
+    - `payload`, `payload_at_rest` (6) [N, N m]: by which the hand holds it, see `PayloadWrench`.
     - `body_poses`, `body_spatial_velocities`: X_WB and V_WB of all its bodies, which the systems
       at `applied_spatial_force` want to know.
     - `query_object`: of the SceneGraph, for a `MeshcatVisualizer` or a camera.
@@ -161,7 +161,7 @@ def make_uvms_plant(
 
     # What the hand holds, for a wrist sensor.
     payload = None if error is None or not error.payload.present else (
-        HeldPayload.AddToBuilder(builder, plant, uvms, error.payload))
+        PayloadWrench.AddToBuilder(builder, plant, uvms, error.payload))
 
     # The ports.
     builder.ExportInput(tau.GetInputPort("paper_order"), "tau")

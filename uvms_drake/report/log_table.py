@@ -15,7 +15,7 @@ from uvms_drake.station.record import Record
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 VELOCITY = ("u", "v", "w", "p", "q", "r")
 """Components of ν, by the names of SNAME."""
-TOLD = {"force_last_valid": ("x", "y", "z"), "target": ("x", "y", "z"), "mission_place": ("x", "y", "z"),
+COMPONENTS = {"force_last_valid": ("x", "y", "z"), "target": ("x", "y", "z"), "mission_place": ("x", "y", "z"),
         "mission_progress": PROGRESS}
 """Components of signals that have more than one; of a wrench, the force."""
 
@@ -43,8 +43,8 @@ def _tables(record: Record) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
     yield "vehicle_velocity", VELOCITY, record.zeta
     yield "joint_velocity", joints, record.zeta[:, 6:]
     for name, values in record.signals.items():
-        if name in TOLD or values.shape[1] == 1:
-            yield name, TOLD.get(name, ("",)), values
+        if name in COMPONENTS or values.shape[1] == 1:
+            yield name, COMPONENTS.get(name, ("",)), values
 
 
 def format_log(record: Record) -> str:

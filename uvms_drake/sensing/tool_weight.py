@@ -1,4 +1,4 @@
-"""What hangs beyond a wrist sensor, and what it weighs under water."""
+"""The tool beyond a wrist sensor, and its weight in water."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ from uvms_drake.model.frames.spatial import cross
 
 @dataclass
 class Tool:
-    """What hangs beyond a wrist sensor, without which it would read the contact alone.
+    """Tool beyond a wrist sensor, without which it would measure the contact alone.
 
     Only its weight and its buoyancy are felt: what it takes to accelerate it, its mass and added
     mass times some 0.1 m/s², and its drag are left out.

@@ -7,7 +7,7 @@ from uvms_drake.plant.model_check import model_complaints
 
 
 def complaints_about(robot: Robot) -> list[InvalidParameter]:
-    """Returns what is wrong with a robot whose files can be used; nothing, if nothing is."""
+    """Returns the complaints about a robot whose files can be read; empty if it is sound."""
     return robot_complaints(robot) or model_complaints(robot.uvms)
 
 

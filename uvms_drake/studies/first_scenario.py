@@ -6,7 +6,7 @@ Everything is a closed form or a search over postures, and none of it is proven:
     τ_eq = b + Jᵀ𝔉,   u_eq = M⁻¹τ_eq,   uᵢ = |u_eq,i| + s (τ_max,i − |τ_eq,i|) / Mᵢᵢ,            (1)
 
 s the share of what is left of a force that one axis may use while others are in use, too.
-Where nobody says what τ_max is, u is what the task needs. The disturbance is what a current exerts
+Where τ_max is unknown, u is the need of the task. The disturbance is what a current exerts
 on the hull and friction on the joints, over Mᵢᵢ; the gains k = σ are the smallest of `GAINS` whose
 bound of the deviation, ‖J_pos Ŵ‖d̃/(kσ) at the posture, is a fifth of the force on the wall.
 """
@@ -37,12 +37,12 @@ SIDEWAYS, ROLLED = 0.3, 1.0
 """Its yaw and roll that do, likewise [rad]."""
 STEEP = 0.35
 """Pitch of the tool from which the wall is turned to face it [rad]."""
-AHEAD = 0.75
+FORWARD_SHARE = 0.75
 """Share of the largest reach ahead that the tip should have."""
 MARGIN = 0.3
 """Distance of a posture from the joints' limits, but for narrow ones [rad]."""
 HALF_RANGE = 0.25
-"""What the joints may be off the posture [rad]."""
+"""Tolerance of the joints about the posture [rad]."""
 SHARES = (0.6, 0.8)
 """Shares s of (1), of thrusters and of motors."""
 CURRENT = 0.2
@@ -52,28 +52,28 @@ FRICTION = 0.1
 TILTING = 1.5
 """Angular over linear disturbance of the hull [rad/m]."""
 TAKEN = 2.5
-"""What the tube takes of an input, over `input_gain` times the disturbance, at most."""
+"""Largest tightening of an input by the tube, over `input_gain` times the disturbance."""
 MANOEUVRE = (0.05, 0.1, 1.0)
 """Accelerations that a plan wants at least: linear, angular, of a joint [m/s², rad/s²]."""
 SPARE = 8.0
-"""Multiple of these that it is given where nobody says what there is."""
+"""Multiple of these that it is given where the limit is unknown."""
 MOST = (2.0, 6.0, 20.0)
 """Inputs that are enough, besides what the task needs: linear, angular, of a joint."""
 GAINS = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0)
 """Candidates for k = σ [1/s]."""
 STIFFNESS = 1000.0
-"""Of the wall [N/m], that of the base."""
+"""Stiffness of the wall of the base [N/m]."""
 WEAKEST = 0.2
 """Least share of the disturbance that is worth a certificate."""
 
 
 class Strength(NamedTuple):
-    """What a robot can exert on each coordinate (6+n,), and who says so."""
+    """Largest generalised force of a robot by coordinate (6+n,), and its source."""
 
     force: np.ndarray
-    """τ_max [N, N m]; infinite where nobody says."""
+    """τ_max [N, N m]; infinite where unknown."""
     names: tuple[str, ...]
-    """Of whom it is the limit."""
+    """Source of the limit."""
 
 
 @dataclass(frozen=True)
@@ -98,14 +98,14 @@ class FirstScenario:
     """Limits of the inputs (6+n,) [m/s², rad/s²]."""
     strength: Strength
     tau_eq: np.ndarray
-    """What holds the task (6+n,) [N, N m]."""
+    """Generalised force that holds the task (6+n,) [N, N m]."""
     disturbance: np.ndarray
     """Semi-axes of its ellipsoid (6+n,) [m/s², rad/s²]."""
     covered: float
     """Share of what `CURRENT` and `FRICTION` are, that it covers."""
     gain: float
     """k = σ [1/s]."""
-    late: float
+    lag: float
     """Lag and dead time of the thrusters [s]; 0 if they are not known."""
 
 
@@ -138,16 +138,16 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
     wanted = _disturbance(model, config, np.diag(M), strength)
     n = model.num_joints
     share = np.repeat(SHARES, [6, n])
-    room = share * (strength.force - np.abs(tau_eq)) / np.diag(M)
+    margin = share * (strength.force - np.abs(tau_eq)) / np.diag(M)
     manoeuvre = np.repeat(MANOEUVRE, [3, 3, n])
     taken = TAKEN * input_gain(1.0, 1.0) * wanted
-    shares = (room - manoeuvre) / taken
+    shares = (margin - manoeuvre) / taken
     covered = float(min(1.0, np.min(shares)))
     if covered < WEAKEST:
         raise RunFailed(_too_weak(uvms, model, config, force * into, int(np.argmin(shares))))
     needed = covered * taken + SPARE * manoeuvre
     most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
-    u = u_eq + np.where(np.isfinite(room), np.minimum(room, most), needed)
+    u = u_eq + np.where(np.isfinite(margin), np.minimum(margin, most), needed)
     limits = np.array([world.q_lower, world.q_upper])
     start = config[:6] + np.concatenate([-distance * into, np.zeros(3)])
     start += np.array([0.0, -0.02, -0.02, 0.0, 0.0, 0.02])
@@ -155,7 +155,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
         force=force * into, frame=frame, pose=pose, posture=posture, dexterity=dexterity,
         eta=start, q_limits=np.clip([posture - HALF_RANGE, posture + HALF_RANGE], *limits),
         u=u, strength=strength, tau_eq=tau_eq, disturbance=covered * wanted, covered=covered,
-        gain=_gain(model, config, covered * wanted, force), late=_late(uvms))
+        gain=_gain(model, config, covered * wanted, force), lag=_lag(uvms))
 
 
 def _too_weak(uvms: Uvms, model: UvmsModel, config: np.ndarray, force: np.ndarray, i: int) -> str:
@@ -207,15 +207,15 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
         smallest: np.ndarray = np.linalg.svd(J, compute_uv=False)[:, -1]
         return smallest
 
-    def ahead(chi: np.ndarray) -> np.ndarray:
+    def forward_reach(chi: np.ndarray) -> np.ndarray:
         out: np.ndarray = chi[:, 0] * np.cos(chi[:, 5]) + chi[:, 1] * np.sin(chi[:, 5])
         return out
 
     def score(q: np.ndarray, reach: float | None = None) -> np.ndarray:
         chi = model.task_pose(np.concatenate([np.zeros((len(q), 6)), q], axis=1))
-        far = ahead(chi)
+        far = forward_reach(chi)
         reach = float(np.max(far)) if reach is None else reach
-        short = np.maximum(0.0, AHEAD * reach - far) / (0.1 * abs(reach))
+        short = np.maximum(0.0, FORWARD_SHARE * reach - far) / (0.1 * abs(reach))
         out: np.ndarray = (np.log(np.maximum(dexterity(q), 1e-12)) - (chi[:, 4] / LEVEL) ** 2
                            - (chi[:, 5] / SIDEWAYS) ** 2 - (chi[:, 3] / ROLLED) ** 2 - short**2)
         return out
@@ -223,7 +223,7 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
     rng = np.random.default_rng(0)
     tried = rng.uniform(lower, upper, (POSTURES, n))
     chi = model.task_pose(np.concatenate([np.zeros((POSTURES, 6)), tried], axis=1))
-    reach = float(np.max(ahead(chi)))
+    reach = float(np.max(forward_reach(chi)))
     best = tried[np.argmax(score(tried, reach))]
     for size in ROUNDS:
         near = np.clip(best + rng.normal(0.0, size, (POSTURES // 10, n)), lower, upper)
@@ -234,9 +234,9 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
 
 
 def strength_of(uvms: Uvms) -> Strength:
-    """Returns what thrusters and motors give, the weaker way, by each coordinate."""
+    """Returns the largest forces of thrusters and motors, the weaker way, by coordinate."""
     force = np.full(6 + len(uvms.joints), np.inf)
-    names = ["nobody"] * 6 + [f"the motor of joint {joint.name()}" for joint in uvms.joints]
+    names = ["no source"] * 6 + [f"the motor of joint {joint.name()}" for joint in uvms.joints]
     if uvms.thrusters is not None:
         thrusters = ThrusterModel.of(uvms.thrusters)
         for axis in (axis for axis in range(6) if axis not in thrusters.undriven):
@@ -280,7 +280,7 @@ def _gain(model: UvmsModel, config: np.ndarray, disturbance: np.ndarray, force: 
     return enough[0] if enough else GAINS[-1]
 
 
-def _late(uvms: Uvms) -> float:
+def _lag(uvms: Uvms) -> float:
     if uvms.thrusters is None:
         return 0.0
     return uvms.thrusters.dead_time + max(kind.lag for kind in uvms.thrusters.kinds.values())

@@ -9,11 +9,11 @@ from uvms_drake.studies.first_scenario import CURRENT, FRICTION, FirstScenario
 LAG_MARGIN = 0.5
 """Gain times lag of a loop that is far from its edge of stability, which is at 2 for k = σ."""
 TEXT = """\
-# {robot} presses {force:g} N on a wall that it knows; made by `uvms-drake scenario --new`.
+# {robot} presses {force:g} N on a wall of known stiffness; made by `uvms-drake scenario --new`.
 #
-# What is ideal: the wrench on the vehicle is what the law asks for, at once, on all six axes;
-# states are exact and the feedback is continuous.{late}
-# What is not said here is as in the scenario `base`; SI units, radians, axes NED and FRD.
+# Ideal here: the wrench on the vehicle is what the law asks for, at once, on all six axes;
+# states are exact and the feedback is continuous.{lag}
+# All else is as in the scenario `base`; SI units, radians, axes NED and FRD.
 
 base: girona500_ideal
 description: {robot} presses {force:g} N on a wall.
@@ -53,9 +53,9 @@ limits:
   static_force: {static}  # N, three times the task's, or 3 N more
   q_lower: {q_lower}  # rad; no wider than the task needs
   q_upper: {q_upper}
-  # What holds the task, and of the forces that this leaves, over the inertia with the water,
+  # The force that holds the task, and of the forces that this leaves, over the inertia with the water,
   # 60 % of those of thrusters ({thrust}) and 80 % of those of motors;
-  # no more than is of use. Where nobody says what there is, what the task needs.
+  # no more than is of use. Where the source is unknown what there is, what the task needs.
   u: {u}  # m/s2 (3), rad/s2
   # The forces themselves, to have them checked, too; tube.tau then has to be there for a run
   # without a certificate.
@@ -90,10 +90,10 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
     bound = float(found.disturbance[0])
     weights = found.disturbance / bound
     known = np.isfinite(found.strength.force)
-    thrust = "thrusters.yaml" if np.any(known[:6]) else "without thrusters.yaml nobody says"
+    thrust = "thrusters.yaml" if np.any(known[:6]) else "without thrusters.yaml the source is unknown"
     tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
     text = TEXT.format(
-        robot=robot, model=model, force=force, late=_late(found), eta=_row(found.eta),
+        robot=robot, model=model, force=force, lag=_lag(found), eta=_row(found.eta),
         posture=_row(found.posture), normal=_exact(-found.force / force),
         covered="" if found.covered == 1.0 else f"{found.covered:.0%} of ",
         current=CURRENT, friction=FRICTION, bound=_number(bound), weights=_row(weights, 2),
@@ -117,11 +117,11 @@ def _aligned(line: str) -> str:
     return f"{value:<32}{mark}{comment}" if value.strip() and mark else line
 
 
-def _late(found: FirstScenario) -> str:
-    if found.late == 0.0:
+def _lag(found: FirstScenario) -> str:
+    if found.lag == 0.0:
         return ""
-    most = LAG_MARGIN / found.late
-    return (f"\n# Thrusters that are {found.late:g} s late bear gains of about {most:.2g} 1/s:\n"
+    most = LAG_MARGIN / found.lag
+    return (f"\n# Thrusters with a delay of {found.lag:g} s allow gains of about {most:.2g} 1/s:\n"
             "# with them, see the law of `girona500_real_loop`.")
 
 

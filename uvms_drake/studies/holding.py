@@ -24,7 +24,7 @@ NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class Holding:
-    """What holds a task at rest, by coordinate (6+n,), in N and N m."""
+    """Generalised forces that hold a task at rest, by coordinate (6+n,), in N and N m."""
 
     weight: np.ndarray
     """w of (1)."""
@@ -46,8 +46,8 @@ class Holding:
     def forces(self) -> tuple[float, float]:
         """Returns the smallest and the largest F [N] of (1); the first exceeds the last if none."""
         least, most = 0.0, np.inf
-        room = self.strength - self.reserve
-        for a, w, j in zip(room, self.weight, self.by_newton, strict=True):
+        margin = self.strength - self.reserve
+        for a, w, j in zip(margin, self.weight, self.by_newton, strict=True):
             if not np.isfinite(a):
                 continue
             if a < 0.0 or (abs(j) < NOTHING and abs(w) > a):
@@ -58,7 +58,7 @@ class Holding:
         return least, most
 
     def said(self, i: int, force: float) -> str:
-        """Returns what weight and force take of coordinate i, in words."""
+        """Returns the parts of weight and force in coordinate i, in words."""
         unit = "N" if i < 3 else "N m"
         weight, pressing = self.weight[i], force * self.by_newton[i]
         change = abs(weight + pressing) - abs(weight)
@@ -84,7 +84,7 @@ def with_water(uvms: Uvms) -> tuple[Uvms, list[str]]:
 
 
 def what_helps(uvms: Uvms, config: np.ndarray, holding: Holding, force: float) -> str:
-    """Returns what makes (1) hold, in words; each of it is checked.
+    """Returns the changes that make (1) hold, in words; each is checked.
 
     Args:
         uvms: The robot.

@@ -12,7 +12,7 @@ class Value:
     """The kind of a text: numbers, words of a list, or any text."""
 
     numbers: int = 0
-    """How many, separated by spaces; 0: it is no number."""
+    """Count of numbers, separated by spaces; 0: it is no number."""
     infinite: bool = False
     """Whether a number may be infinite."""
     words: tuple[str, ...] = ()
@@ -47,7 +47,7 @@ class Element:
     unread: str = ""
     """Children and attributes that mean something to others, and are told as not read."""
     quiet: str = ""
-    """Those that are about looks or about contact of shapes: nothing here depends on them."""
+    """Elements about looks or contact of shapes: nothing here depends on them."""
     kept: str = ""
     """Children that are left to Drake as they are, with all below them."""
 

@@ -29,14 +29,14 @@ DEGREES = 2.0 * math.pi
 NARROW = 5e-3
 """Range of a joint in which no posture can be held [rad, m]."""
 NESTED = "merged: nested models are refused: <include merge=\"true\">, or all links in one model"
-"""What a model within a model has to be."""
-TOLD = 4
+"""Rule for a model within a model."""
+LISTED = 4
 """Number of lines or names that a note gives before it only counts."""
 
 
 @dataclass
 class Findings:
-    """What is wrong with a file, and what wants to be known of it."""
+    """Complaints about a file, and notes on it."""
 
     complaints: list[str] = field(default_factory=list)
     """Each with its line."""
@@ -53,7 +53,7 @@ class Findings:
 
 
 def check_description(root: Node, kind: str) -> Findings:
-    """Returns what is found in a file, and takes out of it what is not read.
+    """Returns the findings on a file, and removes the elements that are not read.
 
     Args:
         root: Of the file; changed.
@@ -233,6 +233,6 @@ def _check_joint(joint: Node, kind: str, found: Findings) -> None:
 def unread_notes(found: Findings) -> Iterator[str]:
     """Yields a sentence for each kind of what is not read."""
     for name, lines in found.unread.items():
-        told = ", ".join(map(str, lines[:TOLD])) + (
-            f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
-        yield f"{'lines' if len(lines) > 1 else 'line'} {told}: not read: {name}"
+        listed = ", ".join(map(str, lines[:LISTED])) + (
+            f" and {len(lines) - LISTED} more" if len(lines) > LISTED else "")
+        yield f"{'lines' if len(lines) > 1 else 'line'} {listed}: not read: {name}"

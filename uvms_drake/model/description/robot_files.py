@@ -31,7 +31,7 @@ INCLUDED = "uvms_drake_included"
 
 @dataclass
 class RobotFiles:
-    """What the files of a robot say, before it is in a plant."""
+    """Content of the files of a robot, before it is in a plant."""
 
     folder: Path
     file: Path
@@ -44,7 +44,7 @@ class RobotFiles:
     included: dict[str, str] = field(default_factory=dict)
     """Files that it includes, likewise, by a name in the package `INCLUDED`."""
     notes: list[str] = field(default_factory=list)
-    """What is no mistake, but wants to be known."""
+    """Notes: no mistakes, but worth knowing."""
 
 
 def read_robot_files(folder: Path) -> RobotFiles:
@@ -71,7 +71,7 @@ def read_robot_files(folder: Path) -> RobotFiles:
             complaints += error.complaints
     if complaints:
         raise InvalidFile(complaints)
-    # What is no mistake, but wants to be known.
+    # Notes: no mistakes, but worth knowing.
     hydrodynamics, thrust = parameters
     assert isinstance(hydrodynamics, HydrodynamicParameters)
     assert thrust is None or isinstance(thrust, ThrusterParameters)

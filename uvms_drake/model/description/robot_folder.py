@@ -1,4 +1,4 @@
-"""Where the robots live, and which files of a robot's folder are the robot's."""
+"""The folders of robots, and the files in them that describe the robot."""
 
 from collections.abc import Iterable
 from pathlib import Path

@@ -44,10 +44,10 @@ def serial_joints(plant: MultibodyPlant, instance: ModelInstanceIndex, file: Pat
     tip = plant.GetFrameByName("tip", instance).body().name()
     onward = [] if tip not in inboard else _moving_carriers(inboard[tip], inboard)
     chain = [joint.name() for joint in onward]
-    told = " → ".join(["vehicle", *chain, f"tip on {tip}"])
+    listed = " → ".join(["vehicle", *chain, f"tip on {tip}"])
     raise InvalidFile([
         f"{file}: joint {joint.name()}: must be of type fixed, as '{joint.child_body().name()}' "
-        f"stands beside the chain {told}" for joint in moving if joint.name() not in chain])
+        f"stands beside the chain {listed}" for joint in moving if joint.name() not in chain])
 
 
 def _carriers(joint: Joint, inboard: dict[str, Joint]) -> list[Joint]:
@@ -63,12 +63,12 @@ def _moving_carriers(joint: Joint, inboard: dict[str, Joint]) -> list[Joint]:
 
 
 def _not_the_root(inboard: dict[str, Joint]) -> str:
-    """Returns what is said of a vehicle that hangs on another link."""
+    """Returns the complaint about a vehicle that hangs on another link."""
     joint = _carriers(inboard["vehicle"], inboard)[0]
     root, own = joint.parent_body().name(), inboard["vehicle"]
-    held = f"link vehicle: joint {own.name()} of type {own.type_name()!r} fixes it to " \
+    cause = f"link vehicle: joint {own.name()} of type {own.type_name()!r} fixes it to " \
            f"'{own.parent_body().name()}'"
     if root == joint.parent_body().name() == "world" or root == "WorldBody":
-        return f"{held}: it must be a floating body, without a joint to the world"
-    return (f"{held}, and the root is '{root}': the vehicle must be the root, a floating body: "
+        return f"{cause}: it must be a floating body, without a joint to the world"
+    return (f"{cause}, and the root is '{root}': the vehicle must be the root, a floating body: "
             f"name '{root}' vehicle, or leave it and joint {own.name()} out")

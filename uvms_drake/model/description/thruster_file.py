@@ -23,10 +23,10 @@ MOST = 16
 
 @dataclass
 class CurveData:
-    """What a thruster gives in the long run, at rest in still water, by its command."""
+    """Static force of a thruster, at rest in still water, by its command."""
 
     voltage: float | None = None
-    """Of the supply [V], where it is known."""
+    """Supply voltage [V], where it is known."""
     command: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Commands in the driver's own unit, rising."""
     force: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -36,7 +36,7 @@ class CurveData:
 
 @dataclass
 class ThrusterKind:
-    """What thrusters of one make have in common."""
+    """Data that thrusters of one make share."""
 
     lag: float = 0.0
     """Time constant T of the force, Tḟ + f = the curve's [s]."""
@@ -49,7 +49,7 @@ class ThrusterKind:
 
 @dataclass
 class ThrusterData:
-    """Where a thruster is, and where it pushes to."""
+    """Position and axis of a thruster."""
 
     kind: str = ""
     """Its `ThrusterKind`."""
@@ -64,9 +64,9 @@ class ThrusterParameters:
     """All thrusters of a robot."""
 
     dead_time: float = 0.0
-    """From a command to the first change of a force [s]."""
+    """Dead time from a command to the first change of a force [s]."""
     voltage: float | None = None
-    """Of the supply, as the controller counts on it [V]; needed for curves of several voltages."""
+    """Supply voltage that the controller assumes [V]; needed for curves of several voltages."""
     bias: float = 0.0
     """Smallest size of force [N] with which thrusters work against each other while no wrench is
     asked for, so that they stay out of their dead bands; those that can."""

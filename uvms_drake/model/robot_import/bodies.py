@@ -84,7 +84,7 @@ def z_is_up(tree: Tree, chain: Chain, waters: Waters, notes: Notes) -> bool:
     return True
 
 
-def ask_for_ahead(bodies: list[Body], notes: Notes) -> None:
+def ask_for_forward_axis(bodies: list[Body], notes: Notes) -> None:
     """Asks whether x is ahead, if the arm is not ahead of the vehicle's middle."""
     if len(bodies) < 2:
         return

@@ -8,7 +8,7 @@ import numpy as np
 from uvms_drake.common.errors import require
 from uvms_drake.model.description.thruster_file import undriven_axes
 from uvms_drake.model.robot_import.bodies import (
-    ask_for_ahead,
+    ask_for_forward_axis,
     lump,
     place_thrusters,
     unique,
@@ -73,7 +73,7 @@ def import_robot(file: Path, name: str) -> Imported:
     chain = choose_chain(tree, rotors, notes)
     flips = z_is_up(tree, chain, waters, notes)
     bodies = lump(tree, chain, waters, notes, flips)
-    ask_for_ahead(bodies, notes)
+    ask_for_forward_axis(bodies, notes)
     require(sum(body.mass for body in bodies) > 0.0, "--from", str(file),
             "a robot with masses: no link has an <inertial>")
     frames = [link.name for body in bodies for link in body.links if link.mass <= 0.0]

@@ -56,10 +56,10 @@ def sweeps(posture: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
     frames = [posture]
     for joint, angle in enumerate(posture):
         down = np.sin(phase) < 0.0
-        room = np.where(down, angle - max(lower[joint], angle - np.pi),
+        margin = np.where(down, angle - max(lower[joint], angle - np.pi),
                         min(upper[joint], angle + np.pi) - angle)
         moved = np.tile(posture, (len(phase), 1))
-        moved[:, joint] += room * np.sin(phase)
+        moved[:, joint] += margin * np.sin(phase)
         frames += list(moved)
     return np.array([*frames, posture])
 

@@ -1,4 +1,4 @@
-"""What a robot is, in numbers: the sheet that `uvms-drake robot` prints."""
+"""A robot in numbers: the data sheet that `uvms-drake robot` prints."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ NO_FORCE = 1e-9
 
 @dataclass(frozen=True)
 class Swing:
-    """How the vehicle swings about one axis, the arm held and all else free."""
+    """Free oscillation of the vehicle about one axis, the arm fixed and all else free."""
 
     stiffness: float
     """∂moment/∂angle by weight and buoyancy [N m/rad]."""
@@ -47,7 +47,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class Thrust:
-    """What the thrusters can do, at full voltage."""
+    """Largest wrenches of the thrusters, at full voltage."""
 
     names: tuple[str, ...]
     largest: np.ndarray
@@ -76,7 +76,7 @@ class RobotSheet:
     joints: list[tuple[str, float, float, float, float]]
     """Name, limits, inertia of the motor at the joint, damping."""
     units: list[tuple[str, str, str]]
-    """Those of a joint's limits, inertia and damping."""
+    """Units of a joint's limits, inertia and damping."""
     reach: np.ndarray
     """(2, 3): smallest and largest position of the tip in the vehicle's frame [m]."""
     tip: np.ndarray
@@ -125,7 +125,7 @@ def swing(model: UvmsModel, config: np.ndarray, axis: int) -> Swing:
 
 
 def thrust_of(thrusters: ThrusterModel, wrench: np.ndarray) -> Thrust:
-    """Returns what thrusters can do.
+    """Returns the largest wrenches of the thrusters.
 
     Args:
         thrusters: At the voltage of the robot's file.
@@ -288,7 +288,7 @@ def _body_lines(sheet: RobotSheet) -> list[str]:
 
 
 def notes_of(sheet: RobotSheet) -> list[str]:
-    """Returns what is no mistake, but wants to be known."""
+    """Returns the notes: no mistakes, but worth knowing."""
     notes = [f"joint {name} has no limits: a scenario has to give limits.q_lower and q_upper"
              for name, lower, upper, *_ in sheet.joints if not np.all(np.isfinite([lower, upper]))]
     notes += [f"joint {name} has no inertia of a motor: of a gear it outweighs a light link"

@@ -20,7 +20,7 @@ VIEWS = {"from starboard": (0.0, 1.0, 0.0), "from ahead": (1.0, 0.0, 0.0),
 PIXELS = 1000
 """Width of a picture before it is reduced to half of it."""
 MARGIN = 0.03
-"""Of the picture about the robot, over the robot's size."""
+"""Margin of the picture about the robot, over the robot's size."""
 ARM = 0.18
 """Length of the axes of a frame, over the robot's size."""
 
