@@ -156,7 +156,7 @@ def test_a_source_that_is_not_there_takes_nothing_and_the_parts_add_up(model):
     for parts, total in ((still.budget["depth"], still.depth),
                          (still.budget["position"], still.position)):
         assert sum(parts.values()) == pytest.approx(total)
-        assert parts["the reading in rest"] == pytest.approx(total)
+        assert parts["static reading"] == pytest.approx(total)
     nothing = sensor_effect_of(
         model, DECLARED, replace(quiet, error=0.0, torque_error=0.0), K, SIGMA)
     assert nothing.position == nothing.orientation == nothing.tip_speed == 0.0

@@ -41,14 +41,14 @@ class SensedContact:
     friction: float = 0.5
     """Largest coefficient of friction μ."""
     force_rate: float = 40.0
-    """How fast the force may change but for the size of its normal part along `direction` [N/s]:
-    friction that turns with the motion, a normal that turns along the way."""
+    """Largest rate of the force apart from the size of its normal part along `direction` [N/s]:
+    friction that turns with the motion, a normal that turns along the path."""
     force_ripple: float = 2.0
-    """What may come to that part at any rate [N]."""
+    """Bound of the part of it that may change at any rate [N]."""
     force_error: float = 4.2
     """Bound ν of the error of a reading of the force, in norm, but for what `delay` says [N]."""
     delay: float = 0.11
-    """How old the force may be that a reading shows [s]: five lags and a period of the sensor."""
+    """Largest age of the force in a reading [s]: five lags and a period of the sensor."""
     period: float = 0.01
     """Time between two looks at the measured force [s]."""
     tangential_lag: float = 0.0
@@ -60,12 +60,12 @@ class SensedContact:
     speed_across: float = 0.15
     """Largest speed of the tip along each of two directions across it [m/s]."""
     clearance: float = 0.075
-    """How far ahead of the tip there is no wall at the start, while the sensor is tared [m]."""
+    """Free distance in front of the tip at the start, while the sensor is tared [m]."""
     tool_angle: float = 0.25
     """Largest angle between the tool's axis and `direction` [rad]."""
     turn: float = 0.0
-    """How far the robot may turn about the vertical, to either side, to follow with its tool the
-    normal that it learns as it slides [rad]; zero, and it keeps the heading of the task."""
+    """Largest yaw of the robot about the vertical, to either side, to align its tool with the
+    estimated normal in a slide [rad]; zero keeps the heading of the task."""
 
     def controller_surface(self, surface: Surface) -> "UnknownSurface":
         """Returns the surface of the controller's model, whatever the world's is."""
@@ -170,12 +170,12 @@ class UnknownSurface(Surface):
 
     @property
     def contact(self) -> SensedContact:
-        """What is known of the wall."""
+        """Specification of the contact."""
         return self._contact
 
     @property
     def anchor(self) -> np.ndarray:
-        """The origin: nobody knows where the wall is."""
+        """The origin: the position of the wall is unknown."""
         return np.zeros(3)
 
     @property

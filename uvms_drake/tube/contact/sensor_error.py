@@ -1,13 +1,12 @@
-"""The price of a contact that is felt: what errors of the force sensor add to d, and force to u.
+"""The effect of force-sensor errors on the tube, as a disturbance and on the input.
 
-With the measured wrench 𝔉_s in the law, τ = M ζ̇_des + b + Jᵀ𝔉_s, and the plant M ζ̇ + b + Jᵀ𝔉 = τ +
-M d, what remains of the contact is an acceleration,
+With the measured wrench 𝔉_s in the law, the contact leaves the acceleration
 
-    ζ̇ − ζ̇_des = d + M⁻¹Jᵀ(𝔉_s − 𝔉),                                                       (1)
+    ζ̇ − ζ̇_des = d + M⁻¹Jᵀ(𝔉_s − 𝔉),     Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e,                                 (1)
 
-whatever the surface: its law, its place and its stiffness are in neither side. In axes of the tip,
-Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e, J_E the Jacobian of the tip's spatial velocity in its own axes and e the
-sensor's error. The suprema below are those of `sensor_gains`, proven by `sensor_gains_proof` or estimated.
+whatever the surface; e is the error in axes of the tip, J_E the Jacobian of its spatial velocity in
+these axes. The suprema are those of `sensor_gains`. Proof:
+`tube/contact/theory.md#error-of-the-force-sensor`.
 """
 
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from uvms_drake.tube.resolved.sensor_effect import SensorEffect
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import second_over_joints, supremum_over_joints
 
-SOURCES = ("the reading in rest", "normal force, late", "force aside, late", "the robot's motion")
+SOURCES = ("static reading", "delay of normal force", "delay of tangential force", "robot motion")
 """Sources of the terms of (3)."""
 
 
@@ -65,32 +64,34 @@ class MeasuredForceBounds:
         return self.lag + self.period
 
 
-def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, missed: float, *, turning: float,
-              qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
+def by_source(force: MeasuredForceBounds, A: OperatorNorms, known: float, missed: float, *,
+              turning: float, qdot: float, moving: float = 0.0, turned: float = 0.0) -> np.ndarray:
     """Returns the terms of (3) of rows with suprema A by source (number of `SOURCES`, ...).
 
     Args:
-        force: The forces.
-        A: Those of the rows' matrices.
+        force: Bounds of the forces.
+        A: Norms of the rows' matrices.
         known: γ.
         missed: γ′.
-        turning: ω, how fast the tip's axes turn [rad/s].
+        turning: ω, angular speed of the tip's axes [rad/s].
         qdot: Bound of ‖q̇‖ [rad/s].
         moving: J̃‖𝔯‖, if the rows are under the filter by their velocity.
-        turned: What Ȧ has beside the part by the joints, where the rows are turned.
+        turned: Part of Ȧ that is not by the joints, where the rows turn.
     """
     A_rate = A.by_joints * qdot + turned
     return np.array([
         known * (A.force * force.error + A.torque * force.torque_error),
         known * A.normal * force.rate * force.age + missed * A.normal * force.ripple,
-        known * A.force * force.tangential_rate * force.age + missed * A.force * force.tangential_ripple,
+        known * A.force * force.tangential_rate * force.age
+        + missed * A.force * force.tangential_ripple,
         known * (A.force * turning * force.size * force.age + moving
                  + force.age * A_rate * (force.ripple + force.tangential_ripple))])
 
 
-def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredForceBounds, k: float, sigma: float, *,
-            safety_factor: float = 1.0, seed: int = 0) -> SensorEffect:
-    """Returns what the errors of a force sensor do to the law `resolved`.
+def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredForceBounds,
+                     k: float, sigma: float, *, safety_factor: float = 1.0, seed: int = 0
+                     ) -> SensorEffect:
+    """Returns the effect of a force sensor's errors on the law `resolved`.
 
     By (1), δ = A(q)(F̂ − F) drives the rows, A = J_bM⁻¹J_Eᵀ in axes of the tip or the rows of
     M⁻¹J_Eᵀ. With the `Gains` γ of anything and γ′ of what a sensor misses, F̂ − F being an error in
@@ -129,13 +130,15 @@ def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredF
                          qdot=declared.qdot, moving=moving, turned=turned)
 
     def through(A: OperatorNorms) -> np.ndarray:
-        """Returns what A e is at most: the input has the reading itself in it, besides (3)."""
+        """Returns the bound of A e: the input contains the reading itself, besides (3)."""
         return np.asarray(
             A.force * reading_off(force, turning) + A.torque * force.torque_error)
 
+    # J̃‖𝔯‖ of (3): the rows are under the sensor's filter by their velocity, too.
     r = np.sum(parts("error", found.zeta), axis=0)
     size_r, turned = float(np.linalg.norm(r)), turning * float(found.position.force)
     J_r = size_r * (declared.nu2 * found.linear + declared.qdot * found.linear_by_joints)
+    # The same of the Euler rates, whose matrix E(𝔬) grows with the pitch of the tip.
     sine = float(np.sin(declared.tip_pitch))
     euler = 1.0 / np.sqrt(1.0 - sine)
     euler_rate = euler * turning * np.hypot(euler, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
@@ -160,7 +163,7 @@ def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredF
 
 
 def reading_off(force: MeasuredForceBounds, turning: float) -> float:
-    """Returns how far a reading is off the forces that it stands for, ε_f + ωF̄(T + h) [N].
+    """Returns the bound of the error of a reading, ε_f + ωF̄(T + h) [N].
 
     They are a mean of F in Σ_I over ages of T + h at most, which a plan has counted with. A reading
     is held in axes of the tip, which turn at ω meanwhile.
@@ -170,7 +173,7 @@ def reading_off(force: MeasuredForceBounds, turning: float) -> float:
 
 def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
                   torque: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Returns what an error e of the reading itself makes of 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
+    """Returns the effect of an error e of the reading on 𝔲 and τ, M⁻¹J_Eᵀe and J_Eᵀe (6+n,).
 
     In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
 

@@ -1,4 +1,4 @@
-"""What the errors of a force sensor add to the radii of the law `resolved`; see `sensor_error`."""
+"""Contribution of a force sensor's errors to the radii of `resolved`; see `sensor_error`."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ from uvms_drake.tube.search.estimate import Check, no_estimates
 
 @dataclass(frozen=True)
 class SensorEffect:
-    """What the errors of a sensor add to the radii of the law `resolved`."""
+    """Contribution of the errors of a sensor to the radii of the law `resolved`."""
 
     depth: float = 0.0
     """|n·𝔢_p| [m]."""

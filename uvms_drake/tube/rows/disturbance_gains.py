@@ -1,4 +1,4 @@
-"""What pushes the rows of `tip first`, and how far: gain × bound, by block and by source.
+"""Disturbance inputs of the rows of `tip first`: gain × bound, by block and by source.
 
 See (1) and (2) of `tube.laws.tip_first`.
 """
@@ -32,18 +32,18 @@ class LoopGains(NamedTuple):
     """The gains of a loop, to e, ė, w and ë (4,)."""
 
     known: np.ndarray
-    """From any δ."""
+    """Gains from any δ."""
     missed: np.ndarray
-    """From a force to what comes of its being felt late."""
+    """Gains from a force to the effect of its delayed measurement."""
     moment: np.ndarray
     """∫t|g|."""
     age: float
-    """Of what acts [s]."""
+    """Delay of the acting command [s]."""
 
 
 def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
     """Returns the gains of a row's loop; see `lagged_gains` for one with nothing in between."""
-    # ë is what the feedback does, behind what is late, and what pushes.
+    # ë is the feedback behind its delay, and the disturbance.
     gains, moment, contact = loop.gains["disturbance"], loop.moment, basis.contact
     known = np.array([*gains, 1.0 + gains.command])
     missed = 2.0 * known
@@ -59,7 +59,7 @@ def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
 
 
 class DisturbanceInputs:
-    """What pushes the rows: d, and what a force sensor is off by, see (3) of `sensor_error`.
+    """Disturbance inputs of the rows: d, and the force sensor's error, see (3) of `sensor_error`.
 
     Without J̃‖𝔯‖ in (3): here the rows themselves are driven by A(q)(F̂ − F).
 
@@ -68,7 +68,7 @@ class DisturbanceInputs:
     """
 
     reading: np.ndarray
-    """What the error of the reading adds to u and τ (2(6+n),), see `reading_input`."""
+    """Contribution of the error of the reading to u and τ (2(6+n),), see `reading_input`."""
     check: Check = no_estimates
     turning = 0.0
     """ω, how fast the tip's axes turn [rad/s]."""
@@ -120,7 +120,7 @@ class DisturbanceInputs:
         return by_d if self._found is None else by_d | self.sensor_parts(loop, *self._rows[name])
 
     def sensor_parts(self, loop: LoopGains, A: OperatorNorms, turned: float = 0.0) -> Parts:
-        """Returns what the sensor's errors make of rows with suprema A, by source."""
+        """Returns the effect of the sensor's errors on rows with suprema A, by source."""
         contact, basis = self._basis.contact, self._basis
         assert contact is not None
         contact = replace(contact, lag=contact.lag + loop.age)
