@@ -98,13 +98,19 @@ def bench() -> str:
 
 PAGES: dict[str, Callable[[], str]] = {
     "scenarios": scenarios, "campaigns": campaigns, "bench": bench}
+IMPORT = "robot_import"
+"""Page with a script of its own."""
 
 
 def main() -> None:
-    """Makes the pages that are asked for."""
+    """Makes the selected pages."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=PAGES, nargs="+", default=list(PAGES))
+    names = [*PAGES, IMPORT]
+    parser.add_argument("--only", choices=names, nargs="+", default=names)
     for name in parser.parse_args().only:
+        if name == IMPORT:
+            subprocess.run([sys.executable, FOLDER / f"{IMPORT}.py"], check=True)
+            continue
         page = PAGES[name]()
         (FOLDER / f"{name}.md").write_text(
             f"{page}\n\nMade by `python examples/results/make_all.py --only {name}`. "
