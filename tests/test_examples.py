@@ -133,7 +133,7 @@ def test_a_time_varying_force_is_tracked_on_an_unknown_wall(run):
 
 def test_a_user_defined_limit_is_kept_by_the_plan(run):
     text = run("own_limit.py", 3.0)
-    assert "limits.pillar, of which nobody says what the tube takes" in text
+    assert "limits.pillar, no tightening by the tube is defined" in text
     without, kept = (float(x) for x in re.findall(r"limit: (\d+\.\d+) m", text))
     assert without < 0.2
     assert kept >= 0.22 - 1e-3

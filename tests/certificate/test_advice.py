@@ -1,6 +1,6 @@
-"""`certificate.advice`: what a void certificate says to set is a setting that helps.
+"""`certificate.advice`: the setting that a failed certificate proposes helps.
 
-That the scenario of a robot that nobody has tuned certifies at once is in
+That the scenario of a robot that is not tuned certifies at once is in
 `studies/test_first_scenario`; here such scenarios are spoilt, and the advice is followed.
 """
 

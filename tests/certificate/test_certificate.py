@@ -104,11 +104,11 @@ def test_a_touched_file_of_the_robot_makes_it_stale(certificate, scenario):
     assert stale_reason(replace(certificate, files=files), scenario) == "a file of the robot"
 
 
-def test_one_failed_condition_makes_it_void(certificate):
-    void = certificate.adding([Condition("c", 1.0, "<", 0.5, theorem="t"),
+def test_one_failed_condition_makes_it_failing(certificate):
+    failing = certificate.adding([Condition("c", 1.0, "<", 0.5, theorem="t"),
                                Condition("d", np.nan, ">", 0.0, theorem="t")])
-    assert not void.certified
-    assert void.failed.name == "c"
+    assert not failing.certified
+    assert failing.failed.name == "c"
 
 
 def test_no_condition_is_no_certificate(certificate):

@@ -138,26 +138,26 @@ def test_its_stages_are_reported_in_order_and_only_where_it_is_computed(
     (["mpc.initial_state=measured"], "mpc.initial_state"),
     (["mpc.terminal_set=false"], "mpc.terminal_set"),
 ])
-def test_what_voids_a_certificate_is_named_with_by_how_much_and_what_would_help(
+def test_what_failings_a_certificate_is_named_with_by_how_much_and_what_would_help(
         overrides, begins):
-    void = by_few(*overrides)
-    assert not void.certified
-    assert void.failed.name.startswith(begins)
-    line = verdict(void)
+    failing = by_few(*overrides)
+    assert not failing.certified
+    assert failing.failed.name.startswith(begins)
+    line = verdict(failing)
     assert "\n" not in line
-    assert line.startswith("void: ")
+    assert line.startswith("not certified: ")
     assert (" does not hold by " in line) == (not begins.startswith(("mpc.", "left by")))
     assert "what would help" in line
 
 
-def test_a_claim_that_a_second_search_beats_voids_the_certificate(monkeypatch):
+def test_a_claim_that_a_second_search_beats_failings_the_certificate(monkeypatch):
     search_less(monkeypatch)
     monkeypatch.setattr("uvms_drake.tube.resolved.image.second_search",
                         lambda problem, wanted, rng: np.full(len(wanted), 9.0))
-    void = certify(load_scenario("girona500_ideal", FEW))
-    assert void.failed.name.startswith("estimates, second search over claim (remainder of ν")
-    assert "what would help: a larger certificate.safety_factor" in verdict(void)
-    assert (void.tightening, void.proven) == (21, 9)  # Joints, q̇, attitudes and static force.
+    failing = certify(load_scenario("girona500_ideal", FEW))
+    assert failing.failed.name.startswith("estimates, second search over claim (remainder of ν")
+    assert "what would help: a larger certificate.safety_factor" in verdict(failing)
+    assert (failing.tightening, failing.proven) == (21, 9)  # Joints, q̇, attitudes and static force.
 
 
 def test_a_certificate_of_forces_needs_a_limit_on_them():
@@ -190,11 +190,11 @@ def test_the_papers_law_would_take_gains_that_no_vehicle_can_run(certificate):
     """And an arm with self-motion is outside of its tube whatever the gains."""
     k, sigma = certificate.paper["smallest k"], certificate.paper["at σ"]
     assert k > 500.0
-    void = certify(load_scenario(
+    failing = certify(load_scenario(
         "girona500_ideal", [f"ancillary=!Transpose {{k: {1.1 * k}, sigma: {sigma}}}"]))
-    assert [item.holds for item in void.conditions[:5]] == [True, True, True, False, True]
-    assert all(item.holds for item in void.conditions[5:])
-    assert "does not determine" in void.failed.name
+    assert [item.holds for item in failing.conditions[:5]] == [True, True, True, False, True]
+    assert all(item.holds for item in failing.conditions[5:])
+    assert "does not determine" in failing.failed.name
 
 
 @pytest.mark.long
@@ -302,16 +302,16 @@ def test_weights_are_no_part_of_kinematic_motion():
 
 @dataclass
 class Puzzling(UnilateralPlane):
-    """A plane of which nobody says how hard it may be touched."""
+    """A plane without a bound of the force that it may be touched with."""
 
     contact_measure = Surface.contact_measure
     contact_reach = Surface.contact_reach
 
 
-def test_a_surface_that_does_not_say_what_the_theory_needs_is_void_and_says_so():
+def test_a_surface_that_does_not_say_what_the_theory_needs_is_failing_and_says_so():
     scenario = load_scenario("girona500_ideal", ["certificate.constant_samples=16"])
     certificate = certify(replace(scenario, surface=Puzzling(**vars(scenario.surface))))
     assert not certificate.certified
     assert verdict(certificate) == (
-        "void: certificate of the surface Puzzling, it must be one that has `contact_reach`; "
-        "what would help: that method, see `Surface`")
+        "not certified: certificate of the surface Puzzling, it must be one that has "
+        "`contact_reach`; what would help: that method, see `Surface`")

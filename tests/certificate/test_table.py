@@ -29,7 +29,7 @@ def test_the_first_failed_condition_is_the_verdict():
         Condition("tube in limits.u[1]", 0.5, "<", 0.3, theorem="t"),
         Condition("worse", 9.0, "<", 0.0, theorem="t")))
     assert verdict(certificate).startswith(
-        "void: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
+        "not certified: tube in limits.u[1]: 0.5 < 0.3 does not hold by 0.2; what would help: ")
     assert format_certificate(certificate).count("DOES NOT HOLD") == 2
 
 
@@ -38,7 +38,7 @@ def test_a_yes_or_no_or_a_count_is_said_without_a_number():
         "faults, which the proofs do not cover", 2.0, "<=", 0.0, theorem="t")
     kept = replace(broken_assumptions, left=0.0)
     assert verdict(replace(EMPTY, conditions=(broken_assumptions,))).startswith(
-        f"void: {broken_assumptions.name}")
+        f"not certified: {broken_assumptions.name}")
     assert "does not hold" not in verdict(replace(EMPTY, conditions=(broken_assumptions,)))
     row = format_certificate(replace(EMPTY, conditions=(kept,))).splitlines()[5]
     assert row.split() == ["none", "of", "this:", *kept.name.split(), "holds"]
@@ -46,14 +46,15 @@ def test_a_yes_or_no_or_a_count_is_said_without_a_number():
 
 def test_a_number_that_is_none_fails_without_an_amount():
     line = verdict(replace(EMPTY, conditions=(Condition("x", np.nan, "<=", 0.0, theorem="t"),)))
-    assert line == "void: x: nan <= 0 does not hold"
+    assert line == "not certified: x: nan <= 0 does not hold"
 
 
 @pytest.mark.parametrize(("override", "line"), [
-    ("faults=[!StuckJoint {}]", "void: faults, which the proofs do not cover; what would help: "
-                                "no faults but those of the solver"),
-    ("mpc.terminal_set=false", "void: mpc.terminal_set, none; what would help: terminal_set: true"),
-    ("model_error.drag=1.25", "void: model_error, which the controller does not know: "
+    ("faults=[!StuckJoint {}]", "not certified: faults, which the proofs do not cover; what would "
+                                "help: no faults but those of the solver"),
+    ("mpc.terminal_set=false", "not certified: mpc.terminal_set, none; what would help: "
+                               "terminal_set: true"),
+    ("model_error.drag=1.25", "not certified: model_error, which the controller does not know: "
                               "0.25 <= 0 does not hold by 0.25; what would help: leaving it out: "
                               "it acts as a disturbance that d̃ does not count")])
 def test_what_is_given_up_has_a_number_only_if_it_is_a_quantity(override, line):
@@ -69,7 +70,7 @@ def test_every_step_of_a_mission_has_a_row_and_comes_back_from_a_file():
     assert [row.split()[:6] for row in rows] == [
         ["0", "Approach", "10", "-", "1", "60"], ["1", "Hold", "10", "8.5", "5", "60"],
         ["2", "Slide", "12", "9.5", "25", "50"]]
-    assert rows[2].endswith("void: mission.steps[2], how fast: 2 <= 1")
+    assert rows[2].endswith("not certified: mission.steps[2], how fast: 2 <= 1")
     data = certificate.to_data()
     del data["sha256"], data["certified"]
     assert Certificate.from_data(json.loads(json.dumps(data))).legs == legs
@@ -83,11 +84,12 @@ def test_the_verdict_says_how_much_is_proven():
                           proven=9, estimates=(Estimate("ω", 1.0, 0.5), Estimate("u", 2.0, 1.8)))
     assert verdict(certificate) == (
         "certified: all 1 conditions hold; of the 21 numbers that tighten limits 9 are proven, "
-        "12 estimated (a second search found up to 90% of what is claimed)")
+        "12 estimated (a second search found up to 90% of the claims)")
     felt = replace(certificate, estimates=(Estimate(JERK, 1.0, 0.9),))
     assert " 9 are proven, given the jerk of the tip, 12 estimated" in verdict(felt)
     rows = format_certificate(certificate).splitlines()
-    closest = rows.index("estimates: what is claimed, and what a second search found of it") + 1
+    title = "estimates: claimed value, and the part of it that a second search found"
+    closest = rows.index(title) + 1
     assert rows[closest].split() == ["u", "2", "90%"]
     assert rows[closest + 1].split() == ["ω", "1", "50%"]
 

@@ -20,7 +20,7 @@ from uvms_drake.station.scenario.scenario import dump_scenario, load_scenario
 
 pytestmark = pytest.mark.slow
 
-VOID = ["--set", "disturbance.bound=0.2"]
+NOT_CERTIFIED = ["--set", "disturbance.bound=0.2"]
 """Makes a tube that is larger than a limit of the shipped scenarios."""
 
 
@@ -116,11 +116,11 @@ def test_what_is_computed_is_kept_between_processes(certified, cache, capsys, tm
 
 
 def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_path):
-    assert main(["certify", "girona500_ideal", *VOID, "--output", str(tmp_path)]) == 1
+    assert main(["certify", "girona500_ideal", *NOT_CERTIFIED, "--output", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1] == f"written to {tmp_path}: certificate.json"
     assert "DOES NOT HOLD" in out
-    assert out.splitlines()[-1].startswith("void: tube in limits.u[")
+    assert out.splitlines()[-1].startswith("not certified: tube in limits.u[")
     assert "what would help: " in out.splitlines()[-1]
     certificate = certificate_of(tmp_path)
     assert not certificate.certified
@@ -128,15 +128,15 @@ def test_a_void_certificate_has_exit_status_1_and_says_what_failed(capsys, tmp_p
 
 
 def test_a_run_whose_certificate_is_void_is_refused(capsys, tmp_path):
-    assert run_in(tmp_path / "out", *VOID) == 1
+    assert run_in(tmp_path / "out", *NOT_CERTIFIED) == 1
     out, err = capsys.readouterr()
     assert out == ""
     last = err.splitlines()[-1]
     assert last.startswith("uvms-drake: error: ")
-    assert ": void: tube in limits.u[" in last
+    assert ": not certified: tube in limits.u[" in last
     assert last.endswith("; --uncertified takes the scenario's declared tube")
     assert not (tmp_path / "out").exists()
-    assert run_in(tmp_path / "out", *VOID, "--uncertified") == 0
+    assert run_in(tmp_path / "out", *NOT_CERTIFIED, "--uncertified") == 0
 
 
 @pytest.mark.parametrize("args", [
@@ -226,9 +226,9 @@ def test_a_run_after_a_run_with_other_values_makes_a_certificate_of_its_own(
 
 def test_a_changed_file_of_the_robot_is_noticed(capsys, tmp_path):
     robot, output = broken_robot(tmp_path, "", ""), tmp_path / "out"
-    args = [*VOID, "--set", f"model={robot}"]
+    args = [*NOT_CERTIFIED, "--set", f"model={robot}"]
     assert main(["certify", "girona500_ideal", *args, "--output",
-                 str(output)]) == 1  # void is enough for this
+                 str(output)]) == 1  # not certified is enough for this
     capsys.readouterr()
     file = robot / "hydrodynamics.yaml"
     file.write_text(file.read_text(encoding="utf-8") + "# touched\n", encoding="utf-8")

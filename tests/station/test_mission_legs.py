@@ -70,9 +70,9 @@ def test_every_step_has_its_leg_and_the_one_that_is_void_says_so():
     mission = Mission(steps=[
         Approach(settle=0.5), Hold(seconds=4.0), Slide(along=np.array([0.3, -0.4]), speed=0.05),
         Retreat(timeout=20.0)]).checked()
-    name = "mission.steps[2], how fast a plan goes across [m/s]"
+    name = "mission.steps[2], tangential speed of a plan [m/s]"
     legs = legs_of(mission, CONTACT, TUBE, [
-        Condition("mission.steps[1], what the front lets it press [N]", 10.0, "<", 15.0,
+        Condition("mission.steps[1], largest force in the safe region [N]", 10.0, "<", 15.0,
                   theorem="t"),
         Condition(name, 0.05, "<=", 0.04, theorem="t")])
     assert [leg.kind for leg in legs] == ["Approach", "Hold", "Slide", "Retreat"]

@@ -22,7 +22,7 @@ from uvms_drake.station.motions.dynamic import make_simulated_uvms
 from uvms_drake.station.scenario.scenario import Scenario
 
 SHARE = 0.5
-"""Part of d̃ that is set aside for everything unknown."""
+"""Part of d̃ that is reserved for everything unknown."""
 PREDICTED = 0.9
 """Part of that share which the prediction along the first plan may use; later plans differ."""
 LIKELY = 0.4
@@ -32,7 +32,7 @@ LARGEST_SHIFT, LARGEST_TURN, LARGEST_CURRENT = 0.01, 0.05, 0.1
 TRIM = 0.1
 """Largest error of the buoyancy over that of other quantities: robots are trimmed."""
 LARGEST_PAYLOAD = 0.5
-"""Largest mass of what the hand holds [kg]."""
+"""Largest payload [kg]."""
 AT_FULL_SPEED = 0.25
 """Probability of a current of the speed that a scenario declares, where no d̃ is to cover it."""
 SMALLER = 0.8
@@ -55,16 +55,16 @@ class Unknowns(NamedTuple):
     """Velocity of the water (3,) [m/s]."""
     buoyancy: float = 0.0
     payload: float = 0.0
-    """Mass of what the hand holds [kg]."""
+    """Mass of the payload [kg]."""
 
     def put_into(self, scenario: Scenario, scale: float = 1.0) -> Scenario:
         """Returns the scenario with `scale` times of it all, on top of what is in it already."""
         known, surface = scenario.model_error, scenario.surface_error
         relative = {name: getattr(known, name) * (1.0 + scale * getattr(self, name))
                     for name in FACTORS}
-        held = replace(known.payload, mass=known.payload.mass + scale * self.payload)
+        payload = replace(known.payload, mass=known.payload.mass + scale * self.payload)
         return replace(
-            scenario, model_error=replace(known, **relative, payload=held),
+            scenario, model_error=replace(known, **relative, payload=payload),
             surface_error=replace(
                 surface, stiffness=surface.stiffness * (1.0 + scale * self.stiffness),
                 shift=surface.shift + scale * self.shift, turn=surface.turn + scale * self.turn),
@@ -119,24 +119,24 @@ def with_unknowns(scenario: Scenario, ocp: Ocp[DynamicPlan], plan: DynamicPlan, 
         largest: Largest relative error.
         rng: Source of the draws.
     """
-    room = PREDICTED * SHARE * scenario.disturbance.d_bound
+    margin = PREDICTED * SHARE * scenario.disturbance.d_bound
     unknowns, scale = draw_unknowns(largest, rng), 1.0
     shared = replace(scenario, model_error=replace(scenario.model_error, share=SHARE))
     for _ in range(ATTEMPTS):
         candidate = unknowns.put_into(shared, scale)
         induced = predicted_disturbance(candidate, plan, ocp)
-        if induced <= room:
+        if induced <= margin:
             return candidate
-        scale *= SMALLER * room / induced
+        scale *= SMALLER * margin / induced
     return scenario
 
 
 def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
-    """Returns the scenario with what it declares unknown drawn, up to the size that it declares.
+    """Returns the scenario with its declared model errors drawn, up to their declared size.
 
-    That is for a scenario whose d̃ is zero: nothing is to cover what it names, and it is run to see
-    what comes of it. An error of either sign is drawn, and a current from any direction, in one
-    draw of four with all of its speed. What is known in the scenario stays known.
+    That is for a scenario whose d̃ is zero: no tube covers them, and a run shows their
+    effect. An error of either sign is drawn, and a current from any direction, in one
+    draw of four with all of its speed. Parameters that are known stay known.
 
     Args:
         scenario: Its `model_error` and `current` are the largest.
@@ -146,9 +146,9 @@ def as_declared(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     relative = {name: 1.0 + (getattr(known, name) - 1.0) * rng.uniform(-1.0, 1.0)
                 for name in FACTORS}
     shift = np.asarray(known.buoyancy_shift, dtype=float) * rng.uniform(-1.0, 1.0, 3)
-    held = rng.uniform()
-    payload = replace(known.payload, mass=held * known.payload.mass,
-                      displaced=held * known.payload.displaced)
+    carried = rng.uniform()
+    payload = replace(known.payload, mass=carried * known.payload.mass,
+                      displaced=carried * known.payload.displaced)
     direction, part = rng.normal(size=3), rng.uniform()
     speed = np.linalg.norm(current) * (1.0 if rng.uniform() < AT_FULL_SPEED else part)
     return replace(

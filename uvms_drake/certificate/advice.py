@@ -1,7 +1,7 @@
-"""What to set where a condition fails, as `--set key=value`: a first guess at what is enough.
+"""Settings that help where a condition fails, as `--set key=value`: a first guess at their size.
 
-Nothing here is proven. What changes the limits or the gains changes the tube, too, so that the next
-certificate may fail by a little less, or by something else: its own advice goes on from there.
+Nothing here is proven. Other limits or gains change the tube, too: the next certificate may fail by
+a little less, or by another condition, and its own advice goes on from there.
 """
 
 import math
@@ -15,7 +15,7 @@ from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.station.scenario.scenario import Scenario
 
 MORE = 1.2
-"""Factor on what is missing, for the tube that grows with a wider limit."""
+"""Factor on the excess, for the tube that grows with a wider limit."""
 ANGLES = ("roll", "pitch", "tip_pitch")
 
 
@@ -29,14 +29,14 @@ def setting(**values: float | np.ndarray) -> str:
 
 
 def wider(limit: Limit, index: int, above: bool, excess: float, model: UvmsModel) -> str:
-    """Returns how a limit on the configuration has room for what exceeds it, if it may have it.
+    """Returns the setting that widens a limit on the configuration by its excess, if allowed.
 
     Args:
         limit: One of `limits`.
-        index: Of its values, the one that is beyond.
+        index: Index of the value that is beyond.
         above: Whether it is beyond the upper bound.
-        excess: By how much, as of `Limit.excess`.
-        model: Of the robot, whose own joint limits stay.
+        excess: Excess, as of `Limit.excess`.
+        model: Model of the robot, whose own joint limits stay.
     """
     if isinstance(limit, StaticForce):
         force = limit.bound + MORE * excess * limit.surface.stiffness_bound
@@ -55,10 +55,8 @@ def wider(limit: Limit, index: int, above: bool, excess: float, model: UvmsModel
 def roomier(scenario: Scenario, share: float) -> str:
     """Returns the disturbance whose tube about fits: a tube is about in proportion to it.
 
-    Of the tube as it is, `share` is what fits into the limit that has the least room for it.
-
-    Larger gains make less of a tube, too, but take more of the inputs. They are no advice that can
-    be followed step by step.
+    `share` is the fraction of this tube that fits into the limit with the smallest margin. Larger
+    gains make a smaller tube, too, but take more of the inputs: no advice step by step.
     """
     bound = getattr(scenario.disturbance, "bound", None)
     if bound is None or not 0.0 < share <= 1.0:
@@ -72,9 +70,9 @@ def longer(horizon: int) -> str:
 
 
 def safer(scenario: Scenario, ratio: float) -> str:
-    """Returns a safety factor with which an estimate is above what a second search has found.
+    """Returns a safety factor with which an estimate exceeds the result of a second search.
 
-    None where that is beyond what a factor is for.
+    Empty if the ratio is out of the range of a safety factor.
     """
     if not 1.0 < ratio < 2.0:
         return ""

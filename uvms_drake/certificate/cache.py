@@ -19,13 +19,13 @@ def cache_dir() -> Path:
 
 
 def cached(key: Any, compute: Callable[[], Any]) -> Any:
-    """Returns `compute()`, or what it returned the last time for the same key.
+    """Returns `compute()`, or its last result for the same key.
 
     A cache that is corrupt is ignored and made again; one that cannot be written is no error.
 
     Args:
-        key: All that the result depends on, as what JSON can hold; this package's source is added.
-        compute: Returns what JSON can hold.
+        key: All that the result depends on, as JSON data; this package's source is added.
+        compute: Returns JSON data.
     """
     text = json.dumps([source_digest(), key], sort_keys=True)
     path = cache_dir() / f"{hashlib.sha256(text.encode()).hexdigest()}.json"

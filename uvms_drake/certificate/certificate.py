@@ -1,4 +1,4 @@
-"""The certificate as data: what was computed, whether it holds, and for exactly which inputs.
+"""The certificate as data: its results, its verdict and the hashes of its inputs.
 
 `certificate.json` carries the SHA-256 of its own content, of every file of the robot and of the
 part of the scenario that it depends on. A certificate that was changed by hand, or whose inputs
@@ -56,7 +56,7 @@ class TerminalResult:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The claims about a scenario's closed loop, and the conditions that they rest on."""
+    """The claims about a scenario's closed loop, and the conditions that they need."""
 
     scenario: str
     law: str
@@ -83,21 +83,21 @@ class Certificate:
     tube: TubeRadii | None = None
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of some radii by their source; not in the file, if there are none."""
-    room: dict[str, float] = field(default_factory=dict)
-    """What limits leave of those radii, at most, if there are any."""
+    margin: dict[str, float] = field(default_factory=dict)
+    """Smallest limit of each of those radii that has one, the tube being zero."""
     legs: tuple[Leg, ...] = ()
     """The steps of a mission; not in the file, if there are none."""
     estimates: tuple[Estimate, ...] = ()
-    """What is estimated of the tube, with what a second search found."""
+    """Estimated suprema of the tube, with the result of a second search."""
     tightening: int = 0
-    """How many limits the tube tightens, an input's being one for each component."""
+    """Number of limits that the tube tightens, each component of an input being one."""
     proven: int = 0
-    """How many of these by a number that is proven."""
+    """Number of these that are tightened by a proven number."""
     terminal: TerminalResult | None = None
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
     paper: dict[str, float] = field(default_factory=dict)
-    """Radii of the paper's Lemma with the same constants, for comparison; inf where it is void."""
+    """Radii of the paper's Lemma with the same constants, for comparison; inf if not certified."""
 
     @property
     def failed(self) -> Condition | None:
@@ -106,7 +106,7 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """Whether every condition that was looked at holds."""
+        """Whether every condition that was checked holds."""
         return bool(self.conditions) and self.failed is None
 
     def adding(self, conditions: list[Condition]) -> "Certificate":
@@ -121,12 +121,12 @@ class Certificate:
         return replace(scenario, tube=self.tube or scenario.tube, mpc=mpc)
 
     def to_data(self) -> dict[str, Any]:
-        """Returns the content as what JSON can hold, with its own SHA-256 as `sha256`."""
+        """Returns the content as JSON data, with its own SHA-256 as `sha256`."""
         data = jsonable(dataclasses.asdict(self), names=True) | {"certified": self.certified}
         if self.weights is None:
             del data["weights"]
         if not self.budget:
-            del data["budget"], data["room"]
+            del data["budget"], data["margin"]
         if not self.legs:
             del data["legs"]
         return data | {"sha256": _digest(data)}

@@ -2,9 +2,9 @@
 
     limits ──▶ declared set ──▶ constants ──▶ tube ──▶ tightened sets ──▶ terminal set ──▶ plan
 
-Each arrow adds its conditions to the certificate. It stops at the first stage that leaves nothing
-to go on with: then the certificate is void, and says which condition failed first. The tube depends
-on the scenario's motion and law, see `Motion.tubes`; a law that is not there has no certificate.
+Each arrow adds its conditions to the certificate. It stops at the first stage with a condition that
+does not hold: then the scenario is not certified. The tube depends on the scenario's motion and
+law, see `Motion.tubes`; a law that is not there has no certificate.
 """
 
 from dataclasses import replace
@@ -59,16 +59,17 @@ UNLIMITED = 1.0
 
 
 def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
-    """Returns the certificate of a scenario; void or not.
+    """Returns the certificate of a scenario, certified or not.
 
     Args:
-        scenario: What to certify.
+        scenario: Scenario to certify.
         progress: Called at the beginning of every stage.
 
     Raises:
         InvalidParameter: A value of the scenario has no meaning.
     """
     assert active_memo() is None, "a certificate searches for itself"
+    # Inputs, and a law without a tube, for which there is nothing to compute.
     model = check_inputs(scenario)
     law, weights = scenario.ancillary, weights_of(scenario, model)
     draft = Certificate(
@@ -81,17 +82,19 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             f"certificate of the law {type(law).__name__}, none is known", 1.0, "<=", 0.0,
             theorem=GUARANTEE)])
     try:
+        # Tube without contact, then the additional terms of a sensed contact.
         progress("constants", 0.0)
         basis = basis_of(scenario, model)
         progress("tube", motion.stages[0])
         found = motion.tubes[type(law)](law, basis)
         if all(condition.holds for condition in found.conditions):
             found = motion.in_contact(found, scenario, basis)
+        # These belong to the file even if the tube leaves nothing of a limit.
         draft = replace(
             draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
             tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
-            room=budget_margins(scenario, found, model),
+            margin=budget_margins(scenario, found, model),
             conditions=(*found.conditions, *assumptions(scenario)))
         if scenario.mission.steps and np.size(found.radii.u):
             draft = replace(draft, legs=tuple(legs_of(
@@ -99,6 +102,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
                 draft.conditions)))
         if not draft.certified:
             return draft
+        # Margins of the tightened limits, before the second search, which takes long.
         tightening, proven = how_many_are_proven(scenario, found, model)
         draft = replace(draft.adding(tightening_margins(scenario, found.radii, model)),
                         tightening=tightening, proven=proven)
@@ -130,24 +134,27 @@ def assumptions(scenario: Scenario) -> list[Condition]:
         ("mpc.terminal_weight, P without a terminal controller", mpc.terminal_weight is not None),
         ("mpc.terminal_set, none", not mpc.terminal_set)]
     if scenario.contact.is_sensed:
-        broken_assumptions.append(("contact.tangential_lag, friction that the law is told of late",
-                         sensed_contact(scenario).tangential_lag))
+        broken_assumptions.append(("contact.tangential_lag, delayed feedback of the friction",
+                                   sensed_contact(scenario).tangential_lag))
     broken_assumptions += motion_of(scenario).broken_assumptions(mpc)
-    broken_assumptions += [(f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
-                 for i, term in enumerate(mpc.terms)]
+    broken_assumptions += [
+        (f"mpc.terms[{i}], {type(term).__name__}, which the terminal set leaves out", 1.0)
+        for i, term in enumerate(mpc.terms)]
     for key, parts in (("sensing", scenario.sensing), ("actuation", scenario.actuation)):
-        broken_assumptions += [(f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
-                     for i, part in enumerate(parts) if part.assumption() is not None
-                     and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
-                     and not is_counted(scenario, part)]
-    return [Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE) for name, value in broken_assumptions]
+        broken_assumptions += [
+            (f"{key}[{i}], {type(part).__name__}: {part.assumption()}", 1.0)
+            for i, part in enumerate(parts) if part.assumption() is not None
+            and not (scenario.contact.is_sensed and part.reading(0.0, 0.0) is not None)
+            and not is_counted(scenario, part)]
+    return [Condition(name, float(value), "<=", 0.0, theorem=GUARANTEE)
+            for name, value in broken_assumptions]
 
 
 def is_counted(scenario: Scenario, part: Component) -> bool:
-    """Returns whether the tube counts with what a part does to the command: one part alone.
+    """Returns whether the tube includes the effect of a part on the command, if it is the only one.
 
-    A clock, see `tube.actuation.zoh_command`, where a condition of the tube says what has no
-    bound; or a lag of the vehicle's wrench of which `tube.actuation.lagged_wrench` has a proof.
+    A clock, see `tube.actuation.zoh_command`, where a condition of the tube names an effect without
+    a bound; or a lag of the vehicle's wrench that `tube.actuation.lagged_wrench` has a proof for.
     """
     law = scenario.ancillary
     if len(scenario.actuation) != 1 or not isinstance(law, TipFirst):
@@ -263,31 +270,31 @@ def tightening_margins(scenario: Scenario, tube: TubeRadii, model: ContactModel)
                         key=lambda limit: limit.labels != [limit.name]):
         if limit.tube_takes(tube) is None:
             conditions.append(Condition(
-                f"limits.{limit.name}, of which nobody says what the tube takes", 1.0, "<=", 0.0,
+                f"limits.{limit.name}, no tightening by the tube is defined", 1.0, "<=", 0.0,
                 theorem=TIGHTENING))
         else:
             conditions += [
-                Condition(f"tube in limits.{label}", radius, "<", room, theorem=TIGHTENING)
-                for label, radius, room in limit.margins(tube)]
+                Condition(f"tube in limits.{label}", radius, "<", margin, theorem=TIGHTENING)
+                for label, radius, margin in limit.margins(tube)]
     share = min((each.right / each.left for each in conditions if each.left > 0.0), default=1.0)
     advice = roomier(scenario, share)
     return [each if each.holds else replace(each, advice=advice) for each in conditions]
 
 
 def budget_margins(scenario: Scenario, found: LawTube, model: ContactModel) -> dict[str, float]:
-    """Returns what limits there are of the radii of a budget: the least of each kind."""
+    """Returns the smallest limit of each radius of a budget that has one."""
     limits = {"attitude": ("roll", "pitch"), "depth_speed": ("contact_speed[0]",),
               "joints": tuple(f"q{j + 1}" for j in range(model.num_joints))}
     none = resolved_radii(TubeRadii(u=np.zeros(model.size), tau=np.zeros(model.size)))
-    room = {label: size for limit in limits_of(scenario, model).values()
-            for label, _, size in limit.margins(none)}
+    margin = {label: size for limit in limits_of(scenario, model).values()
+              for label, _, size in limit.margins(none)}
     return {name: min(known) for name in found.budget
-            if (known := [room[label] for label in limits.get(name, ()) if label in room])}
+            if (known := [margin[label] for label in limits.get(name, ()) if label in margin])}
 
 
 def how_many_are_proven(scenario: Scenario, found: LawTube, model: ContactModel
                         ) -> tuple[int, int]:
-    """Returns how many limits a tube tightens, and how many of them by what is proven.
+    """Returns the number of limits that a tube tightens, and of those tightened by proven numbers.
 
     A number is estimated if it changes with the radii that are.
     """
@@ -333,8 +340,8 @@ def _with_terminal_set(draft: Certificate, found: LawTube, scenario: Scenario,
 def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition]]:
     """Returns the first plan and the assumption of the Theorem: the FHOCP is feasible at t = 0.
 
-    Also that no angle and no depth of this plan leaves its limits between the knots. Where the
-    contact is felt, a margin ensures it for every plan (`Limit.plan_takes`); else no limit of the
+    Also that no angle and no depth of this plan leaves its limits between the knots. If the
+    contact is sensed, a margin ensures it for every plan (`Limit.plan_takes`); else no limit of the
     MPC does, and later plans are not checked.
 
     Args:
@@ -358,22 +365,22 @@ def first_plan(ocp: Ocp[P], start: np.ndarray) -> tuple[P | None, list[Condition
 
 
 class KnotOvershoot(NamedTuple):
-    """Where a plan is furthest beyond a limit between its knots."""
+    """Largest excess of a plan over a limit between its knots."""
 
     excess: float = 0.0
-    """By how much [rad, m]."""
+    """Excess [rad, m]."""
     label: str = ""
-    """Of the limit's value; of none, if the plan keeps all."""
+    """Name of the limit's value; empty if the plan keeps all."""
     time: float = 0.0
-    """When [s]."""
+    """Time of the largest excess [s]."""
     advice: str = ""
-    """What to set, if it is known."""
+    """Setting that would help; empty if none is known."""
 
 
 def between_knots(ocp: Ocp, plan: Plan, points: int = 9) -> KnotOvershoot:
-    """Returns where and by how much a plan exceeds a limit on the configuration between its knots.
+    """Returns the largest excess of a plan over a limit on the configuration between its knots.
 
-    Looked at is every limit that bulges, but those of the input: roll, pitch, tip pitch, joints,
+    Checked is every limit that bulges, but those of the input: roll, pitch, tip pitch, joints,
     the static force (over the stiffness), and those about speed that are not linear. They are taken
     as tightened by the tube, and can be left by h²/8 times their second derivative.
     """

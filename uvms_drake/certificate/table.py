@@ -15,7 +15,8 @@ HELP = {
     "contact.force_error": "a larger contact.force_error or contact.delay, or a better sensor",
     "contact.clearance": "a larger contact.clearance, or a shorter tare",
     "contact.speed": "a shorter mpc.time_step, or slower limits",
-    "front, room": "a softer tool (contact.stiffness), larger gains or a larger contact.force",
+    "safe region, margin": "a softer tool (contact.stiffness), larger gains or a larger "
+        "contact.force",
     "task.force": "a smaller force, a softer tool (contact.stiffness) or larger gains",
     "mission.steps": "less force or speed of that step, a larger contact.force or speed_across, or "
         "larger gains",
@@ -108,21 +109,21 @@ def _gains(certificate: Certificate) -> str:
 
 
 def verdict(certificate: Certificate) -> str:
-    """Returns one line: certified, or void with the first failed condition and what would help."""
+    """Returns one line: certified, or not, with the first failed condition and advice."""
     failed = certificate.failed
     if failed is None:
         return f"certified: all {len(certificate.conditions)} conditions hold{_proven(certificate)}"
-    return f"void: {_what(failed)}{_help(failed)}"
+    return f"not certified: {_violation(failed)}{_help(failed)}"
 
 
 def _proven(certificate: Certificate) -> str:
-    """Returns how much of it is proven, and how near the second search came to the rest."""
+    """Returns the number of proven values, and the largest ratio of the second search."""
     if not certificate.tightening:
         return ""
     estimated = certificate.tightening - certificate.proven
     ratio = max((estimate.ratio for estimate in certificate.estimates), default=None)
     again = "" if ratio is None or not estimated else (
-        f" (a second search found up to {ratio:.0%} of what is claimed)")
+        f" (a second search found up to {ratio:.0%} of the claims)")
     given = certificate.proven and any(
         estimate.name == JERK for estimate in certificate.estimates)
     return (f"; of the {certificate.tightening} numbers that tighten limits "
@@ -130,7 +131,7 @@ def _proven(certificate: Certificate) -> str:
             f"{estimated} estimated{again}")
 
 
-def _what(condition: Condition) -> str:
+def _violation(condition: Condition) -> str:
     if condition.is_count:
         return condition.name
     by = f" by {-condition.margin:.4g}" if math.isfinite(condition.margin) else ""
@@ -163,13 +164,13 @@ def _leg_rows(certificate: Certificate) -> list[str]:
     """Returns a row for each step of a mission."""
     if not certificate.legs:
         return []
-    rows = ["", "mission: force along n, what it is off at most in a hold, the plan at its target",
-            f"  {'step':<14}{'N, at most':>12}{'off, N':>10}{'s, least':>10}{'most':>8}"]
+    rows = ["", "mission: largest force along n, error bound in a hold with the plan at its target",
+            f"  {'step':<14}{'force, N':>12}{'error, N':>10}{'s, least':>10}{'most':>8}"]
     for i, leg in enumerate(certificate.legs):
         band = "-" if leg.band is None else f"{leg.band:.3g}"
         rows.append(f"  {i:>3} {leg.kind:<10}{leg.force:>12.4g}{band:>10}"
                     f"{leg.least:>10.3g}{leg.most:>8.3g}"
-                    f"{'  void: ' + leg.unmet if leg.unmet else ''}")
+                    f"{'  not certified: ' + leg.unmet if leg.unmet else ''}")
     return rows
 
 
@@ -188,28 +189,28 @@ def _radius(value: float | np.ndarray) -> str:
 
 
 def _budget_rows(certificate: Certificate) -> list[str]:
-    """Returns what each source takes of the radii, a row each, their sums and what limits leave."""
+    """Returns the share of each source in the radii, a row each, their sums and the limits."""
     if not certificate.budget:
         return []
-    budget, room = certificate.budget, certificate.room
+    budget, margin = certificate.budget, certificate.margin
     sources = list(next(iter(budget.values())))
 
     def row(name: str, values: list[str]) -> str:
         return f"  {name:<30}" + "".join(f"{value:>12}" for value in values)
 
-    return ["", "budget: what takes how much of the tube [mm, mrad, mm/s]",
+    return ["", "budget: share of each source in the tube [mm, mrad, mm/s]",
             row("", list(budget)),
             *(row(source, [f"{1e3 * parts[source]:.4g}" for parts in budget.values()])
               for source in sources),
             row("sum", [f"{1e3 * sum(parts.values()):.4g}" for parts in budget.values()]),
-            *([row("limits leave", [f"{1e3 * room[name]:.4g}" if name in room else "-"
-                                    for name in budget])] if room else [])]
+            *([row("limits leave", [f"{1e3 * margin[name]:.4g}" if name in margin else "-"
+                                    for name in budget])] if margin else [])]
 
 
 def _estimate_rows(certificate: Certificate) -> list[str]:
-    """Returns what is estimated, by how close the second search came to it."""
+    """Returns the estimates, by the ratio that the second search reached."""
     estimates = sorted(certificate.estimates, key=lambda estimate: -estimate.ratio)
-    return ["", "estimates: what is claimed, and what a second search found of it", *(
+    return ["", "estimates: claimed value, and the part of it that a second search found", *(
         f"  {estimate.name:<36}{estimate.claim:>12.4g}{estimate.ratio:>8.0%}"
         for estimate in estimates)] if estimates else []
 
@@ -219,7 +220,7 @@ def _terminal_rows(certificate: Certificate) -> list[str]:
     if terminal is None:
         return []
     return [f"terminal set  ‖ξ‖_P ≤ {terminal.radius:.4g}, checked at {terminal.samples} states; "
-            f"what limits it: {terminal.limiting}"]
+            f"limited by: {terminal.limiting}"]
 
 
 def _bound_rows(certificate: Certificate) -> list[str]:

@@ -155,7 +155,8 @@ def _summarise_class(record: Record) -> dict[str, object]:
         attitude = np.broadcast_to(record.chi[0, 3:], (len(places), 3))
         return surface.static_force(np.concatenate([places, attitude], axis=1))
 
-    observed = departures(specified, record.time, record.chi[:, :3], velocity, record.force[:, :3], static)
+    observed = departures(
+        specified, record.time, record.chi[:, :3], velocity, record.force[:, :3], static)
     return {"out_of_class": {key: each._asdict() for key, each in observed.items()}}
 
 
@@ -307,8 +308,8 @@ def _format_contact(contact: dict) -> list[str]:
 
 def _format_class(contact: dict) -> list[str]:
     out = contact.get("out_of_class", {})
-    return [f"{'' if i else 'NOT OF ITS CLASS':<18}contact.{key} is {row['specified']:.3g}, seen was "
-            f"{row['observed']:.3g}" for i, (key, row) in enumerate(out.items())]
+    return [f"{'' if i else 'NOT OF ITS CLASS':<18}contact.{key} is {row['specified']:.3g}, "
+            f"seen was {row['observed']:.3g}" for i, (key, row) in enumerate(out.items())]
 
 
 def _format_constraints(constraints: dict) -> list[str]:

@@ -1,4 +1,4 @@
-"""What follows from the numbers that are told of a felt contact: forces, errors, margins."""
+"""Bounds of forces, errors and margins that follow from the declared data of a sensed contact."""
 
 import math
 from dataclasses import replace
@@ -18,40 +18,40 @@ from uvms_drake.tube.search.constraint_set import ConstraintSet
 SAFE_REGION = "control/theory.md#safe-region-of-an-unknown-wall"
 """Theorem of the conditions on readings and forces."""
 BETWEEN_KNOTS = 0.12
-"""How much faster than its limit at the knots of a plan the tip may be between them, in parts."""
+"""Relative excess of the tip's speed over its limit between the knots of a plan."""
 UNEVEN = 1.2
-"""Assumed, not proven: by how much the tip's acceleration along n changes from one reading to the
-next [m/s²]. Ten times what runs show, with friction that turns and disturbances that aim; forces
-aside and disturbances of the main scenario that flip at once, as none does, make 1.1."""
+"""Largest change of the tip's acceleration along n between two readings [m/s²]; assumed, not
+proven. Ten times that of runs, with friction that turns and adversarial disturbances; tangential
+forces and disturbances of the main scenario that flip at once, as none does, make 1.1."""
 
 
 def sensed_contact(scenario: Scenario) -> SensedContact:
-    """Returns what the controller is told of the wall."""
+    """Returns the declared data of the wall."""
     assert isinstance(scenario.contact, SensedContact)  # Else there is another motion.
     with within("contact"):
         return scenario.contact.checked()
 
 
 def reading_of(scenario: Scenario) -> ForceReading:
-    """Returns what is known of the measured force, until the end."""
+    """Returns the error bounds of the measured force until the end."""
     reading = _known_reading(scenario)
     if reading is not None:
         return reading
     raise InvalidParameter("sensing", scenario.sensing, "with a part that measures the force, such "
-                           "as !ForceSensor, for a contact that is felt")
+                           "as !ForceSensor, for a sensed contact")
 
 
 def _known_reading(scenario: Scenario) -> ForceReading | None:
-    """Returns what is known of the measured force; None: nothing."""
+    """Returns the error bounds of the measured force; None if no part measures it."""
     readings = (part.reading(scenario.duration, turning_of(scenario)) for part in scenario.sensing)
     return next((reading for reading in readings if reading is not None), None)
 
 
-def largest_reading_error(scenario: Scenario, felt: MeasuredForceBounds) -> float:
-    """Returns how far the normal force of a reading may be off those of the last `delay` [N].
+def largest_reading_error(scenario: Scenario, force: MeasuredForceBounds) -> float:
+    """Returns the largest difference of a reading from the normal forces of the last `delay` [N].
 
-    What the front does not see between two readings comes to it: damping by a velocity v off the
-    line between them, see `front.between_readings`, and the way of half a period at v. An
+    Added is the motion between two readings: damping by a velocity v off the line between them,
+    see `safe_region.between_readings`, and the displacement of half a period at v. An
     acceleration that changes by a in a period h makes v = ah/4 at most.
 
     And 𝔉 has turned with the tip since the reading, R(t)R(s)ᵀ = exp S(ρ), ‖ρ‖ ≤ ω(t − s) in the
@@ -63,10 +63,10 @@ def largest_reading_error(scenario: Scenario, felt: MeasuredForceBounds) -> floa
         contact.force * contact.dissipation + 0.5 * contact.stiffness * contact.period)
     omega, mu = turning_of(scenario), contact.friction
     turned = contact.force * (
-        omega * felt.age * (np.sin(contact.angle) + mu * np.cos(contact.angle))
-        + 0.5 * omega**2 * (felt.age**2 + felt.lag**2) * np.hypot(1.0, mu))
+        omega * force.age * (np.sin(contact.angle) + mu * np.cos(contact.angle))
+        + 0.5 * omega**2 * (force.age**2 + force.lag**2) * np.hypot(1.0, mu))
     missing = reading_of(scenario).missing(contact.delay)
-    return float(felt.error + felt.size * missing + turned + unseen)
+    return float(force.error + force.size * missing + turned + unseen)
 
 
 def turning_of(scenario: Scenario) -> float:
@@ -76,10 +76,10 @@ def turning_of(scenario: Scenario) -> float:
 
 
 def sensing_of(scenario: Scenario) -> ForceSensorModel:
-    """Returns what front and watch are told of the sensor.
+    """Returns the sensor's data for safe region and fault detector.
 
-    Readings that repeat are looked for only where noise forbids that they do; a sensor that is
-    slower than the watch is then seen several times for each reading.
+    Repeated readings are a fault only if the sensor has noise; a sensor slower than the detector
+    is then read several times for each value.
     """
     contact, reading = sensed_contact(scenario), _known_reading(scenario)
     repeats, tare, largest = 0, 0.0, np.inf
@@ -87,12 +87,13 @@ def sensing_of(scenario: Scenario) -> ForceSensorModel:
         tare, largest = reading.tare, reading.largest
         if reading.noisy:
             repeats = 2 + math.ceil(reading.period / contact.period - 1e-9)
-    return ForceSensorModel(force_max=contact.force, noise=contact.force_error, period=contact.period,
-                        window=contact.delay, repeats=repeats, tare=tare, largest=largest)
+    return ForceSensorModel(
+        force_max=contact.force, noise=contact.force_error, period=contact.period,
+        window=contact.delay, repeats=repeats, tare=tare, largest=largest)
 
 
 def fastest_advance(contact: SensedContact) -> float:
-    """Returns how fast the tip goes deeper at most [m/s], between the knots of a plan, too."""
+    """Returns the largest speed of the tip into the wall [m/s], between knots of a plan, too."""
     return (1.0 + BETWEEN_KNOTS) * contact.largest_advance
 
 
@@ -102,7 +103,7 @@ def largest_normal_force(contact: SensedContact) -> float:
 
 
 def safe_depth_margin(scenario: Scenario) -> float:
-    """Returns E = E_n + √2 αE_t [m], how far the real tip may be beyond the planned one."""
+    """Returns E = E_n + √2 αE_t [m], the largest depth of the real tip beyond the planned one."""
     tube, walls = resolved_radii(scenario.tube), sensed_contact(scenario).walls
     parts = tube.depth, np.sqrt(2.0) * walls.tilt * (tube.position or 0.0), tube.between_knots
     return float(sum(part or 0.0 for part in parts))
@@ -114,41 +115,41 @@ def pressing_force(scenario: Scenario) -> float:
 
 
 def largest_force(scenario: Scenario) -> float:
-    """Returns the largest force that may be asked for [N].
+    """Returns the largest desired force [N].
 
-    The front lets the planned tip press on at F as long as (F_max − (F + 2ν)/a₋)/κ₊ is more than
-    2E, see `control.contact.press_target`, and α times what the tip, where it was felt and where
-    it is planned to be, may be off across n: 2√2 E_t.
+    The safe region lets the planned tip press at F as long as (F_max − (F + 2ν)/a₋)/κ₊ is more than
+    2E, see `control.contact.press_target`, plus α times the tangential errors of the tip at the
+    reading and in the plan: 2√2 E_t.
     """
     contact, tube = sensed_contact(scenario), resolved_radii(scenario.tube)
-    aside = contact.walls.tilt * 2.0 * float(np.sqrt(2.0)) * (tube.position or 0.0)
-    lost = 2.0 * safe_depth_margin(scenario) + aside
+    tangential = contact.walls.tilt * 2.0 * float(np.sqrt(2.0)) * (tube.position or 0.0)
+    lost = 2.0 * safe_depth_margin(scenario) + tangential
     left = contact.force - contact.stiffness * lost
     return contact.walls.share * left - 2.0 * contact.force_error
 
 
 def mission_conditions(scenario: Scenario) -> list[Condition]:
-    """Returns what each step of a mission needs of the front and of the plan's speed across.
+    """Returns the conditions of each mission step on the safe region and the tangential speed.
 
-    Where it presses, and when it asks for another place or force, is in none of them: model and
-    limits are the same everywhere, and the target is in no limit of a plan (`TrackingOcp`).
+    They do not depend on place and time of a step: model and limits are the same everywhere, and
+    the target is in no limit of a plan (`TrackingOcp`).
     """
     speed = sensed_contact(scenario).speed_across - (resolved_radii(scenario.tube).tip_speed or 0.0)
     conditions = []
     for i, step in enumerate(scenario.mission.steps):
         if step.strongest > 0.0:
-            conditions.append(Condition(f"mission.steps[{i}], what the front lets it press [N]",
+            conditions.append(Condition(f"mission.steps[{i}], largest force in the safe region [N]",
                                         step.strongest, "<", largest_force(scenario),
                                         theorem=SAFE_REGION))
         if np.any(step.fastest > 0.0):
-            conditions.append(Condition(f"mission.steps[{i}], how fast a plan goes across [m/s]",
+            conditions.append(Condition(f"mission.steps[{i}], tangential speed of a plan [m/s]",
                                         float(np.max(step.fastest)), "<=", speed,
                                         theorem="control/theory.md#constraint-tightening"))
     return conditions
 
 
 def between_knots(planned: ConstraintSet, step: float) -> dict[str, float]:
-    """Returns how far angles of a plan may be beyond limits between two knots that keep them.
+    """Returns the largest excess of a plan's angles over limits between two knots that keep them.
 
     A joint has a constant acceleration in an interval of length h: if it comes with v and leaves
     with −v, it is vh/4 further in between, and no other with |q̇| ≤ v at both ends is. Of an angle
@@ -166,7 +167,7 @@ def between_knots(planned: ConstraintSet, step: float) -> dict[str, float]:
 
 
 def slower(declared: ConstraintSet, radii: TubeRadii) -> ConstraintSet:
-    """Returns the set of the planned motion, as far as speeds go."""
+    """Returns the declared set with the tube's radii subtracted from its speed limits."""
     keys = "nu1", "nu2", "qdot"
     return replace(declared, **{
         key: max(getattr(declared, key) - (getattr(radii, key) or 0.0), 1e-6) for key in keys})

@@ -48,7 +48,7 @@ def test_a_law_without_a_proof_is_not_certified_and_says_so(name, law):
     assert certificate.tube is None
     kind = type(law).__name__
     assert verdict(certificate).startswith(
-        f"void: certificate of the law {kind}, none is known; what would help: ")
+        f"not certified: certificate of the law {kind}, none is known; what would help: ")
     assert verdict(certificate) in format_certificate(certificate)
 
 

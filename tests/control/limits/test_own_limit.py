@@ -154,7 +154,7 @@ def test_only_a_known_tightening_leaves_a_margin(scenario):
                for condition in tightening_margins(
         with_own(scenario, *scenario.limits.more, own), scenario.tube, model)
         for name in [condition.name] if "elbow" in name or "tip_" in name}
-    unknown = "limits.{}, of which nobody says what the tube takes"
+    unknown = "limits.{}, no tightening by the tube is defined"
     assert margins == {
         "tube in limits.tip_pitch": True, "tube in limits.tip_x": True,
         "tube in limits.tip_y": True, "tube in limits.tip_z": True,

@@ -37,9 +37,9 @@ def test_depths_are_counted_from_where_the_wall_is_first_touched(record):
     np.testing.assert_allclose(depths["tip"], 1e3 * record.chi[:, 0], atol=1e-5)
     np.testing.assert_allclose(depths["planned"], 1e3 * record.chi_nominal[:, 0], atol=1e-5)
     np.testing.assert_allclose(depths["explored"], safe, atol=1e-5)
-    believed = depths["believed"][record.time > 2.11]
-    np.testing.assert_allclose(believed, 3.0, atol=1e-5)
-    assert np.all(np.isnan(depths["believed"][record.time < 2.09]))
+    estimated = depths["estimated"][record.time > 2.11]
+    np.testing.assert_allclose(estimated, 3.0, atol=1e-5)
+    assert np.all(np.isnan(depths["estimated"][record.time < 2.09]))
 
 
 def test_without_a_touch_depths_are_counted_from_the_start(record):
@@ -60,17 +60,17 @@ def test_its_panels_show_the_logs(record):
     axes = axes_of(record)
     assert [axis.get_ylabel() for axis in axes] == PANELS
     force = lines(axes[0])
-    np.testing.assert_array_equal(force["felt"], record.signals["force_last_valid"][:, 0])
+    np.testing.assert_array_equal(force["measured"], record.signals["force_last_valid"][:, 0])
     np.testing.assert_array_equal(force["real"], record.force[:, 0])
     assert set(force["desired"]) == {20.0}
     assert set(force["limit of the static force"]) == {45.0}
     slope = lines(axes[2])
-    np.testing.assert_array_equal(slope["learned"], record.signals["slope"][:, 0])
-    assert set(slope[r"told, $\kappa_+$"]) == {1000.0}
+    np.testing.assert_array_equal(slope["estimated"], record.signals["slope"][:, 0])
+    assert set(slope[r"declared, $\kappa_+$"]) == {1000.0}
     for axis in (axes[1], axes[4]):
         depth, expected = lines(axis), depths_of(record)
         for label, name in (("tip", "tip"), ("planned tip", "planned"), ("wall", "wall"),
-                            ("explored up to", "explored"), ("wall as believed", "believed")):
+                            ("explored up to", "explored"), ("estimated wall", "estimated")):
             np.testing.assert_array_equal(depth[label], expected[name])
 
 
@@ -86,7 +86,7 @@ def test_the_force_along_n_is_the_part_of_it_along_n(record):
     turned = replace(record, scenario=replace(record.scenario, contact=contact))
     force = lines(axes_of(turned)[0])
     np.testing.assert_allclose(force["real"], 0.8 * record.force[:, 0])
-    np.testing.assert_allclose(force["felt"], record.signals["force_last_valid"][:, :3] @ n)
+    np.testing.assert_allclose(force["measured"], record.signals["force_last_valid"][:, :3] @ n)
 
 
 def test_what_happened_is_marked_and_named(record):

@@ -1,4 +1,4 @@
-"""The figure of a contact that is felt: what the robot knows of a wall, beside what the wall is."""
+"""The figure of a sensed contact: the estimate of the wall against the real wall."""
 
 from typing import Any
 
@@ -27,8 +27,8 @@ from uvms_drake.station.problem import true_surface
 from uvms_drake.station.record import Record
 
 WALL: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "label": "wall"}
-BELIEVED: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
-                            "label": "wall as believed"}
+ESTIMATED: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (4, 1.5)), "linewidth": 0.9,
+                             "label": "estimated wall"}
 MARKS = ("first touch", "contact lost", "retargeted", "last plan kept", "sensor lost")
 """Names of the marks on the time axis."""
 BEFORE, AROUND = 1.5, 8.0
@@ -36,7 +36,7 @@ BEFORE, AROUND = 1.5, 8.0
 
 
 def draw_contact_estimate(record: Record, certified: float | None = None) -> Figure:
-    """Draws force, depths, slope and events of a contact that is felt, and the contact enlarged.
+    """Draws force, depths, slope and events of a sensed contact, and the contact enlarged.
 
     Depths are along n, from where the tip first touches the wall or else from where it starts.
 
@@ -70,20 +70,21 @@ def draw_contact_estimate(record: Record, certified: float | None = None) -> Fig
 
 
 def depths_of(record: Record) -> dict[str, np.ndarray]:
-    """Returns how deep what is real, planned, explored and believed is (T,) [mm].
+    """Returns the real, planned, explored and estimated depths (T,) [mm].
 
-    NaN is what nobody knows: `explored` before anything is safe, `believed` before a touch, and
-    `wall` where it is not near.
+    NaN is unknown: `explored` before anything is safe, `estimated` before a touch, and `wall` where
+    it is not near.
     """
     n = sensed_contact(record.scenario).direction
     wall = surface_depth(check_surface(true_surface(record.scenario)), record.chi, n)
-    safe, believed = (record.signals[name][:, 0] for name in ("safe_depth", "contact_depth"))
+    safe, estimated = (record.signals[name][:, 0] for name in ("safe_depth", "contact_depth"))
     tip = record.chi[:, :3] @ n
     inside = record.penetration > 0.0
     origin = wall[np.argmax(inside)] if np.any(inside) else tip[0]
     depths = {"tip": tip, "planned": record.chi_nominal[:, :3] @ n, "wall": wall,
-              "explored": np.where(np.isfinite(safe), safe + safe_depth_margin(record.scenario), np.nan),
-              "believed": believed}
+              "explored": np.where(
+                  np.isfinite(safe), safe + safe_depth_margin(record.scenario), np.nan),
+              "estimated": estimated}
     return {name: 1e3 * (depth - origin) for name, depth in depths.items()}
 
 
@@ -99,9 +100,9 @@ def marks_of(record: Record) -> dict[str, list[float]]:
 
 def _draw_force(axis: Axes, record: Record, certified: float | None) -> None:
     contact = sensed_contact(record.scenario)
-    felt, real, goal = (force[:, :3] @ contact.direction for force in (
+    measured, real, goal = (force[:, :3] @ contact.direction for force in (
         record.signals["force_last_valid"], record.force, record.desired_force))
-    axis.plot(record.time, felt, color=VERMILION, linewidth=0.6, alpha=0.7, label="felt")
+    axis.plot(record.time, measured, color=VERMILION, linewidth=0.6, alpha=0.7, label="measured")
     axis.plot(record.time, real, **REAL)
     axis.plot(record.time, goal, **DESIRED)
     axis.axhline(contact.force, **{**LIMIT, "label": "limit of the static force"})
@@ -114,9 +115,9 @@ def _draw_force(axis: Axes, record: Record, certified: float | None) -> None:
 
 
 def _draw_depths(axis: Axes, record: Record, depths: dict[str, np.ndarray]) -> None:
-    """Draws depths; what lies beyond the explored front is grey."""
+    """Draws depths; the unexplored region is grey."""
     for name, style in (("explored", {"color": GREEN, "label": "explored up to"}), ("wall", WALL),
-                        ("believed", BELIEVED), ("tip", {**REAL, "label": "tip"}),
+                        ("estimated", ESTIMATED), ("tip", {**REAL, "label": "tip"}),
                         ("planned", {**NOMINAL, "label": "planned tip"})):
         axis.plot(record.time, depths[name], **style)
     limits = axis.get_ylim()
@@ -127,11 +128,11 @@ def _draw_depths(axis: Axes, record: Record, depths: dict[str, np.ndarray]) -> N
 
 
 def _draw_slopes(axis: Axes, record: Record) -> None:
-    contact, learned = sensed_contact(record.scenario), record.signals["slope"][:, 0]
+    contact, estimated = sensed_contact(record.scenario), record.signals["slope"][:, 0]
     own = surface_slope(check_surface(true_surface(record.scenario)), record.chi, contact.direction)
-    axis.axhline(contact.stiffness, **{**LIMIT, "label": r"told, $\kappa_+$"})
+    axis.axhline(contact.stiffness, **{**LIMIT, "label": r"declared, $\kappa_+$"})
     axis.plot(record.time, own, color=BLUE, label="of the wall")
-    axis.plot(record.time, learned, **{**BELIEVED, "label": "learned"})
+    axis.plot(record.time, estimated, **{**ESTIMATED, "label": "estimated"})
     axis.set_ylim(0.0, 1.15 * contact.stiffness)
     axis.set_ylabel("slope [N/m]")
     legend_over(axis, 3)

@@ -83,7 +83,7 @@ class Dynamic(Motion[DynamicOcp]):
                                  actuation_delay)
 
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
-                     controller: Diagram, meshcat: Meshcat | None) -> None:
+                        controller: Diagram, meshcat: Meshcat | None) -> None:
         """Adds the water's motion; the desired force comes from a slider in Meshcat or outside.
 
         Or from a mission, if there is one.
@@ -145,18 +145,18 @@ def command_limits(scenario: Scenario) -> Limits | None:
 
 
 def actuation_delay_of(scenario: Scenario, model: UvmsModel) -> ActuationDelay:
-    """Returns by how much the scenario's plans are asked for ahead, as the controller believes.
+    """Returns the preview time of the scenario's plans, as the controller estimates it.
 
-    By how late its actuation makes a command, if there is a lag. Behind a clock alone what comes
-    late of a plan are its knots, by the delay, and asked for ahead they would come early.
+    The delay of the actuation, if it has a lag. Behind a clock alone only the knots of a plan are
+    delayed, and with a preview they would come early.
     """
     paths = [path for path in command_paths(scenario, model) if path is not None]
-    late = [] if all(path.whole for path in paths) else [path.actuation_delay for path in paths]
-    return ActuationDelay(*(sum(times) for times in zip(ON_TIME, *late, strict=True)))
+    delays = [] if all(path.whole for path in paths) else [path.actuation_delay for path in paths]
+    return ActuationDelay(*(sum(times) for times in zip(ON_TIME, *delays, strict=True)))
 
 
 def command_paths(scenario: Scenario, model: UvmsModel) -> list[CommandPath | None]:
-    """Returns what is known of each part of the scenario's actuation."""
+    """Returns the command path of each part of the scenario's actuation; None if it has none."""
     paths = []
     for key, part in keyed("actuation", scenario.actuation).items():
         with within(key):
@@ -169,7 +169,7 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
     """Returns the robot and the surface as they are, which the controller may not know.
 
     Args:
-        scenario: Of dynamic motion; its own disturbance is not looked at.
+        scenario: Scenario of dynamic motion; its own disturbance is ignored.
         disturbance: As of `make_uvms_plant`.
         start: Likewise.
     """
@@ -183,12 +183,12 @@ def make_simulated_uvms(scenario: Scenario, disturbance: OpenLoopDisturbance | N
 def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
                           acceleration: np.ndarray, contact: np.ndarray | None = None
                           ) -> np.ndarray:
-    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that a controller does not know about.
+    """Returns ζ̇ − f(𝔮, ζ) − 𝔲 (T, 6+n) [m/s², rad/s²]: all that the controller does not model.
 
-    The disturbance, errors of the model, another surface, a current, a stuck joint: whatever makes
-    the robot do something else than ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
-    else. 𝔲 is what is sent: neither what a limit cuts off the law's command is in it, nor what a
-    clock leaves of it, which d̃ is not for either; see `sent_input`.
+    The disturbance, errors of the model, another surface, a current, a stuck joint: every deviation
+    from ζ̇ = f + 𝔲, in the units of d̃. It is d where there is nothing
+    else. 𝔲 is the sent command, after limits and the hold of a clock, which d̃ does not cover; see
+    `sent_input`.
 
     Args:
         model: The controller's.
@@ -202,7 +202,7 @@ def effective_disturbance(model: ContactModel, state: np.ndarray, u: np.ndarray,
 
 
 def sent_input(model: ContactModel, logs: dict[str, np.ndarray]) -> np.ndarray:
-    """Returns 𝔲 as it is sent (T, 6+n): M⁻¹τ of what a clock holds, the law's if there is none."""
+    """Returns 𝔲 as it is sent (T, 6+n): M⁻¹τ of a clock's hold, the law's if there is none."""
     if "zoh_command" not in logs:
         return logs["u"]
     M = model.mass_matrix(model.kinematics(logs["state"][:, : model.size]))

@@ -89,7 +89,7 @@ class Motion(ABC, Generic[AnyOcp]):
 
     @abstractmethod
     def connect_outside(self, builder: DiagramBuilder, scenario: Scenario, uvms: Diagram,
-                     controller: Diagram, meshcat: Meshcat | None) -> None:
+                        controller: Diagram, meshcat: Meshcat | None) -> None:
         """Connects the external inputs of the loop: the water's motion, the desired force."""
 
     @abstractmethod

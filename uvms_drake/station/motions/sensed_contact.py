@@ -1,4 +1,4 @@
-"""Dynamic motion against a wall that nobody measured: the contact is felt."""
+"""Dynamic motion against an unknown wall: the contact is sensed by a force sensor."""
 
 from dataclasses import replace
 
@@ -54,7 +54,7 @@ SAFETY_OF_JERK = 1.5
 
 
 class SensedContactMotion(Dynamic):
-    """Forces move the robot under water, to a wall that it feels and does not know."""
+    """Forces move the robot under water, to an unknown wall that a force sensor detects."""
 
     knows_force = along_run = False
     controller_signals = (*Dynamic.controller_signals, "target", "turn", "safe_depth", "touched",
@@ -72,12 +72,12 @@ class SensedContactMotion(Dynamic):
                                contact.walls.facets, turn=contact.turn)
 
     def make_controller(self, scenario: Scenario, model: ContactModel, ocp: DynamicOcp) -> Diagram:
-        """Returns the tube-based NMPC that presses where it feels."""
+        """Returns the tube-based NMPC that presses by the measured force."""
         assert isinstance(ocp, TrackingOcp)
         contact, margin = sensed_contact(scenario), safe_depth_margin(scenario)
         force, largest = pressing_force(scenario), largest_force(scenario)
         require(force < largest, "task.force", scenario.task.force, f"less than {largest:.3g} N: "
-                "contact.force less what sensor, tube, angle and stiffness take of it")
+                "contact.force less the parts of sensor, tube, angle and stiffness")
         for i, step in enumerate(scenario.mission.steps):
             require(step.strongest < largest, f"mission.steps[{i}].force", step.strongest,
                     f"less than {largest:.3g} N, like task.force")
@@ -89,7 +89,7 @@ class SensedContactMotion(Dynamic):
                 limits=command_limits(scenario), actuation_delay=actuation_delay)
 
     def contact_force(self, scenario: Scenario) -> MeasuredForceBounds:
-        """Returns the forces of all walls of the class, and how they are felt."""
+        """Returns the bounds of the force of all walls of the class, and of its measurement."""
         contact, reading = sensed_contact(scenario), reading_of(scenario)
         speed = fastest_advance(contact)
         return MeasuredForceBounds(
@@ -101,86 +101,90 @@ class SensedContactMotion(Dynamic):
             lag=reading.lag, period=reading.period, tool_angle=contact.tool_angle)
 
     def in_contact(self, tube: LawTube, scenario: Scenario, basis: Basis) -> LawTube:
-        """Returns the tube with what the contact's part of the input may differ, and conditions.
+        """Returns the tube with the contact's input error, and the contact's conditions.
 
-        These are that readings are off by no more than what the front is told (for one, the tip
-        turns while the sensor averages), that no wall is near during the tare, that the tip is not
-        much faster between the knots of a plan, and that the front lets it press as is asked. Where
-        there is no tube, its conditions say why.
+        These are that readings have no more than the declared error (for one, the tip turns while
+        the sensor averages), that no wall is near during the tare, that the tip is not much faster
+        between the knots of a plan, and that the safe region admits the desired force.
         """
         if not np.size(tube.radii.u):
             return tube
+        # Remainder of the contact's part of the input, with a second search for its check.
         contact, settings, declared = sensed_contact(scenario), basis.settings, basis.declared
-        radii, updated_contact_state = resolved_radii(tube.radii), self.contact_force(scenario)
+        radii, measured = resolved_radii(tube.radii), self.contact_force(scenario)
         assert radii.joints is not None and radii.orientation is not None  # they are filled in
         largest = np.hypot(1.0, contact.friction) * largest_normal_force(contact)
         worst, second = contact_input_remainder(
             basis.model, declared.q_lower, declared.q_upper, largest, radii.joints,
             radii.orientation, settings.seed)
-        aside = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
-        planned, cone = slower(declared, radii), contact.tool_angle + np.arctan(aside)
+        # Jerk of the tip, by which a plan leaves its limits between knots.
+        tangential = np.sqrt(2.0) * contact.walls.tilt  # A facet's part across n.
+        planned, cone = slower(declared, radii), contact.tool_angle + np.arctan(tangential)
         tip = SAFETY_OF_JERK * tip_jerk(basis.model, planned, scenario.mpc.time_step, cone,
                                         10 * settings.constant_samples, settings.seed)
-        jerk = np.hypot(1.0, aside) * tip
-        rest = settings.safety_factor * worst
-        u_rest, tau_rest = np.split(rest, 2)
+        jerk = np.hypot(1.0, tangential) * tip
+        # The tube that plans are tightened by: both added to the radii.
+        remainder = settings.safety_factor * worst
+        u_remainder, tau_remainder = np.split(remainder, 2)
         tau = tube.radii.tau
-        radii = replace(tube.radii, u=tube.radii.u + u_rest,
-                        tau=None if tau is None else tau + tau_rest,
+        radii = replace(tube.radii, u=tube.radii.u + u_remainder,
+                        tau=None if tau is None else tau + tau_remainder,
                         between_knots=off_parabola(jerk, scenario.mpc.time_step),
                         **between_knots(planned, scenario.mpc.time_step))
+        # Conditions of the safe region, with this tube.
         with_tube = replace(scenario, tube=radii)
         margin = safe_depth_margin(with_tube)
         reading, faster = reading_of(scenario), 0.125 * scenario.mpc.time_step**2 * jerk
-        off = largest_reading_error(scenario, updated_contact_state)
+        off = largest_reading_error(scenario, measured)
         share = max(contact.walls.share, np.finfo(float).tiny)
-        room = stopping_distance(contact.force, contact.force_error / share, contact.stiffness, margin,
-                             retreat=contact.dissipation * fastest_advance(contact))
+        free = stopping_distance(
+            contact.force, contact.force_error / share, contact.stiffness, margin,
+            retreat=contact.dissipation * fastest_advance(contact))
         return LawTube(radii, (
             *tube.conditions,
             Condition("contact.force_error, not less than the sensor's error",
                       contact.force_error, ">=", off, theorem=SAFE_REGION),
-            Condition("sensing, the force that is within the range [N]", reading.largest, ">",
-                      updated_contact_state.size + updated_contact_state.error,
-                      theorem=SAFE_REGION),
-            Condition("contact.clearance, not less than the tip goes during the tare [m]",
+            Condition("sensing, largest force within the range [N]", reading.largest, ">",
+                      measured.size + measured.error, theorem=SAFE_REGION),
+            Condition("contact.clearance, not less than the path of the tip in the tare [m]",
                       contact.clearance, ">=",
                       fastest_advance(contact) * reading.tare, theorem=SAFE_REGION),
-            Condition("contact.speed, what comes to it between two knots [m/s]", faster, "<=",
+            Condition("contact.speed, excess between two knots [m/s]", faster, "<=",
                       BETWEEN_KNOTS * min(contact.speed, contact.speed_across),
                       theorem="control/theory.md#motion-between-two-knots"),
-            Condition("front, room from a reading without touch [m]", room, ">", 0.0,
+            Condition("safe region, margin from a reading without touch [m]", free, ">", 0.0,
                       theorem=SAFE_REGION),
-            Condition("task.force, what the front lets it press [N]", pressing_force(scenario), "<",
-                      largest_force(with_tube), theorem=SAFE_REGION),
+            Condition("task.force, largest force in the safe region [N]",
+                      pressing_force(scenario), "<", largest_force(with_tube), theorem=SAFE_REGION),
             *mission_conditions(with_tube)), tube.budget, tube.estimated,
             together(tube.check, lambda: (
-                largest_of("what the contact adds to u", rest, second),
+                largest_of("remainder of u in contact", remainder, second),
                 Estimate(JERK, tip, second_jerk(
                     basis.model, planned, scenario.mpc.time_step, cone, settings.seed)))))
 
     def first_problem(self, scenario: Scenario, model: ContactModel, ocp: Ocp, start: np.ndarray
                       ) -> Ocp:
-        """Returns the problem at t = 0: nothing is felt at the start, and the target is ahead."""
+        """Returns the problem at t = 0: no contact at the start, and the target further along n."""
         assert isinstance(ocp, TrackingOcp)
         contact, n = sensed_contact(scenario), ocp.direction
         before, sensing = initial_contact_state(sensing_of(scenario)), sensing_of(scenario)
         tip = np.append(model.task_pose(start[: model.size])[:3], np.zeros(3))
-        known = updated_contact_state(contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
+        known = updated_contact_state(
+            contact.walls, sensing, np.zeros((2, 2)), before, tip, np.zeros(3))
         margin = safe_depth_margin(scenario)
         depth = float(safe_depth(contact.walls, known.apex, tip[:3], margin))
         across = ocp.y_des[:3] - (n @ ocp.y_des[:3]) * n
         return ocp.aimed(TrackingTarget(across + (depth + SEARCH_DEPTH) * n,
-                             bounds(contact.walls, known.apex, margin)))
+                                        bounds(contact.walls, known.apex, margin)))
 
     def goal(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
              ) -> np.ndarray:
-        """Returns the last target, in the attitude of the task, turned as it is asked to be."""
+        """Returns the last target, in the attitude of the task, turned as desired."""
         pose = super().goal(scenario, model, logs)
         return np.concatenate([logs["target"][-1], pose[3:5], pose[5:] + logs["turn"][-1]])
 
     def completed(self, scenario: Scenario, model: ContactModel, logs: dict[str, np.ndarray]
                   ) -> dict[str, np.ndarray]:
-        """Returns the logs with the effective disturbance, which the sensor's errors are not in."""
+        """Returns the logs with the effective disturbance, without the sensor's errors."""
         return logs | {"effective_disturbance": effective_disturbance(
             model, logs["state"], sent_input(model, logs), logs["acceleration"], logs["force"])}
