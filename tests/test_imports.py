@@ -60,20 +60,20 @@ def rooms_that(path: Path) -> set[str]:
     return found & set(FLOOR)
 
 
-def tightening_margins(path: Path) -> str:
+def room_of(path: Path) -> str:
     """Returns the room that a file stands in; empty for the two at the top."""
     parts = path.relative_to(PACKAGE).parts
     return parts[0] if len(parts) > 1 else ""
 
 
 def test_every_folder_is_a_room_of_the_order():
-    folders = {tightening_margins(path) for path in FILES} - {"", "scenarios", "models"}
+    folders = {room_of(path) for path in FILES} - {"", "scenarios", "models"}
     assert folders == set(FLOOR)
 
 
 @pytest.mark.parametrize("room", FLOOR)
 def test_a_room_knows_only_what_stands_below_it(room):
-    files = [path for path in FILES if tightening_margins(path) == room]
+    files = [path for path in FILES if room_of(path) == room]
     assert len(files) > 1
     for path in files:
         for other in rooms_that(path) - {room}:

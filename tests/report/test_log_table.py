@@ -18,7 +18,8 @@ def test_it_is_a_line_a_sample_under_names_that_differ():
     assert len(set(header)) == len(header)
     table = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
     known = {"time": record.time, "tip/z": record.chi[:, 2], "tip/yaw": record.chi[:, 5],
-             "force/x": record.force[:, 0], "force_last_valid/y": record.signals["force_last_valid"][:, 1],
+             "force/x": record.force[:, 0],
+             "force_last_valid/y": record.signals["force_last_valid"][:, 1],
              "joints/q4": record.config[:, 9], "vehicle_velocity/p": record.zeta[:, 3],
              "joint_velocity/q1": record.zeta[:, 6], "slope": record.signals["slope"][:, 0]}
     for name, values in known.items():

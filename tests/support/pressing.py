@@ -11,7 +11,7 @@ import numpy as np
 from uvms_drake.control.contact.press_target import target_depth
 from uvms_drake.control.contact.safe_region import apex, dominates, safe_depth
 from uvms_drake.control.contact.stiffness_estimate import (
-    NOTHING,
+    NO_ESTIMATE,
     StiffnessEstimate,
     slope,
     surface_depth,
@@ -94,7 +94,8 @@ def pressed(stiffness, walls, desired, error, noise, *, duration, margin):
     count = len(walls.place)
     x, v, a, begun = np.zeros((4, count))
     tip = np.full((count, 3), np.nan)
-    belief = StiffnessEstimate(*(np.broadcast_to(part, (count, *part.shape)) for part in NOTHING))
+    belief = StiffnessEstimate(*(
+        np.broadcast_to(part, (count, *part.shape)) for part in NO_ESTIMATE))
     first, late, largest = np.full(count, np.nan), np.zeros(count), np.zeros(count)
     slack, was_touched = np.full(count, np.inf), np.zeros(count, dtype=bool)
     for time in PERIOD * np.arange(round(duration / PERIOD)):

@@ -15,7 +15,7 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.plant.waves import Wave, water_motion
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.unmodelled_dynamics import (
-    Load,
+    UnmodelledTerm,
     box,
     by_forces,
     by_robot,
@@ -38,7 +38,7 @@ WAVE = Wave(amplitude=0.4, period=6.0, depth=2.5)
 
 
 def robot(error: ModelError):
-    def load(known) -> Load:
+    def load(known) -> UnmodelledTerm:
         return by_robot(known, model_with_error(GIRONA, UnilateralPlane(), error), RATE)
 
     return load

@@ -45,7 +45,8 @@ def add_robot(commands: argparse._SubParsersAction) -> None:
 
 
 def show_robot(args: argparse.Namespace) -> int:
-    """Prints a robot's sheet and what is wrong with it, or writes a new one."""
+    """Prints the data sheet of a robot and the complaints about it, or writes a new robot."""
+    # One of three: import a file, write the template, or show a robot.
     require(sum(item is not None for item in (args.model, args.new, args.source)) == 1, "ROBOT",
             args.model, "a robot's name or folder; or left out, with --new or --from")
     if args.source is not None:
@@ -64,6 +65,7 @@ def show_robot(args: argparse.Namespace) -> int:
         for complaint in error.complaints:
             print(f"{PROGRAM}: error: {complaint}", file=sys.stderr)
         return 2
+    # Imported here: a robot with a mistake is refused at once.
     uvms = robot.uvms
     from uvms_drake.model.trim import middle_posture
     from uvms_drake.report.robot.robot_sheet import format_sheet, sheet_of

@@ -15,8 +15,8 @@ from uvms_drake.station.record import Record
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 VELOCITY = ("u", "v", "w", "p", "q", "r")
 """Components of ν, by the names of SNAME."""
-COMPONENTS = {"force_last_valid": ("x", "y", "z"), "target": ("x", "y", "z"), "mission_place": ("x", "y", "z"),
-        "mission_progress": PROGRESS}
+COMPONENTS = {"force_last_valid": ("x", "y", "z"), "target": ("x", "y", "z"),
+              "mission_place": ("x", "y", "z"), "mission_progress": PROGRESS}
 """Components of signals that have more than one; of a wrench, the force."""
 
 

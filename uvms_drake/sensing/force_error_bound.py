@@ -1,4 +1,4 @@
-"""How far a `ForceSensor` is off at most, line by line."""
+"""Error bound of a `ForceSensor` by source; see `sensing/theory.md`."""
 
 from typing import TYPE_CHECKING, NamedTuple
 

@@ -1,27 +1,12 @@
-"""Tells a reading of a force sensor from what only looks like one: a value that no longer changes.
+"""Detector of frozen and saturated force readings.
 
-*A sensor with noise never repeats itself.* If each component of the force is a number that some
-noise has moved, m readings in a row in which one of them is exactly the same come of a sensor that
-froze, or stands at the end of its range, whether or not anybody knows where that is. They are no
-readings. It is looked for in Σ_I and in the axes of the tip: what a sensor that froze says is the
-same in its own axes, and moves with the measured attitude in others. A force whose norm is at the
-declared end of the range is none at once.
-
-*What passes until then.* The watch looks every T, and who reads at the same instants knows the
-verdict of the look before. Of a component that has its last value from the look j on, m readings
-pass, at j to j + m − 1. Of a sensor that froze, that of the look j was right, so they are at most
-(m − 1)T older than they look. Of one at the end of its range it was right at the look j − 1, when
-the force was no larger: along an axis of the sensor, such a reading is at least what the force was
-at most mT ago. In both cases it is at least the least force of that time, which is all that a
-front asks of a reading with W = mT, see `control.contact.safe_region`.
-
-*What it cannot see.* A raw value that froze, or stands at the end of its range, behind a tool whose
-weight is taken off, which varies with the attitude: there the watch belongs before that. A single
-axis that does, of a sensor that is mounted turned: it is no component in the axes of the tip. (That
-the range is never reached is a condition of the certificate.) A sensor without noise; one that
-repeats a record; a bias that jumps: beyond the declared error of the force that is a force like any
-other, for friction may change as fast. A sensor slower than the watch is seen more than once for
-each reading: m has to be larger than that.
+A sensor with noise never repeats itself: m readings in a row in which a component of the force is
+exactly the same, in Σ_I or in the axes of the tip, come from a sensor that is frozen or saturated;
+they are no readings. A force whose norm is at the declared end of the range is none at once. Until
+a fault is detected, up to m readings pass that are at most mT older than they seem, which the safe
+region allows for. Not detected: a sensor without noise, one that repeats a record, a bias that
+jumps, a raw value that is frozen behind a tool whose weight is subtracted. A sensor slower than the
+detector needs a larger m. See `sensing/theory.md#detection-of-a-frozen-force`.
 """
 
 import math
@@ -48,16 +33,16 @@ SAME = 1e-9
 
 
 class RepeatCount(NamedTuple):
-    """What a watch remembers."""
+    """State of the detector."""
 
     last: np.ndarray
     """The last force, in Σ_I (3) and in the axes of the tip (3) [N]; NaN before there is one."""
     times: np.ndarray
-    """How often in a row each of them has been seen (6,)."""
+    """Number of times in a row that each of them has been read (6,)."""
 
 
 def counted(before: RepeatCount, force: np.ndarray) -> RepeatCount:
-    """Returns what is remembered after a look at a force (6,) [N]; a gap is none."""
+    """Returns the state after a sample of a force (6,) [N]; a gap leaves it."""
     if not np.all(np.isfinite(force)):
         return before
     same = np.abs(force - before.last) <= SAME
@@ -79,14 +64,14 @@ class ForceFaultDetector(LeafSystem):
     - `state`: (𝔮, ζ) (2(6+n)) measured, for the attitude of the tip.
     - `force_measured`, `force_valid`: 𝔉_s (6), force in Σ_I [N, N m].
 
-    The discrete state is that of `RepeatCount` (12), and how often it has been its turn to look (1).
+    The discrete state is that of `RepeatCount` (12), and the number of samples (1).
 
     Args:
         model: The controller's model.
-        period: T, between two looks [s].
-        repeats: m; 0: nobody looks, as has to be with a sensor without noise.
-        tare: How long after its first turn it begins to look [s]: a sensor that is being tared may
-            say zero all the time.
+        period: T, between two samples [s].
+        repeats: m; 0: no detection, as a sensor without noise needs.
+        tare: Time after its first sample at which detection begins [s]: a sensor that is tared may
+            read zero all the time.
         largest: Norm of a force at the end of the range [N].
     """
 
@@ -135,7 +120,7 @@ class ForceFaultDetector(LeafSystem):
     def AddToBuilder(builder: DiagramBuilder, model: UvmsModel, period: float, *,
                      repeats: int = 3, tare: float = 0.0, largest: float = np.inf,
                      state: OutputPort, force_measured: OutputPort | None = None,
-                     name: str = "force_watch") -> "ForceFaultDetector":
+                     name: str = "force_fault_detector") -> "ForceFaultDetector":
         """Adds the watch of the force that `force_measured` gives; left to the caller if None."""
         watch = ForceFaultDetector(model, period, repeats=repeats, tare=tare, largest=largest)
         return added(builder, name, watch, state=state, force_measured=force_measured)

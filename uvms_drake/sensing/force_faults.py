@@ -29,7 +29,7 @@ class LostForce(ForceFault):
     without a force in the law, and goes on by itself when it feels again.
     """
 
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns NaN."""
         return np.full_like(true, np.nan)
 
@@ -38,23 +38,22 @@ class LostForce(ForceFault):
 class FrozenForce(ForceFault):
     """The measured force stays what it was at `start`.
 
-    Pressing by what it feels, this deceives: a force from before the touch, taken for new, lets the
-    tip press without end. After as many equal readings as a `ForceFaultDetector` has `repeats`, it is
-    no reading any more, as if it were lost. Those before it are older than they look by less than
-    what the window W of the front is wider for them.
+    A force from before the touch, taken for new, would let the tip press without end. After as many
+    equal readings as a `ForceFaultDetector` has `repeats`, it is lost. Those before it are older
+    than they seem by less than the window W of the safe region allows for.
     """
 
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement at the start."""
-        return held
+        return frozen
 
 
 @dataclass
 class SaturatedForce(ForceFault):
     """No component of the measured force is larger than `largest`.
 
-    A `ForceFaultDetector` notices, as with a sensor that froze: a component stands at the end of its range.
-    Where the range is declared, a force that long is no reading from the first one on.
+    A `ForceFaultDetector` detects it like a frozen sensor: a component is constant at the end of its
+    range. Where the range is declared, such a force is no reading from the first one on.
     """
 
     largest: float = 10.0
@@ -65,7 +64,7 @@ class SaturatedForce(ForceFault):
         super().check()
         require(0.0 <= self.largest < np.inf, "largest", self.largest, "zero or positive")
 
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement, cut."""
         return np.clip(true, -self.largest, self.largest)
 
@@ -87,6 +86,6 @@ class JumpedForce(ForceFault):
         super().check()
         vector("jump", self.jump, 6)
 
-    def faulty(self, true: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
         """Returns the measurement with the bias."""
         return true + self.jump

@@ -1,25 +1,17 @@
-"""A wrist sensor of force and torque, as it is: late, sampled, noisy, biased and drifting.
+"""Wrist sensor of force and torque: lagged, sampled, noisy, biased and drifting.
 
 Frames: W is World (Σ_I), E the end-effector (Σ_E), S the sensor, fixed to E. A wrench F_S is the
 force and the torque about the origin of S, in its axes, that act *on* the surface, as 𝔉 does. By
-virtual power F_E = A(𝔬)ᵀ𝔉, with χ̇ = A(𝔬)V_E, and F_E = X F_S (`transfer`).
-
-With L what holds the tool that hangs beyond the sensor (`Tool.hold`), and P what holds a payload
-in the hand (`plant.payload`), of which its model knows nothing, the sensor lags,
+virtual power F_E = A(𝔬)ᵀ𝔉, with χ̇ = A(𝔬)V_E, and F_E = X F_S (`transfer`). With L the wrench that
+holds the tool (`Tool.hold`) and P that of a payload, unknown to its model,
 
     T ẋ = F_S + L + P − x,     x(0) the same without accelerations,                             (1)
+    rawₖ = clip(x(tₖ) + b + s tₖ + νₖ),     F̂ₖ = rawₖ − L̂ₖ − tare,     tₖ = k h,                 (2)
+    𝔉_s(t) = A(𝔬)⁻ᵀ X F̂ₖ     for tₖ ≤ t < tₖ₊₁,                                                (3)
 
-and is read at tₖ = k h with a bias b, a drift s and noise νₖ, up to its range,
-
-    rawₖ = clip(x(tₖ) + b + s tₖ + νₖ),     F̂ₖ = rawₖ − L̂ₖ − tare,                              (2)
-
-L̂ₖ the model's L at the measured attitude and `tare` the mean of raw − L̂ over the first samples,
-during which nothing is touched and F̂ is zero. F̂ₖ holds for tₖ ≤ t < tₖ₊₁, and
-
-    𝔉_s(t) = A(𝔬)⁻ᵀ X F̂ₖ                                                                        (3)
-
-with the attitude measured at t: so A(𝔬)ᵀ𝔉_s, which is what the inverse dynamics ask for, has no
-error of the attitude in it. How far F̂ is off: see `force_bound`.
+with bias b, drift s, noise νₖ, L̂ₖ the model's L at the measured attitude, and `tare` the mean of
+raw − L̂ over the first samples, without contact, during which F̂ is zero. 𝔬 in (3) is measured, so
+A(𝔬)ᵀ𝔉_s has no error of the attitude. See `sensing/theory.md#error-bound-of-the-force-sensor`.
 """
 
 from collections.abc import Callable
@@ -64,7 +56,7 @@ STREAM = 1
 
 
 class Imperfection(NamedTuple):
-    """What one copy of a sensor is off by, within its bounds."""
+    """Errors of one copy of a sensor, within its bounds."""
 
     bias: np.ndarray
     """b (6,) [N, N m]."""
@@ -89,13 +81,13 @@ def cut_noise(sigma: np.ndarray, multiple: float, seed: int, index: int) -> np.n
 
 
 class Samples(NamedTuple):
-    """What a sensor remembers of its samples."""
+    """State of a sensor: its samples."""
 
     taken: float
     """Number of samples so far."""
     total: np.ndarray
     """Sum of raw − L̂ over the samples of the tare (6,) [N, N m]."""
-    held: np.ndarray
+    last: np.ndarray
     """F̂ of the last sample (6,) [N, N m]."""
 
     @staticmethod
@@ -104,9 +96,9 @@ class Samples(NamedTuple):
         return Samples(state[0], state[1:7], state[7:])
 
     def with_next(self, wrench: np.ndarray, tare_samples: int) -> "Samples":
-        """Returns what is remembered after a sample of raw − L̂ (6,); see (2)."""
+        """Returns the state after a sample of raw − L̂ (6,); see (2)."""
         if self.taken < tare_samples:
-            return Samples(self.taken + 1, self.total + wrench, self.held)
+            return Samples(self.taken + 1, self.total + wrench, self.last)
         return Samples(self.taken + 1, self.total, wrench - self.total / max(tare_samples, 1))
 
 
@@ -142,7 +134,7 @@ class ForceSensor(Part):
     mounting: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """Pose of the sensor in the frame of the end-effector: position, ZYX Euler angles [m, rad]."""
     tool: Tool = field(default_factory=Tool)
-    """What hangs beyond it."""
+    """Tool beyond it."""
 
     def check(self) -> None:
         """Raises `InvalidParameter` for the first value that has no meaning."""
@@ -163,7 +155,7 @@ class ForceSensor(Part):
         return "the proofs know the contact force by the surface's law"
 
     def reading(self, time: float, turning: float) -> ForceReading:
-        """Returns what is known of it up to a time at most; see `force_bound.error_bound`."""
+        """Returns its properties up to a time; see `force_error_bound.error_bound`."""
         still = error_bound(self, time, np.zeros(6), turning).total
         noisy = self.noise_multiple > 0.0 and bool(np.all(np.asarray(self.noise)[:3] > 0.0))
         return ForceReading(in_tip_axes(self, still), self.lag, 1.0 / self.rate, self.tare, noisy,
@@ -175,7 +167,7 @@ class ForceSensor(Part):
         return round(self.tare * self.rate)
 
     def imperfection(self, seed: int) -> Imperfection:
-        """Returns what the copy of a seed is off by; b and s are uniform within their bounds."""
+        """Returns the errors of the copy of a seed; b and s are uniform within their bounds."""
         b, s = _generator(seed, 0).uniform(-1.0, 1.0, (2, 6))
         return Imperfection(b * self.bias, s * self.drift, partial(
             cut_noise, np.asarray(self.noise, dtype=float), self.noise_multiple, seed))
@@ -289,17 +281,17 @@ class WristSensor(LeafSystem):
             warn(context.get_time(), "in touch at the end of the tare, which takes that force off")
         x = (context.get_continuous_state_vector().CopyToVector() if self._settings.lag > 0.0
              else self._wrench(context, self._payload_port))
-        off, believed = self._off, 1.0 + self._settings.tool.error
+        off, assumed = self._off, 1.0 + self._settings.tool.error
         raw = np.clip(x + off.bias + off.drift * context.get_time() + off.noise(int(samples.taken)),
                       -self._range, self._range)
-        samples = samples.with_next(raw - believed * self._hold(measured), tare)
+        samples = samples.with_next(raw - assumed * self._hold(measured), tare)
         state.set_value(np.hstack(samples))
 
     def _calc_reading(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(Samples.of(context.get_discrete_state_vector().value()).held)
+        output.SetFromVector(Samples.of(context.get_discrete_state_vector().value()).last)
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
-        wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).held
+        wrench = self._X @ Samples.of(context.get_discrete_state_vector().value()).last
         chi = self._measured_port.Eval(context)
         known = np.isfinite(chi).all()
         output.SetFromVector(

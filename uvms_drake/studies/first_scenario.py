@@ -120,6 +120,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
     Raises:
         RunFailed: It cannot be done with this robot; says why.
     """
+    # The task: the vehicle level, the tool along the normal, in a frame without singularity.
     world = UvmsModel(uvms)
     posture, dexterity = find_posture(world)
     tool = _level(world, posture)
@@ -130,6 +131,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
     pose = np.round(model.task_pose(_headed(posture, -tool[5]))[3:6], 4)
     config = model.configuration(np.concatenate([np.zeros(3), pose, posture]))
     wrench = np.concatenate([force * into, np.zeros(3)])
+    # The input that holds it, and the one that motors and thrusters leave for the disturbance.
     at, rest = model.kinematics(config), np.zeros(model.size)
     M = model.mass_matrix(at)
     tau_eq = model.inverse_dynamics(at, rest, rest) + model.task_jacobian(config)[:6].T @ wrench
@@ -148,6 +150,7 @@ def first_scenario(uvms: Uvms, force: float, distance: float = 0.2) -> FirstScen
     needed = covered * taken + SPARE * manoeuvre
     most = np.maximum(needed, np.repeat(MOST, [3, 3, n]))
     u = u_eq + np.where(np.isfinite(margin), np.minimum(margin, most), needed)
+    # The start: in front of the wall, a little off the task.
     limits = np.array([world.q_lower, world.q_upper])
     start = config[:6] + np.concatenate([-distance * into, np.zeros(3)])
     start += np.array([0.0, -0.02, -0.02, 0.0, 0.0, 0.02])
@@ -220,6 +223,7 @@ def find_posture(model: UvmsModel) -> tuple[np.ndarray, float]:
                            - (chi[:, 5] / SIDEWAYS) ** 2 - (chi[:, 3] / ROLLED) ** 2 - short**2)
         return out
 
+    # Random postures, then smaller and smaller steps about the best one.
     rng = np.random.default_rng(0)
     tried = rng.uniform(lower, upper, (POSTURES, n))
     chi = model.task_pose(np.concatenate([np.zeros((POSTURES, 6)), tried], axis=1))
@@ -261,6 +265,7 @@ def _headed(posture: np.ndarray, yaw: float) -> np.ndarray:
 def _disturbance(model: UvmsModel, config: np.ndarray, inertia: np.ndarray, strength: Strength
                  ) -> np.ndarray:
     """Returns semi-axes (6+n,): a current's drag on the hull, friction at the joints, over M."""
+    # The input that holds it, and the one that motors and thrusters leave for the disturbance.
     at, rest = model.kinematics(config), np.zeros(model.size)
     still = model.inverse_dynamics(at, rest, rest)
     linear = []

@@ -53,7 +53,7 @@ limits:
   static_force: {static}  # N, three times the task's, or 3 N more
   q_lower: {q_lower}  # rad; no wider than the task needs
   q_upper: {q_upper}
-  # The force that holds the task, and of the forces that this leaves, over the inertia with the water,
+  # The force that holds the task, and of what this leaves, over the inertia with the water,
   # 60 % of those of thrusters ({thrust}) and 80 % of those of motors;
   # no more than is of use. Where the source is unknown what there is, what the task needs.
   u: {u}  # m/s2 (3), rad/s2
@@ -90,7 +90,7 @@ def format_first_scenario(found: FirstScenario, model: str, robot: str) -> str:
     bound = float(found.disturbance[0])
     weights = found.disturbance / bound
     known = np.isfinite(found.strength.force)
-    thrust = "thrusters.yaml" if np.any(known[:6]) else "without thrusters.yaml the source is unknown"
+    thrust = "thrusters.yaml" if np.any(known[:6]) else "unknown without thrusters.yaml"
     tau = np.where(known, found.strength.force, np.ceil(4.0 * np.abs(found.tau_eq) + 20.0))
     text = TEXT.format(
         robot=robot, model=model, force=force, lag=_lag(found), eta=_row(found.eta),

@@ -1,4 +1,4 @@
-"""What a controller does not know of robot and water, as a disturbance: its size, estimated.
+"""Unmodelled dynamics of robot and water as a disturbance: its size, estimated.
 
 For an acceleration ζ̇_c the law asks for τ = Mζ̇_c + b + Jᵀ𝔉, of the robot that it knows. Another
 robot, whose joints stick, does M′ζ̇ + b′ + Jᵀ𝔉 = τ + τ_f, so that with ζ̇ = ζ̇_c + d
@@ -40,39 +40,39 @@ class Motions:
     zeta: np.ndarray
     """ζ (m, 6+n)."""
     heading: np.ndarray
-    """Where the water goes, from x of Σ_I about z (m,) [rad]."""
+    """Direction of the water's motion, from x of Σ_I about z (m,) [rad]."""
     phase: np.ndarray
-    """Of a wave (m,) [rad]."""
+    """Phase of a wave (m,) [rad]."""
     kinematics: Kinematics
     """At 𝔮."""
 
 
 Affine = tuple[np.ndarray, np.ndarray]
 """c (m, 6+n) and A (m, 6+n, j) of d = c + As."""
-Load = Callable[[Motions], Affine]
-"""What an error of the model makes of motions."""
+UnmodelledTerm = Callable[[Motions], Affine]
+"""Unmodelled acceleration as a function of motions."""
 
 
-def by_robot(known: UvmsModel, true: UvmsModel, rate: np.ndarray) -> Load:
+def by_robot(known: UvmsModel, true: UvmsModel, rate: np.ndarray) -> UnmodelledTerm:
     """Returns (1) of a robot that is another one; `rate` bounds |ζ̇_c| (6+n,)."""
-    def load(at: Motions) -> Affine:
+    def error(at: Motions) -> Affine:
         M, M_true = (model.mass_matrix(at.kinematics) for model in (known, true))
         b, b_true = (_bias(model, at.kinematics, at.zeta) for model in (known, true))
         inverse = np.linalg.inv(M_true)
         return times(inverse, b - b_true), inverse @ (M - M_true) * rate
 
-    return load
+    return error
 
 
-def by_forces(model: UvmsModel, forces: np.ndarray) -> Load:
+def by_forces(model: UvmsModel, forces: np.ndarray) -> UnmodelledTerm:
     """Returns M⁻¹τ_f of generalised forces of either sign, |τ_f| ≤ `forces` (6+n,)."""
-    def load(at: Motions) -> Affine:
+    def error(at: Motions) -> Affine:
         return np.zeros_like(at.zeta), np.linalg.inv(model.mass_matrix(at.kinematics)) * forces
 
-    return load
+    return error
 
 
-def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) -> Load:
+def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) -> UnmodelledTerm:
     """Returns M⁻¹τ_f of a vehicle whose wrench is off by a share, on each axis of either sign.
 
     Args:
@@ -81,17 +81,18 @@ def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) ->
         rate: Bounds of |ζ̇_c| (6+n,).
         force: Of ‖𝔉‖, on the tip [N].
     """
-    def load(at: Motions) -> Affine:
+    def error(at: Motions) -> Affine:
         M = model.mass_matrix(at.kinematics)
         pressed = np.linalg.norm(at.kinematics.J_links[:, -1, :3, :6], axis=1)
         asked = (np.abs(_bias(model, at.kinematics, at.zeta)[:, :6]) + force * pressed
                  + np.abs(M[:, :6]) @ rate)
         return np.zeros_like(at.zeta), np.linalg.inv(M)[..., :6] * (share * asked[:, None])
 
-    return load
+    return error
 
 
-def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0.0) -> Load:
+def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0.0
+             ) -> UnmodelledTerm:
     """Returns (2) of water that goes along a heading, or to and fro, as of `plant.waves`.
 
     Args:
@@ -102,7 +103,7 @@ def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0
     along, down = speeds
     weights = [_with_gravity(model, axis) for axis in np.eye(3)]
 
-    def load(at: Motions) -> Affine:
+    def error(at: Motions) -> Affine:
         e = np.stack([np.cos(at.heading), np.sin(at.heading), np.zeros_like(at.heading)], axis=1)
         e_z, (c, s) = np.array([0.0, 0.0, 1.0]), (
             f(at.phase if frequency else 0.0 * at.phase)[:, None] for f in (np.cos, np.sin))
@@ -120,7 +121,7 @@ def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0
         out[:, :3] += times(R, acceleration) - cross(at.zeta[:, 3:6], v)
         return out, np.zeros((*out.shape, 1))
 
-    return load
+    return error
 
 
 def _bias(model: UvmsModel, kinematics: Kinematics, zeta: np.ndarray) -> np.ndarray:
@@ -136,12 +137,12 @@ def _with_gravity(model: UvmsModel, gravity: np.ndarray) -> UvmsModel:
     return out
 
 
-def largest(loads: Sequence[Load], model: UvmsModel, declared: ConstraintSet,
+def largest(errors: Sequence[UnmodelledTerm], model: UvmsModel, declared: ConstraintSet,
             weights: np.ndarray | float = 1.0, seed: int = 0) -> np.ndarray:
     """Returns the largest |dᵢ| of any of several loads, and their largest ‖Ŵ⁻¹d‖₂ (6+n+1,).
 
     Args:
-        loads: Such as an error of both signs.
+        errors: Such as an error of both signs.
         model: The robot, for its geometry.
         declared: The set.
         weights: Diagonal of Ŵ (6+n,), or 1.
@@ -149,7 +150,7 @@ def largest(loads: Sequence[Load], model: UvmsModel, declared: ConstraintSet,
     """
     def values(points: np.ndarray) -> np.ndarray:
         at = motions(points, model, declared)
-        return np.max([sizes(load(at), weights) for load in loads], axis=0)
+        return np.max([sizes(error(at), weights) for error in errors], axis=0)
 
     lower, upper = box(model, declared)
     return supremum_over_joints(values, lower, upper, seed)

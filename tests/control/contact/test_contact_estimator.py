@@ -17,7 +17,7 @@ from uvms_drake.control.contact.contact_state import (
     updated_contact_state,
 )
 from uvms_drake.control.contact.press_target import SEARCH_DEPTH, PressTarget
-from uvms_drake.control.contact.stiffness_estimate import NOTHING, StiffnessEstimate, slope
+from uvms_drake.control.contact.stiffness_estimate import NO_ESTIMATE, StiffnessEstimate, slope
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 SURFACE = SurfaceClass(np.array([0.0, 1.0, 0.0]), 2000.0)
@@ -103,7 +103,7 @@ def test_before_the_first_update_it_knows_what_it_sees():
     np.testing.assert_allclose(values(simulator, target, "target")[0], [0.03, 0.0, 0.05])
     np.testing.assert_array_equal(
         estimator.GetMyContextFromRoot(simulator.get_context()).get_discrete_state(2).value(),
-        NOTHING.state)
+        NO_ESTIMATE.state)
 
 
 def test_a_clone_goes_on_as_the_run_does():
@@ -234,7 +234,7 @@ def test_a_tip_that_retreats_too_fast_feels_nothing():
     known = updated_contact_state(
         surface, SENSING, HERE, initial_contact_state(SENSING), tip, np.zeros(3))
     assert np.all(np.isnan(known.apex))
-    np.testing.assert_array_equal(known.stiffness, NOTHING.state)
+    np.testing.assert_array_equal(known.stiffness, NO_ESTIMATE.state)
 
 
 @pytest.mark.parametrize("margin", [-1.0, np.inf])

@@ -5,11 +5,11 @@ import pytest
 
 from uvms_drake.control.contact.press_target import target_depth
 from uvms_drake.control.contact.stiffness_estimate import (
-    NOTHING,
+    NO_ESTIMATE,
     SCATTER,
     StiffnessEstimate,
     initial_estimate,
-    moved,
+    predicted,
     slope,
     surface_depth,
     tilt,
@@ -36,7 +36,7 @@ def path(depth, lateral=0.0):
         np.broadcast_to(lateral, np.shape(depth)), LATERAL)
 
 
-def read(tips, forces, estimate=NOTHING, *, walls=WALLS, memory=MEMORY, period=PERIOD):
+def read(tips, forces, estimate=NO_ESTIMATE, *, walls=WALLS, memory=MEMORY, period=PERIOD):
     """Returns the estimates after each reading of a contact."""
     estimates = []
     for tip, force in zip(tips, forces, strict=True):
@@ -78,21 +78,21 @@ def test_what_a_motion_does_to_what_is_not_known_is_its_derivative():
     tip = np.array([0.01, 0.03, -0.02])
 
     def after(mean):
-        return moved(estimate._replace(mean=mean), WALLS, tip, np.inf).mean
+        return predicted(estimate._replace(mean=mean), WALLS, tip, np.inf).mean
 
     steps = 1e-6 * np.array([1.0, 600.0, 1.0, 1.0])
     A = np.column_stack([(after(estimate.mean + h) - after(estimate.mean - h)) / (2.0 * np.max(h))
                          for h in np.diag(steps)])
-    P, expected = moved(estimate, WALLS, tip, np.inf).covariance, A @ estimate.covariance @ A.T
+    P, expected = predicted(estimate, WALLS, tip, np.inf).covariance, A @ estimate.covariance @ A.T
     apart = ~np.eye(4, dtype=bool)
     np.testing.assert_allclose(P[apart], expected[apart], rtol=1e-6, atol=1e-9)
     assert np.all(np.diag(P) >= np.diag(expected) * (1.0 - 1e-9))
 
 
 def test_nothing_known_is_the_stiffest_wall():
-    assert slope(NOTHING, WALLS) == MOST
-    assert np.isnan(surface_depth(NOTHING, WALLS, np.zeros(3)))
-    np.testing.assert_array_equal(tilt(NOTHING, WALLS), np.zeros(3))
+    assert slope(NO_ESTIMATE, WALLS) == MOST
+    assert np.isnan(surface_depth(NO_ESTIMATE, WALLS, np.zeros(3)))
+    np.testing.assert_array_equal(tilt(NO_ESTIMATE, WALLS), np.zeros(3))
     once = read(path([0.3]), [10.0])[-1]
     assert slope(once, WALLS) == MOST
     assert surface_depth(once, WALLS, path(0.31)) == pytest.approx(0.3 - 10.0 / MOST)
@@ -177,7 +177,7 @@ def test_a_fast_press_teaches_the_slope_too(kappa, delay):
     depth = np.where(time * speed < 20.0 / kappa, time * speed, 20.0 / kappa)
     before = np.interp(time - window, time, depth, left=0.0)
     force = kappa * np.interp(time - delay, time, depth, left=0.0)
-    estimate, rng = NOTHING, np.random.default_rng(3)
+    estimate, rng = NO_ESTIMATE, np.random.default_rng(3)
     for tip, F, distance_moved in zip(path(depth), force, depth - before, strict=True):
         F += SIGMA * np.clip(rng.standard_normal(), -3.0, 3.0)
         estimate = with_reading(
@@ -200,8 +200,8 @@ def test_walls_can_be_stacked():
     rng = np.random.default_rng(5)
     tips = path(np.cumsum(rng.uniform(0, 3e-3, (30, 4)), axis=0), rng.uniform(0.0, 0.1, (30, 4)))
     forces, touched = rng.uniform(0, 20, (30, 4)), rng.random((30, 4)) < 0.8
-    together = StiffnessEstimate(*(np.broadcast_to(part, (4, *part.shape)) for part in NOTHING))
-    alone = [NOTHING] * 4
+    together = StiffnessEstimate(*(np.broadcast_to(part, (4, *part.shape)) for part in NO_ESTIMATE))
+    alone = [NO_ESTIMATE] * 4
     for tip, force, touch in zip(tips, forces, touched, strict=True):
         together = with_reading(together, WALLS, tip, force, touch, NOISE, MEMORY, PERIOD)
         alone = [with_reading(alone[i], WALLS, tip[i], force[i], touch[i], NOISE, MEMORY, PERIOD)

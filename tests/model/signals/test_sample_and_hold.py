@@ -1,4 +1,4 @@
-"""Tests of `model.signals.sample_and_hold`: held samples and their instants against the definition."""
+"""Tests of `model.signals.sample_and_hold`: samples and their instants, by the definition."""
 
 import numpy as np
 import pytest

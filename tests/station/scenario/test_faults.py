@@ -19,7 +19,7 @@ the measured state is frozen for 0.5 s    Outside: the monitor notes an exit, wi
                                           no command exceeds `limits.u`, and `input_limited` says
                                           when they cut it; back in the tube when the fault is over.
 the measured force is not a number        Outside: the law goes on with the last one that was,
-for 0.5 s, or frozen, cut, off by 5 N     `force_last_valid`. Finite; no command exceeds `limits.u`; back
+for 0.5 s, or frozen, cut, 5 N off: `force_last_valid`. Finite; no command exceeds `limits.u`; back
                                           at the task when the fault is over. Without anything that
                                           measures the force: bad input, one line. (See
                                           `test_felt_force`.)

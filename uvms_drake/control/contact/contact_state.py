@@ -1,4 +1,4 @@
-"""What one reading of a force sensor adds to what is known of a wall."""
+"""State of the contact estimator, and its update by a reading of the force sensor."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,13 +8,17 @@ import numpy as np
 
 from uvms_drake.common.errors import require
 from uvms_drake.control.contact.safe_region import apex, dominates
-from uvms_drake.control.contact.stiffness_estimate import NOTHING, StiffnessEstimate, with_reading
+from uvms_drake.control.contact.stiffness_estimate import (
+    NO_ESTIMATE,
+    StiffnessEstimate,
+    with_reading,
+)
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 
 @dataclass(frozen=True)
 class ForceSensorModel:
-    """What is known of the force sensor, and what is wanted of the force."""
+    """Properties of the force sensor, and limits of the force."""
 
     force_max: float
     """F_max, largest static normal force [N]."""
@@ -23,15 +27,15 @@ class ForceSensorModel:
     period: float = 0.01
     """Time between two readings [s]."""
     window: float = 0.0
-    """W, how old the force may be that a reading shows [s]: hold, delay, filter; see `front`."""
+    """W, largest age of the force in a reading [s]: hold, delay, filter; see `safe_region`."""
     memory: float = 10.0
-    """Change of the force with which the slope may become another one [N]; see `slope`."""
+    """Force change on which the stiffness may change [N]; see `stiffness_estimate`."""
     patience: int = 10
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
     """m, number of equal readings in a row that are none; 0: any are. See `ForceFaultDetector`."""
     tare: float = 0.0
-    """Time at the start in which the sensor may say zero, for nothing is touched then [s]."""
+    """Duration of the tare at the start, without contact [s]."""
     largest: float = np.inf
     """Norm of a force at the end of the sensor's range, which is no reading [N]."""
 
@@ -47,9 +51,9 @@ class ForceSensorModel:
 
     @property
     def watched(self) -> "ForceSensorModel":
-        """What is known of the readings that a `ForceFaultDetector` lets pass: they may be older by mT.
+        """Properties of the readings behind a `ForceFaultDetector`, which may be older by mT.
 
-        At a speed v the front of a tip that feels nothing is so mTv less far ahead of it.
+        At a speed v the free distance of a tip without contact is smaller by mTv.
         """
         return replace(self, window=self.window + self.repeats * self.period)
 
@@ -60,45 +64,46 @@ class ForceSensorModel:
 
 
 class ContactState(NamedTuple):
-    """All that is remembered; the arrays are the discrete state."""
+    """State of the contact estimator; the arrays are the discrete state."""
 
     apex: np.ndarray
     """𝔞 (3,) [m]; NaN: no place is known to be safe."""
     reading: np.ndarray
-    """Where the tip was at the last reading (3) [m], its force n·𝐅 [N], 1 if it was a touch, else 0
-    (5,)."""
+    """Position of the tip at the last reading (3) [m], its force n·𝐅 [N], 1 if it was a touch, else
+    0 (5,)."""
     stiffness: np.ndarray
     """The `StiffnessEstimate` (23,)."""
     past: np.ndarray
-    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see `without_reading`.
-    NaN before the first one that was seen: there it is taken to have been where that was."""
+    """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see
+    `without_reading`. NaN before the first measured one, whose position is then used."""
     missing: np.ndarray
     """Number of readings in a row that were none (1,)."""
 
 
 def initial_contact_state(sensing: ForceSensorModel) -> ContactState:
-    """Returns what is known before any reading."""
-    return ContactState(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NOTHING.state,
-                np.full(6 * sensing.readings, np.nan), np.zeros(1))
+    """Returns the state before any reading."""
+    return ContactState(np.full(3, np.nan), np.append(np.full(4, np.nan), 0.0), NO_ESTIMATE.state,
+                        np.full(6 * sensing.readings, np.nan), np.zeros(1))
 
 
 def without_reading(before: ContactState) -> np.ndarray:
-    """Returns position and velocity (6,) of a tip that is not seen: where it was last, and NaN."""
+    """Returns position and velocity (6,) of an unmeasured tip: the last position, and NaN."""
     return np.append(before.past[-6:-3], np.full(3, np.nan))
 
 
-def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, extent: np.ndarray, before: ContactState,
-         tip: np.ndarray, force: np.ndarray) -> ContactState:
-    """Returns what is known after one more reading.
+def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, extent: np.ndarray,
+                          before: ContactState, tip: np.ndarray, force: np.ndarray
+                          ) -> ContactState:
+    """Returns the state after one more reading.
 
-    A touch is a reading above ν in norm: there is no noise that large. If the tip was not seen all
-    the time W, nobody knows which place the reading tells of: it teaches nothing.
+    A touch is a reading above ν in norm: there is no noise that large. If the tip was not measured
+    all the time W, the place of the reading is unknown, and the reading is not used.
 
     Args:
         surface: The class of walls.
         sensing: The sensor.
-        extent: Where plans go (2, 2), see `dominates` [m].
-        before: What was known.
+        extent: Lateral extent of plans (2, 2), see `dominates` [m].
+        before: State before.
         tip: Position and velocity now (6,) [m, m/s]; or `without_reading`.
         force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.
     """
@@ -114,11 +119,13 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
     if not dominates(surface, new, before.apex, extent):
         new = before.apex
     touch, pressed = np.linalg.norm(force) > nu, surface.depth(force)
-    feels = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to be learned.
-    if feels and np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):
+    in_contact = touch or not np.isnan(stiffness.mean[0])  # Else there is nothing to estimate.
+    if in_contact and np.all(np.isfinite(surface.static_force_bound(force, velocities, nu))):
         travelled = tip[:3] - points
-        travelled_forward, back = (np.max(surface.advance(each)) for each in (travelled, -travelled))
+        travelled_forward, back = (
+            np.max(surface.advance(each)) for each in (travelled, -travelled))
         travelled_forward = travelled_forward if back <= nu / surface.stiffness else np.inf
         stiffness = with_reading(stiffness, surface, tip[:3], pressed, touch, nu, sensing.memory,
-                              sensing.period, travelled_forward)
-    return ContactState(new, np.array([*tip[:3], pressed, touch]), stiffness.state, past, before.missing)
+                                 sensing.period, travelled_forward)
+    return ContactState(
+        new, np.array([*tip[:3], pressed, touch]), stiffness.state, past, before.missing)

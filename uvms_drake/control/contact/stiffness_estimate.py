@@ -1,42 +1,14 @@
-"""How stiff a wall is and how it is inclined: an estimate by what the tip feels as it moves.
+"""Estimate of a wall's stiffness and inclination by an extended Kalman filter.
 
 In the wall the static force is about φ(𝔭 + m) = φ(𝔭) + κ (n·m + 𝔱·m): κ its slope along n, 𝔱 ⊥ n
-its inclination, ‖𝔱‖ ≤ α, see `SurfaceClass`. An extended Kalman filter follows φ at the tip, κ, and
-𝔱 in two directions across n, z = (φ, κ, t₁, t₂), m the motion since its last step:
+its inclination, ‖𝔱‖ ≤ α, see `SurfaceClass`. With z = (φ, κ, t₁, t₂), m the motion since the last
+step and s = n·m + 𝔱·m,
 
-    φ ← φ + κ s,   s = n·m + 𝔱·m,      P ← A P Aᵀ + Q,   A = I + e_φ (0, s, κm₁, κm₂),
-    F = φ + noise of deviation σ,      K = P e_φ/(P_φφ + σ²).
+    φ ← φ + κ s,   P ← A P Aᵀ + Q,   A = I + e_φ (0, s, κm₁, κm₂),   K = P e_φ/(P_φφ + σ²).
 
-So what changes across n at one force is a wall that runs off, not one that is soft: on a slide
-∂φ/∂κ = s is nearly zero, while ∂φ/∂𝔱 is not. What is not in this model is taken for noise: that φ
-wanders with the time (damping, friction, a sensor that lags, a navigation that drifts), that κ
-changes by parts of itself with the force, on a wall that hardens, and 𝔱 with the way across n, on
-one that is curved.
-
-*Steps count the way, not the time*: there is one when the tip has moved by ν/κ₊. By less than that
-no force changes by more than ν, so a tip at rest learns and forgets nothing, whatever the noise of
-its force and, below that length, of its position, which would make every wall look soft. For the
-same reason κ is learned, and changes, only in steps that go deeper than aside, |s| ≥ ‖P_t m‖: on a
-slide at one force, s is an error of the position, and 0.7 mm of it would make 900 N/m look like 320
-within 0.6 m. That helps against errors that are slower than the slide; one that outruns it, white
-noise of 0.3 mm on 30 mm/s, makes a wall look soft still. The front does not go by κ.
-
-*A reading may be of another place*: of any where the tip was while the force may have been read (W,
-see `front`). If it moved by w along n meanwhile, the reading is off by κw at most, for which κ̂w is
-taken: half of it comes to σ as a deviation, all of it to what a reading may be off. Of a tip that
-was deeper meanwhile, by more than ν/κ₊, it says nothing: one that swings, and is felt late, would
-make every wall look soft.
-
-*It begins with* κ = ½κ₊ ± ½κ₊ and 𝔱 = 0 ± ½α. What a press goes by is κ̂ = min(κ₊, κ + √P_κκ): κ₊ as
-long as nothing is known, and more often above κ than below it, so that the force comes up to the
-desired one from below (`target`). It begins anew, with 𝔱 as it is, at a reading that is off by more
-than ν + 3√P_φφ, which noise alone cannot be: soft on hard, hard on soft.
-
-*It is no bound*, and need be none: the front holds for every wall of the class whatever κ̂ is, and
-the target is in no limit of a plan. What it costs to be wrong is in `target`: a press converges if
-κ̂ is more than about half of κ. A wall that gets hard where it was believed to be soft may keep it
-below that, as long as what is felt is within ν of what is believed: a swing of less than 2ν remains
-then, and dies out slowly.
+A step is made when the tip has moved by ν/κ₊. The controller uses κ̂ = min(κ₊, κ + √P_κκ). It is no
+bound: the safe region holds for every wall of the class. See
+`control/contact/theory.md#estimate-of-stiffness-and-inclination`.
 """
 
 from typing import NamedTuple
@@ -48,26 +20,26 @@ from uvms_drake.model.surface.surface_class import SurfaceClass
 SCATTER = 1.0 / 3.0
 """Deviation σ of a reading over ν; a sensor's own is less."""
 WANDER = 0.1
-"""Deviation over ν of what comes to φ within a second, however it comes."""
+"""Standard deviation over ν of the drift of φ within a second."""
 HARDENING = 0.3
-"""Deviation over κ of what comes to κ while the force changes by `memory`."""
+"""Standard deviation over κ of its change while the force changes by `memory`."""
 BEND = 0.3
-"""Way across n on which the inclination becomes another one [m]."""
+"""Tangential path on which the inclination decorrelates [m]."""
 SOFTEST = 0.02
-"""Smallest κ over κ₊ that is believed in."""
+"""Smallest κ over κ₊ of an estimate."""
 STRANGE = 3.0
-"""Deviations of φ beyond ν from which on a reading is no such wall's."""
+"""Standard deviations of φ beyond ν from which on a reading is rejected."""
 
 
 class StiffnessEstimate(NamedTuple):
-    """What is believed of a wall where the tip was at the last step; or of an array of walls."""
+    """Estimate of a wall at the last step's place; or of an array of walls."""
 
     mean: np.ndarray
-    """z (..., 4) [N, N/m, 1, 1]; NaN: nothing was felt yet."""
+    """z (..., 4) [N, N/m, 1, 1]; NaN before the first contact."""
     covariance: np.ndarray
     """P (..., 4, 4)."""
     at: np.ndarray
-    """Where the tip was, in Σ_I (..., 3) [m]."""
+    """Position of the tip in Σ_I (..., 3) [m]."""
 
     @property
     def state(self) -> np.ndarray:
@@ -80,18 +52,21 @@ class StiffnessEstimate(NamedTuple):
         return StiffnessEstimate(state[:4], state[4:20].reshape(4, 4), state[20:])
 
 
-NOTHING = StiffnessEstimate(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan))
-"""Nothing was felt yet."""
+NO_ESTIMATE = StiffnessEstimate(np.full(4, np.nan), np.zeros((4, 4)), np.full(3, np.nan))
+"""Estimate before the first contact."""
 
 
-def _chosen(where: np.ndarray | np.bool, one: StiffnessEstimate, other: StiffnessEstimate) -> StiffnessEstimate:
-    """Returns one of two beliefs for each wall (...)."""
-    return StiffnessEstimate(*(np.where(np.reshape(where, (*np.shape(where), *ones)), a, b)
-                    for ones, a, b in zip([(1,), (1, 1), (1,)], one, other, strict=True)))
+def _chosen(where: np.ndarray | np.bool, one: StiffnessEstimate, other: StiffnessEstimate
+            ) -> StiffnessEstimate:
+    """Returns one of two estimates for each wall (...)."""
+    return StiffnessEstimate(*(
+        np.where(np.reshape(where, (*np.shape(where), *ones)), a, b)
+        for ones, a, b in zip([(1,), (1, 1), (1,)], one, other, strict=True)))
 
 
-def initial_estimate(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float) -> StiffnessEstimate:
-    """Returns what is believed at the first reading of a contact.
+def initial_estimate(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, noise: float
+                     ) -> StiffnessEstimate:
+    """Returns the estimate at the first reading of a contact.
 
     Args:
         surface: The class of walls.
@@ -102,11 +77,12 @@ def initial_estimate(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, 
     mean = np.stack(np.broadcast_arrays(force, 0.5 * surface.stiffness, 0.0, 0.0), axis=-1)
     deviations = np.array([noise, 0.5 * surface.stiffness, *[0.5 * surface.tilt] * 2])
     return StiffnessEstimate(mean, np.broadcast_to(np.diag(deviations**2), (*mean.shape, 4)),
-                  np.broadcast_to(tip, (*mean.shape[:-1], 3)))
+                             np.broadcast_to(tip, (*mean.shape[:-1], 3)))
 
 
-def _way(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns s (...) and the first row of A (..., 4), without s where κ is not learned."""
+def _displacement(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    """Returns s (...) and the first row of A (..., 4), without s where κ is not updated."""
     motion = tip - estimate.at
     across = motion @ surface.axes[1:].T
     s = surface.depth(motion) + np.sum(estimate.mean[..., 2:] * across, axis=-1)
@@ -116,16 +92,17 @@ def _way(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) ->
     return s, row
 
 
-def moved(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, memory: float) -> StiffnessEstimate:
-    """Returns what is believed where the tip is now, NaN of nothing.
+def predicted(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, memory: float
+              ) -> StiffnessEstimate:
+    """Returns the prediction at the tip's present place; NaN without an estimate.
 
     Args:
-        estimate: What was believed where it was.
+        estimate: Estimate at the last step.
         surface: The class of walls.
         tip: Where the tip is (..., 3) [m].
         memory: Change of the force with which κ changes by `HARDENING` [N].
     """
-    s, row = _way(estimate, surface, tip)
+    s, row = _displacement(estimate, surface, tip)
     kappa, mean = estimate.mean[..., 1], estimate.mean.copy()
     mean[..., 0] += kappa * s
     A = np.broadcast_to(np.eye(4), estimate.covariance.shape).copy()
@@ -147,7 +124,7 @@ def unlike(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, 
 
     The arguments are those of `with_reading`.
     """
-    s, row = _way(estimate, surface, tip)
+    s, row = _displacement(estimate, surface, tip)
     variance = np.sum((row[..., None, :] @ estimate.covariance)[..., 0, :] * row, axis=-1)
     off = force - estimate.mean[..., 0] - estimate.mean[..., 1] * s
     allowed = noise + STRANGE * np.sqrt(variance)
@@ -156,10 +133,10 @@ def unlike(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, 
 
 def corrected(estimate: StiffnessEstimate, surface: SurfaceClass, force: np.ndarray,
               deviation: np.ndarray | float) -> StiffnessEstimate:
-    """Returns what is believed after a reading at the same place; κ and 𝔱 those of the class.
+    """Returns the estimate corrected by a reading at its place, with κ and 𝔱 of the class.
 
     Args:
-        estimate: What was believed.
+        estimate: Estimate before.
         surface: The class of walls.
         force: F, along n (...) [N].
         deviation: σ (...) [N].
@@ -173,25 +150,25 @@ def corrected(estimate: StiffnessEstimate, surface: SurfaceClass, force: np.ndar
     return estimate._replace(mean=mean, covariance=P - gain[..., None] * P[..., None, 0, :])
 
 
-def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
-                 touched: np.ndarray | np.bool, noise: float, memory: float, period: float,
-                 way: np.ndarray | float = 0.0) -> StiffnessEstimate:
-    """Returns what is believed after one more reading.
+def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray,
+                 force: np.ndarray, touched: np.ndarray | np.bool, noise: float, memory: float,
+                 period: float, advance: np.ndarray | float = 0.0) -> StiffnessEstimate:
+    """Returns the estimate after one more reading.
 
-    One without contact, where there should be one, leaves nothing; in front of the wall φ goes on
-    below zero.
+    A reading without contact, where there should be one, resets it; off the wall φ goes on below
+    zero.
 
     Args:
-        estimate: What was believed.
+        estimate: Estimate before.
         surface: The class of walls.
         tip: Where the tip is (..., 3) [m].
         force: F, along n (...) [N].
         touched: Whether it is of a contact (...).
         noise: ν [N].
-        memory: See `moved` [N].
+        memory: See `predicted` [N].
         period: Time since the last reading [s].
-        way: How much deeper the tip came while the force may have been read (...) [m]; inf: the
-            reading says nothing.
+        advance: Advance of the tip along n within the age of the reading (...) [m]; inf: a reading
+            that is not used.
     """
     enough, first = noise / surface.stiffness, np.isnan(estimate.mean[..., 0])
     if np.all(first & np.logical_not(touched)):
@@ -201,19 +178,20 @@ def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nda
         covariance[..., 0, 0] + (WANDER * noise) ** 2 * period,
         np.maximum(covariance[..., 0, 0], noise**2))
     estimate = estimate._replace(covariance=covariance)
-    late = slope(estimate, surface) * way
-    off = unlike(estimate, surface, tip, force, noise + late)
+    age_error = slope(estimate, surface) * advance
+    off = unlike(estimate, surface, tip, force, noise + age_error)
     far = (np.linalg.norm(tip - estimate.at, axis=-1) >= enough) & touched
     after = estimate
     if np.any(far | (off != 0.0)):
-        here, deviation = moved(estimate, surface, tip, memory), np.hypot(SCATTER * noise, 0.5 * late)
+        here = predicted(estimate, surface, tip, memory)
+        deviation = np.hypot(SCATTER * noise, 0.5 * age_error)
         after = _chosen(far, corrected(here, surface, force, deviation), estimate)
-        # Another wall, as far as its stiffness goes: what is believed of 𝔱 stays.
+        # A rejected reading resets stiffness and force; the estimate of 𝔱 stays.
         new = initial_estimate(surface, tip, force, noise)
         mean, P = new.mean.copy(), new.covariance.copy()
         mean[..., 2:], P[..., 2:, 2:] = here.mean[..., 2:], here.covariance[..., 2:, 2:]
         after = _chosen(off != 0.0, new._replace(mean=mean, covariance=P), after)
-        after = _chosen(touched, after, _chosen(off < 0.0, NOTHING, estimate))
+        after = _chosen(touched, after, _chosen(off < 0.0, NO_ESTIMATE, estimate))
     if np.any(begins := first & touched):
         after = _chosen(begins, initial_estimate(surface, tip, force, noise), after)
     return after
@@ -226,13 +204,14 @@ def slope(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
 
 
 def tilt(estimate: StiffnessEstimate, surface: SurfaceClass) -> np.ndarray:
-    """Returns 𝔱 (..., 3) in Σ_I; zero as long as nothing was felt."""
+    """Returns 𝔱 (..., 3) in Σ_I; zero before the first contact."""
     inclined: np.ndarray = np.nan_to_num(estimate.mean[..., 2:]) @ surface.axes[1:]
     return inclined
 
 
-def surface_depth(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray) -> np.ndarray:
-    """Returns x − φ/κ̂ (...) [m], where the wall begins at a place (..., 3); NaN: nothing felt."""
+def surface_depth(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray
+                  ) -> np.ndarray:
+    """Returns x − φ/κ̂ (...) [m], the depth of the wall at a place (..., 3); NaN before contact."""
     motion = tip - estimate.at
     deep = estimate.mean[..., 0] / slope(estimate, surface) + np.sum(
         motion * (surface.direction + tilt(estimate, surface)), axis=-1)

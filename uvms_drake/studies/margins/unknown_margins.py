@@ -28,7 +28,7 @@ from uvms_drake.tube.law_tube import WEIGHTED
 from uvms_drake.tube.search.joint_search import supremum_over_joints
 from uvms_drake.tube.search.search_memo import SearchMemo, memoising
 from uvms_drake.tube.unmodelled_dynamics import (
-    Load,
+    UnmodelledTerm,
     by_forces,
     by_robot,
     by_water,
@@ -74,7 +74,7 @@ class Setting:
         plant.Finalize()
         return UvmsModel(uvms)
 
-    def largest(self, terms: Sequence[Load]) -> tuple[np.ndarray, np.ndarray]:
+    def largest(self, terms: Sequence[UnmodelledTerm]) -> tuple[np.ndarray, np.ndarray]:
         """Returns the largest |dᵢ|, and the semi-axes of an ellipsoid of all d (6+n,), estimated.
 
         Its shape is that of Ŵ, if it certifies; else that of the largest component of vehicle,
@@ -130,7 +130,7 @@ class Unknown:
     name: str
     unit: str
     asked: float
-    terms: Callable[[Setting, float], list[Load]]
+    terms: Callable[[Setting, float], list[UnmodelledTerm]]
     """Function from a size to the unmodelled terms; several if it may have either sign."""
     most: float = math.inf
     """Largest meaningful size."""
@@ -166,12 +166,12 @@ class Unknown:
 
 def unknowns(scenario: Scenario) -> list[Unknown]:
     """Returns the model errors and motions of the water."""
-    def factor(name: str) -> Callable[[Setting, float], list[Load]]:
+    def factor(name: str) -> Callable[[Setting, float], list[UnmodelledTerm]]:
         return lambda setting, size: [by_robot(
             setting.model, setting.true(**{name: 1.0 + sign * size}), setting.rate)
             for sign in (-1.0, 1.0)]
 
-    def friction(setting: Setting, size: float) -> list[Load]:
+    def friction(setting: Setting, size: float) -> list[UnmodelledTerm]:
         forces = np.repeat([0.0, size], [6, setting.model.num_joints])
         return [by_forces(setting.model, forces)]
 
