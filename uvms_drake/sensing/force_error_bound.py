@@ -1,4 +1,4 @@
-"""Error bound of a `ForceSensor` by source; see `sensing/theory.md`."""
+"""Bound of the error of a `ForceSensor`, by its sources."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,17 +23,17 @@ class ForceError(NamedTuple):
     """Bounds of the parts of F̂ − F_S, each component (6,) [N, N m] in the sensor's axes."""
 
     noise: np.ndarray
-    """By the noise of the sample."""
+    """Noise of the sample."""
     bias: np.ndarray
-    """By the bias, or by what the tare leaves of it."""
+    """Bias, or its remainder after the tare."""
     drift: np.ndarray
-    """By the drift since the tare."""
+    """Drift since the tare."""
     tool: np.ndarray
-    """By a wrong model of the tool, and by the lag of its weight during the tare."""
+    """Error of the tool's model, and lag of its weight during the tare."""
     lag: np.ndarray
-    """By the lag."""
+    """Lag."""
     hold: np.ndarray
-    """By the age of the sample."""
+    """Age of the sample."""
 
     @property
     def total(self) -> np.ndarray:
@@ -46,25 +46,13 @@ def error_bound(sensor: "ForceSensor", time: float, rate: np.ndarray, turning: f
                 gravity: float = 9.81) -> ForceError:
     """Returns the bound of F̂ − F_S at a time after the tare.
 
-    Bound. Let |Ḟ_S| ≤ ρ in every component, the sensor turn by no more than ω, its range not be
-    reached, its measured attitude be true, and nothing be touched during the tare, if there is one.
-    Then at all times up to t, with N samples of the tare, σ̄ = mσ the largest noise, Λ the largest
-    weight of the tool and ε its relative error,
+    With N samples of the tare, σ̄ = mσ the largest noise, Λ the largest weight of the tool and ε its
+    relative error, (1) of sensing/theory.md#error-bound-of-the-force-sensor is, β = σ̄,
 
-        |F̂ − F_S| ≤ σ̄ + β + s̄ (t − (N−1)h/2) + (2|ε|Λ + TωΛ) + T(ρ + ωΛ) + hρ,   β = σ̄,
+        |F̂ − F_S| ≤ σ̄ + β + s̄ (t − (N−1)h/2) + (2|ε|Λ + TωΛ) + T(ρ + ωΛ) + hρ,
 
-    and without a tare (N = 0) ≤ σ̄ + b̄ + s̄ t + |ε|Λ + T(ρ + ωΛ) + hρ.
-
-    Proof. Let u = F_S + L, |u̇| ≤ ρ + ωΛ, since L turns with gravity. e = x − u has Tė = −e − Tu̇
-    from e(0) = 0, so |e| ≤ T(ρ + ωΛ). For tₖ ≤ t < tₖ₊₁ and means over the tare
-
-        F̂ₖ − F_S(t) = νₖ − mean ν + s(tₖ − mean tⱼ) + eₖ − mean e + (L − L̂)ₖ − mean(L − L̂)
-                      + F_S(tₖ) − F_S(t),
-
-    where b has gone, |mean ν| ≤ σ̄, mean tⱼ = (N−1)h/2, |mean e| ≤ TωΛ, as F_S is zero then,
-    |L − L̂| ≤ |ε|Λ and the last difference is at most hρ. Without a tare the means are zero and b
-    stays. ∎ All of it is attained in the limit at once, but for the tool, by noise and drift of one
-    sign, the opposite noise during the tare, and a force that falls or rises steadily.
+    and without a tare (N = 0) ≤ σ̄ + b̄ + s̄ t + |ε|Λ + T(ρ + ωΛ) + hρ. The range is not reached, the
+    measured attitude is true, and nothing is touched during the tare.
 
     Args:
         sensor: The sensor.
@@ -90,18 +78,18 @@ def error_bound(sensor: "ForceSensor", time: float, rate: np.ndarray, turning: f
 def readable_force(sensor: "ForceSensor", time: float, gravity: float = 9.81) -> float:
     """Returns the largest norm of a force [N] that the range never cuts up to a time [s].
 
-    That is the least end of the range along the axes of the sensor, less all else that is in a raw
-    value: bias, drift, noise, and what hangs beyond it.
+    That is the least end of the range along the axes of the sensor, less the other terms of a raw
+    value: bias, drift, noise and the weight of the tool.
 
     Args:
         sensor: The sensor.
         time: t [s].
         gravity: ‖g‖ [m/s²].
     """
-    beside = (sensor.noise_multiple * np.asarray(sensor.noise, dtype=float)
-              + np.asarray(sensor.bias, dtype=float) + time * np.asarray(sensor.drift, dtype=float)
-              + sensor.tool.largest_hold(gravity))
-    return max(float(np.min((np.asarray(sensor.range, dtype=float) - beside)[:3])), 0.0)
+    other = (sensor.noise_multiple * np.asarray(sensor.noise, dtype=float)
+             + np.asarray(sensor.bias, dtype=float) + time * np.asarray(sensor.drift, dtype=float)
+             + sensor.tool.largest_hold(gravity))
+    return max(float(np.min((np.asarray(sensor.range, dtype=float) - other)[:3])), 0.0)
 
 
 def in_tip_axes(sensor: "ForceSensor", bound: np.ndarray) -> np.ndarray:

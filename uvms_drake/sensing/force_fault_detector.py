@@ -1,12 +1,10 @@
-"""Detector of frozen and saturated force readings.
+"""Detector of frozen and saturated readings of a force sensor.
 
-A sensor with noise never repeats itself: m readings in a row in which a component of the force is
-exactly the same, in Σ_I or in the axes of the tip, come from a sensor that is frozen or saturated;
-they are no readings. A force whose norm is at the declared end of the range is none at once. Until
-a fault is detected, up to m readings pass that are at most mT older than they seem, which the safe
-region allows for. Not detected: a sensor without noise, one that repeats a record, a bias that
-jumps, a raw value that is frozen behind a tool whose weight is subtracted. A sensor slower than the
-detector needs a larger m. See `sensing/theory.md#detection-of-a-frozen-force`.
+A sensor with noise never repeats itself: m equal values of a component in a row, in Σ_I or in the
+axes of the tip, are no readings, nor is a force whose norm is at the declared end of the range.
+Until then readings pass that are at least the least force of the last mT, as the safe region asks
+of a window W = mT. Proof, and faults that it cannot detect:
+sensing/theory.md#detection-of-a-frozen-force.
 """
 
 import math
@@ -50,7 +48,7 @@ def counted(before: RepeatCount, force: np.ndarray) -> RepeatCount:
 
 
 class ForceFaultDetector(LeafSystem):
-    """Passes the measured force on while it is a reading, and else NaN; see the module.
+    """Passes the measured force on while it is valid, and else NaN; see the module.
 
     .. pydrake_system::
 
@@ -121,6 +119,6 @@ class ForceFaultDetector(LeafSystem):
                      repeats: int = 3, tare: float = 0.0, largest: float = np.inf,
                      state: OutputPort, force_measured: OutputPort | None = None,
                      name: str = "force_fault_detector") -> "ForceFaultDetector":
-        """Adds the watch of the force that `force_measured` gives; left to the caller if None."""
+        """Adds the detector; the caller connects `force_measured` if it is None."""
         watch = ForceFaultDetector(model, period, repeats=repeats, tare=tare, largest=largest)
         return added(builder, name, watch, state=state, force_measured=force_measured)

@@ -1,9 +1,9 @@
 """Faults of the sensor of the contact force, between it and the controller.
 
-Under those that are noticed a wall that nobody measured is pressed no harder than it may be, as
-long as its tube holds: what it is safe to press on is known for good, the plan goes no further
-without readings, and retreats if they stay away (`control.contact.press_target`). Until then, and
-while it retreats, the tube is not what it was: no certificate covers that.
+Under faults that are detected an unknown wall is pressed no harder than F_max, as long as its tube
+holds: the safe region stays, plans advance no further without readings, and retreat if they stay
+missing, control/contact/theory.md#retreat-without-readings. Until then, and during the retreat, no
+certificate covers the tube.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from uvms_drake.sensing.faulty_sensor import SensorFault
 
 
 class ForceFault(SensorFault):
-    """A fault of the measured force 𝔉_s, whatever measures it."""
+    """A fault of the measured force 𝔉_s, of any sensor."""
 
     place = "force"
     motions = ("dynamic",)
@@ -25,8 +25,8 @@ class ForceFault(SensorFault):
 class LostForce(ForceFault):
     """The measured force is not a number; the law goes on with the last one that was.
 
-    Pressing by what it feels, the tip retreats after as many readings as the sensor's `patience`,
-    without a force in the law, and goes on by itself when it feels again.
+    In a sensed contact the tip retreats after as many readings as the sensor's `patience`, without
+    a force in the law, and continues by itself with the next reading.
     """
 
     def faulty(self, true: np.ndarray, frozen: np.ndarray) -> np.ndarray:
@@ -52,7 +52,7 @@ class FrozenForce(ForceFault):
 class SaturatedForce(ForceFault):
     """No component of the measured force is larger than `largest`.
 
-    A `ForceFaultDetector` detects it like a frozen sensor: a component is constant at the end of its
+    A `ForceFaultDetector` detects it like a frozen sensor: a component stays at the end of its
     range. Where the range is declared, such a force is no reading from the first one on.
     """
 
@@ -73,8 +73,8 @@ class SaturatedForce(ForceFault):
 class JumpedForce(ForceFault):
     """The measured force has a bias that was not there when it was tared.
 
-    As part of the declared error of the force it is covered; beyond that it is outside: friction
-    and contact may change the force as fast, so nothing tells the jump from them, and a bias that
+    It is covered as part of the declared error of the force; beyond that it is not: friction and
+    contact may change the force as fast, so no detector tells the jump from them, and a bias that
     hides a part of the force lets the tip press harder by that part.
     """
 

@@ -1,17 +1,19 @@
-"""Wrist sensor of force and torque: lagged, sampled, noisy, biased and drifting.
+"""A wrist sensor of force and torque: lagging, sampled, noisy, biased and drifting.
 
 Frames: W is World (Σ_I), E the end-effector (Σ_E), S the sensor, fixed to E. A wrench F_S is the
 force and the torque about the origin of S, in its axes, that act *on* the surface, as 𝔉 does. By
 virtual power F_E = A(𝔬)ᵀ𝔉, with χ̇ = A(𝔬)V_E, and F_E = X F_S (`transfer`). With L the wrench that
-holds the tool (`Tool.hold`) and P that of a payload, unknown to its model,
+holds the tool beyond the sensor (`Tool.hold`), P that of a payload unknown to the model
+(`plant.payload`), a bias b, a drift s, noise νₖ at tₖ = k h and L̂ₖ the model's L at the measured
+attitude,
 
     T ẋ = F_S + L + P − x,     x(0) the same without accelerations,                             (1)
-    rawₖ = clip(x(tₖ) + b + s tₖ + νₖ),     F̂ₖ = rawₖ − L̂ₖ − tare,     tₖ = k h,                 (2)
-    𝔉_s(t) = A(𝔬)⁻ᵀ X F̂ₖ     for tₖ ≤ t < tₖ₊₁,                                                (3)
+    rawₖ = clip(x(tₖ) + b + s tₖ + νₖ),     F̂ₖ = rawₖ − L̂ₖ − tare,                              (2)
+    𝔉_s(t) = A(𝔬)⁻ᵀ X F̂ₖ,     tₖ ≤ t < tₖ₊₁,                                                    (3)
 
-with bias b, drift s, noise νₖ, L̂ₖ the model's L at the measured attitude, and `tare` the mean of
-raw − L̂ over the first samples, without contact, during which F̂ is zero. 𝔬 in (3) is measured, so
-A(𝔬)ᵀ𝔉_s has no error of the attitude. See `sensing/theory.md#error-bound-of-the-force-sensor`.
+`tare` the mean of raw − L̂ over the first samples, during which nothing is touched and F̂ is zero.
+With the attitude 𝔬 measured at t, A(𝔬)ᵀ𝔉_s, which the inverse dynamics need, has no error of the
+attitude in it. Bound of the error of F̂: sensing/theory.md#error-bound-of-the-force-sensor.
 """
 
 from collections.abc import Callable
@@ -52,7 +54,7 @@ from uvms_drake.sensing.tip_pose import tip_pose
 from uvms_drake.sensing.tool_weight import Tool
 
 STREAM = 1
-"""Key of a force sensor's random numbers, which keeps them apart from those of others."""
+"""Key of the random numbers of force sensors."""
 
 
 class Imperfection(NamedTuple):
@@ -104,13 +106,13 @@ class Samples(NamedTuple):
 
 @dataclass
 class ForceSensor(Part):
-    """A wrist sensor measures the contact force, which the law takes instead of the surface's.
+    """A wrist sensor of the contact force, which the law takes instead of the surface's.
 
     Logged are `force_raw`, F̂ in its own axes, and `force_measured`, 𝔉_s. Rate, noise and range
     are those of the wrist sensor in the Girona 1000's own scenario for Stonefish (CIRS,
-    `girona1000_vectorial.scn`); nobody has published the others, which are assumed: the lag is that
-    of a low-pass of 8 Hz (one of 5 Hz is in use), and a bias of newtons is why such a sensor "must
-    be tared" (Reach Bravo).
+    `girona1000_vectorial.scn`); the others are unpublished, and assumed: the lag is that of a
+    low-pass of 8 Hz (one of 5 Hz is in use), and a bias of newtons is why such a sensor "must be
+    tared" (Reach Bravo).
     """
 
     motions = ("dynamic",)
@@ -216,7 +218,7 @@ class WristSensor(LeafSystem):
     Args:
         model: Supplies gravity and the frame of the task.
         settings: The sensor.
-        off: What this copy is off by.
+        off: Errors of this copy.
     """
 
     def __init__(self, model: UvmsModel, settings: ForceSensor, off: Imperfection):

@@ -10,8 +10,8 @@ current or wave, ζ less ν_c is M(ζ̇ + ω × ν_c − Rᵀv̇_c) + b(𝔮, ζ
 
     d = M⁻¹[b(𝔮, ζ; g) − b(𝔮, ζ − ν_c; g − v̇_c)] − ω × ν_c + Rᵀv̇_c.                          (2)
 
-At a state each of them is d = c + As, s what may be anything in [−1, 1]: ζ̇_c in its box, friction
-of either sign. A component's largest value over s is |cᵢ| + Σⱼ|Aᵢⱼ|; a norm's, which is convex, is
+At a state each of them is d = c + As with any s in [−1, 1]ʲ: ζ̇_c in its box, friction of either
+sign. A component's largest value over s is |cᵢ| + Σⱼ|Aᵢⱼ|; a norm's, which is convex, is
 at a corner, and the step from s to sign(Aᵀ(c + As)) never makes it smaller. Over postures and
 velocities of the declared set the search is that of `joint_search`: an estimate from below.
 """
@@ -28,7 +28,7 @@ from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.search.joint_search import supremum_over_joints
 
 ASCENT = 3
-"""Steps from corner to corner."""
+"""Number of steps from corner to corner."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Motions:
     phase: np.ndarray
     """Phase of a wave (m,) [rad]."""
     kinematics: Kinematics
-    """At 𝔮."""
+    """Kinematics at 𝔮."""
 
 
 Affine = tuple[np.ndarray, np.ndarray]
@@ -54,7 +54,7 @@ UnmodelledTerm = Callable[[Motions], Affine]
 
 
 def by_robot(known: UvmsModel, true: UvmsModel, rate: np.ndarray) -> UnmodelledTerm:
-    """Returns (1) of a robot that is another one; `rate` bounds |ζ̇_c| (6+n,)."""
+    """Returns (1) of a true robot that differs from the model; `rate` bounds |ζ̇_c| (6+n,)."""
     def error(at: Motions) -> Affine:
         M, M_true = (model.mass_matrix(at.kinematics) for model in (known, true))
         b, b_true = (_bias(model, at.kinematics, at.zeta) for model in (known, true))
@@ -77,9 +77,9 @@ def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) ->
 
     Args:
         model: The robot.
-        share: By how much of what is asked for.
+        share: Relative error of the wrench.
         rate: Bounds of |ζ̇_c| (6+n,).
-        force: Of ‖𝔉‖, on the tip [N].
+        force: Bound of ‖𝔉‖ on the tip [N].
     """
     def error(at: Motions) -> Affine:
         M = model.mass_matrix(at.kinematics)
@@ -93,11 +93,11 @@ def by_wrench(model: UvmsModel, share: float, rate: np.ndarray, force: float) ->
 
 def by_water(model: UvmsModel, speeds: tuple[float, float], frequency: float = 0.0
              ) -> UnmodelledTerm:
-    """Returns (2) of water that goes along a heading, or to and fro, as of `plant.waves`.
+    """Returns (2) of water that moves along a heading, or in waves, as of `plant.waves`.
 
     Args:
         model: The robot.
-        speeds: Horizontal and vertical, the amplitudes of a wave [m/s].
+        speeds: Horizontal and vertical speed, or the amplitudes of a wave [m/s].
         frequency: ω of the wave [rad/s]; zero for a current.
     """
     along, down = speeds
@@ -131,7 +131,7 @@ def _bias(model: UvmsModel, kinematics: Kinematics, zeta: np.ndarray) -> np.ndar
 
 
 def _with_gravity(model: UvmsModel, gravity: np.ndarray) -> UvmsModel:
-    """Returns the robot where gravity is another one (3,)."""
+    """Returns the robot under another gravity (3,)."""
     out = copy.copy(model)
     out.gravity = gravity
     return out
@@ -139,14 +139,14 @@ def _with_gravity(model: UvmsModel, gravity: np.ndarray) -> UvmsModel:
 
 def largest(errors: Sequence[UnmodelledTerm], model: UvmsModel, declared: ConstraintSet,
             weights: np.ndarray | float = 1.0, seed: int = 0) -> np.ndarray:
-    """Returns the largest |dᵢ| of any of several loads, and their largest ‖Ŵ⁻¹d‖₂ (6+n+1,).
+    """Returns the largest |dᵢ| of any of several errors, and their largest ‖Ŵ⁻¹d‖₂ (6+n+1,).
 
     Args:
-        errors: Such as an error of both signs.
+        errors: Model errors, such as one of both signs.
         model: The robot, for its geometry.
         declared: The set.
         weights: Diagonal of Ŵ (6+n,), or 1.
-        seed: Of the search.
+        seed: Seed of the search.
     """
     def values(points: np.ndarray) -> np.ndarray:
         at = motions(points, model, declared)
@@ -180,7 +180,7 @@ def motions(points: np.ndarray, model: UvmsModel, declared: ConstraintSet) -> Mo
 
 
 def sizes(affine: Affine, weights: np.ndarray | float) -> np.ndarray:
-    """Returns the largest |dᵢ| and ‖Ŵ⁻¹d‖₂ over s (m, 6+n+1); the last one climbed for."""
+    """Returns the largest |dᵢ| and ‖Ŵ⁻¹d‖₂ over s (m, 6+n+1); the last by ascent."""
     c, A = affine
     each = np.abs(c) + np.sum(np.abs(A), axis=2)
     w = np.broadcast_to(1.0 / np.asarray(weights), c.shape[1:])

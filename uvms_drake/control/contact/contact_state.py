@@ -1,4 +1,4 @@
-"""State of the contact estimator, and its update by a reading of the force sensor."""
+"""State of the contact estimator, and its update by one reading of a force sensor."""
 
 import math
 from dataclasses import dataclass, replace
@@ -33,11 +33,11 @@ class ForceSensorModel:
     patience: int = 10
     """Number of readings in a row that may be missing; from then on the tip retreats."""
     repeats: int = 3
-    """m, number of equal readings in a row that are none; 0: any are. See `ForceFaultDetector`."""
+    """m, number of equal readings in a row that are invalid; 0: none. See `ForceFaultDetector`."""
     tare: float = 0.0
     """Duration of the tare at the start, without contact [s]."""
     largest: float = np.inf
-    """Norm of a force at the end of the sensor's range, which is no reading [N]."""
+    """Norm of the force from which on a reading is saturated, and invalid [N]."""
 
     def __post_init__(self):
         for key in ("force_max", "noise", "period", "memory", "patience"):
@@ -77,7 +77,7 @@ class ContactState(NamedTuple):
     """Position [m] and velocity [m/s] of the tip at the readings of the time W (6m,); see
     `without_reading`. NaN before the first measured one, whose position is then used."""
     missing: np.ndarray
-    """Number of readings in a row that were none (1,)."""
+    """Number of readings in a row that are missing (1,)."""
 
 
 def initial_contact_state(sensing: ForceSensorModel) -> ContactState:
@@ -105,7 +105,7 @@ def updated_contact_state(surface: SurfaceClass, sensing: ForceSensorModel, exte
         extent: Lateral extent of plans (2, 2), see `dominates` [m].
         before: State before.
         tip: Position and velocity now (6,) [m, m/s]; or `without_reading`.
-        force: The reading, on the wall, in Σ_I (3,) [N]; not finite: there is none.
+        force: The reading, on the wall, in Σ_I (3,) [N]; not finite if it is missing.
     """
     motion = np.vstack([before.past[6:].reshape(-1, 6), tip])
     motion[np.isnan(motion[:, 0])] = tip

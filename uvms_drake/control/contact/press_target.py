@@ -1,16 +1,16 @@
-"""The press target: the depth at which the wall should give the desired force.
+"""Depth target of a press: the depth at which the wall should give the desired force.
 
-In contact x_target = x + (F_des − F)/κ̂ + depth offset: a contraction iff 0 < κ < 2κ̂, κ the wall's
-mean slope. Before contact the target is beyond the safe region, a search; after a contact that is
-lost it is where the wall should begin; without readings it is a retreat. It is in no limit of a
-plan, and the safe region holds whatever it is.
+In contact x_target = x + (F_des − F)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭 [m], F the force [N]
+of the last reading, κ̂ [N/m] and 𝔱 the estimated stiffness and inclination and 𝔲 the desired place.
+The force error contracts by 1 − κ/κ̂ a step: iff κ̂ > κ/2, without overshoot iff κ̂ ≥ κ; see
+control/contact/theory.md#contraction-of-a-press, in motion
+control/contact/theory.md#press-while-the-tip-moves, with delayed plans
+control/contact/theory.md#press-with-delayed-plans. Errors of reading and tip leave
+control/contact/theory.md#remaining-force-error-of-a-press.
 
-Proofs: `control/contact/theory.md#contraction-of-a-press`,
-`control/contact/theory.md#press-while-the-tip-moves`,
-`control/contact/theory.md#remaining-force-error-of-a-press`,
-`control/contact/theory.md#press-with-delayed-plans`,
-`control/contact/theory.md#search-before-contact`,
-`control/contact/theory.md#retreat-without-readings`.
+Without contact the target is beyond the safe depth, at most 2F_des/(κ₊t_r) times the plan's delay
+forward of the tip: control/contact/theory.md#search-before-contact. Without readings it retreats:
+control/contact/theory.md#retreat-without-readings. The target is in no limit of the plan.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ CLEARANCE = 0.05
 TINY = 1e-9
 """Smallest force that counts [N]."""
 OVER = 2.0
-"""Force over F_des up to which a search may come before a plan knows of the touch."""
+"""Largest force of a touch, over F_des, before a plan knows of it."""
 LATERAL_TOLERANCE = 0.05
 """Lateral error from which on the tip goes no deeper in search of the wall [m]."""
 
@@ -43,12 +43,12 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
                  contact_depth: np.ndarray, safe_depth: np.ndarray,
                  depth_offset: np.ndarray | float = 0.0, lateral_error: np.ndarray | float = 0.0,
                  search_lead: float = np.inf) -> np.ndarray:
-    """Returns the depth to steer for [m]; see the module. Of one wall, or of arrays of them.
+    """Returns the target depth [m] of one wall, or of an array of them; see the module.
 
     Args:
         desired: F_des, along n [N].
         reading: Depths x [m] and forces F [N] of the last readings (2, ...).
-        touched: Whether those were touches.
+        touched: Whether those readings were touches.
         slope: κ̂ [N/m].
         contact_depth: Depth at which the wall begins [m]; NaN: unknown.
         safe_depth: x_safe [m].
@@ -67,11 +67,11 @@ def target_depth(desired: np.ndarray, reading: np.ndarray, touched: np.ndarray, 
 
 
 def touch_to_plan(time_step: float, committed: int, sensing: ForceSensorModel) -> float:
-    """Returns t_r [s], after which a plan that knows of a touch is followed at the latest.
+    """Returns t_r, the largest delay [s] from a touch to a plan that knows of it.
 
     Args:
         time_step: h of the plans [s].
-        committed: Number of intervals at the beginning of a plan that are not decided.
+        committed: Number of committed intervals at the beginning of a plan.
         sensing: The sensor.
     """
     return (1 + committed) * time_step + sensing.watched.window
@@ -89,9 +89,9 @@ def search_speed(force: float, stiffness: float, delay: float) -> float:
 
 
 def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray) -> np.ndarray:
-    """Returns the depth to steer for without readings [m]; see the module.
+    """Returns the target depth without readings [m]; see the module.
 
-    `CLEARANCE` before the wall, or before the last reading where it is less deep or there is none.
+    `CLEARANCE` outside of the wall, or of the last reading if that is less deep or none is known.
 
     Args:
         reading: Depth x [m] and force of the last reading (2, ...).
@@ -101,7 +101,7 @@ def retreat_depth(reading: np.ndarray, contact_depth: np.ndarray) -> np.ndarray:
 
 
 class PressTarget(LeafSystem):
-    """Puts out where the wall should give the desired force, and how far back to go without one.
+    """Target of the tip at which the wall should give the desired force, or of its retreat.
 
     .. pydrake_system::
 
@@ -121,10 +121,10 @@ class PressTarget(LeafSystem):
         - target
 
     - `desired_force` (1): F_des along n [N].
-    - `place` (3): a point of the line along n on which to press, in Σ_I [m]; where it is not
-      connected, or not finite, the default.
-    - `deepest` (1): largest depth to steer for [m]; any, where it is not connected or not a number.
-    - The others: those of an `ContactEstimator`.
+    - `place` (3): a point of the line along n on which to press, in Σ_I [m]; the default if it is
+      not connected or not finite.
+    - `deepest` (1): largest target depth [m]; no limit if it is not connected or not a number.
+    - The others: those of a `ContactEstimator`.
     - `target` (3): the point of that line at `target_depth`, or at `retreat_depth` while the force
       is lost, in Σ_I [m].
 
@@ -138,7 +138,7 @@ class PressTarget(LeafSystem):
 
     def __init__(self, direction: np.ndarray, place: np.ndarray, *, search_lead: float = np.inf):
         super().__init__()
-        require(search_lead > 0.0, "light", search_lead, "positive")
+        require(search_lead > 0.0, "search_lead", search_lead, "positive")
         self._search_lead = search_lead
         self._direction, self._place = vector("direction", direction, 3), vector("place", place, 3)
         self._desired_port = self.DeclareVectorInputPort("desired_force", 1)
@@ -185,11 +185,11 @@ class PressTarget(LeafSystem):
         """Adds the target and connects it, but for `place` and `deepest`.
 
         Args:
-            builder: Where to add it.
-            estimator: What was felt.
+            builder: Builder of the diagram.
+            estimator: Estimator of the contact.
             direction: n (3,).
-            place: Where to press if nobody says where [m].
-            desired_force: Gives F_des along n.
+            place: The default place (3,) [m].
+            desired_force: Port of F_des along n.
             search_lead: See the constructor.
             name: Name of the system.
         """

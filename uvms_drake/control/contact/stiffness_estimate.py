@@ -1,14 +1,14 @@
-"""Estimate of a wall's stiffness and inclination by an extended Kalman filter.
+"""Extended Kalman filter of the stiffness and inclination of a wall.
 
-In the wall the static force is about φ(𝔭 + m) = φ(𝔭) + κ (n·m + 𝔱·m): κ its slope along n, 𝔱 ⊥ n
-its inclination, ‖𝔱‖ ≤ α, see `SurfaceClass`. With z = (φ, κ, t₁, t₂), m the motion since the last
-step and s = n·m + 𝔱·m,
+The static force is about φ(𝔭 + m) = φ(𝔭) + κ (n·m + 𝔱·m): κ its slope along n [N/m], 𝔱 ⊥ n the
+inclination, ‖𝔱‖ ≤ α, see `SurfaceClass`. For z = (φ, κ, t₁, t₂) and a displacement m of the tip [m]
 
-    φ ← φ + κ s,   P ← A P Aᵀ + Q,   A = I + e_φ (0, s, κm₁, κm₂),   K = P e_φ/(P_φφ + σ²).
+    φ ← φ + κ s,   s = n·m + 𝔱·m,      P ← A P Aᵀ + Q,   A = I + e_φ (0, s, κm₁, κm₂),
+    F = φ + noise of deviation σ,      K = P e_φ/(P_φφ + σ²).
 
-A step is made when the tip has moved by ν/κ₊. The controller uses κ̂ = min(κ₊, κ + √P_κκ). It is no
-bound: the safe region holds for every wall of the class. See
-`control/contact/theory.md#estimate-of-stiffness-and-inclination`.
+There is a step when the tip has moved by ν/κ₊, and κ is learned only in steps with |s| ≥ ‖P_t m‖.
+A press takes κ̂ = min(κ₊, κ + √P_κκ). It is no bound, and need be none: the safe region holds for
+every wall of the class. control/contact/theory.md#estimate-of-stiffness-and-inclination.
 """
 
 from typing import NamedTuple
@@ -70,7 +70,7 @@ def initial_estimate(surface: SurfaceClass, tip: np.ndarray, force: np.ndarray, 
 
     Args:
         surface: The class of walls.
-        tip: Where the tip is, in Σ_I (..., 3) [m].
+        tip: Position of the tip, in Σ_I (..., 3) [m].
         force: F, along n (...) [N].
         noise: ν [N].
     """
@@ -120,7 +120,7 @@ def predicted(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarra
 
 def unlike(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.ndarray, force: np.ndarray,
            noise: np.ndarray | float) -> np.ndarray:
-    """Returns by how much a reading is above (> 0) or below what the wall's may be [N]; or 0.
+    """Returns the excess [N] of a reading above (> 0) or below those of the estimated wall, or 0.
 
     The arguments are those of `with_reading`.
     """
@@ -163,7 +163,7 @@ def with_reading(estimate: StiffnessEstimate, surface: SurfaceClass, tip: np.nda
         surface: The class of walls.
         tip: Where the tip is (..., 3) [m].
         force: F, along n (...) [N].
-        touched: Whether it is of a contact (...).
+        touched: Whether the reading is of a contact (...).
         noise: ν [N].
         memory: See `predicted` [N].
         period: Time since the last reading [s].

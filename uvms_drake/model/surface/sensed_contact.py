@@ -1,7 +1,7 @@
-"""A wall that nobody has measured: what a controller with a force sensor is told about it.
+"""Contact with a wall of unknown place and stiffness, and its declaration to the controller.
 
-It is one of a `SurfaceClass`. The law adds the *measured* force to its inverse dynamics, so the
-wall drops out of the error dynamics, and the nominal model is that of free water
+The wall is one of a `SurfaceClass`. The law adds the *measured* force to its inverse dynamics, so
+the wall drops out of the error dynamics, and the nominal model is that of free water
 (`UnknownSurface`).
 """
 
@@ -15,18 +15,18 @@ from uvms_drake.model.surface.law import Surface, TipErrors
 from uvms_drake.model.surface.surface_class import SurfaceClass
 
 STEEPEST = 0.45
-"""Largest angle α that is accepted [rad]; the search of a wall needs tan α < 0.5, see
-`control.contact.press_target`, a task far less."""
+"""Largest `angle` that is accepted [rad]; the search of a wall needs tan α < 0.5, see
+control/contact/theory.md#search-before-contact, a task far less."""
 MOST_ASLANT = 0.5
 """Largest `tool_angle` that is accepted [rad]."""
 
 
 @dataclass
 class SensedContact:
-    """The controller feels the force of a wall; place and stiffness are unknown to it."""
+    """Contact with a measured force; place and stiffness of the wall are unknown."""
 
     is_sensed: ClassVar[bool] = True
-    """Whether the controller goes by the force that it feels."""
+    """Whether the controller uses the measured force."""
 
     direction: np.ndarray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     """Direction n into the wall (3,), a unit vector in Σ_I."""
@@ -50,11 +50,11 @@ class SensedContact:
     delay: float = 0.11
     """Largest age of the force in a reading [s]: five lags and a period of the sensor."""
     period: float = 0.01
-    """Time between two looks at the measured force [s]."""
+    """Sampling period of the measured force [s]."""
     tangential_lag: float = 0.0
     """Time constant with which the law follows the measured force across `direction` [s]; zero, and
-    it takes it as it is read. A law with a clock cancels friction late, which makes the tip heavier
-    by that time and the slope of friction. No proof covers one."""
+    it takes it as it is read. A sampled law cancels friction with a delay, which makes the tip
+    heavier by that delay times the slope of friction. No proof covers one."""
     speed: float = 0.1
     """Largest speed of the tip along `direction`, either way [m/s]."""
     speed_across: float = 0.15
@@ -68,7 +68,7 @@ class SensedContact:
     estimated normal in a slide [rad]; zero keeps the heading of the task."""
 
     def controller_surface(self, surface: Surface) -> "UnknownSurface":
-        """Returns the surface of the controller's model, whatever the world's is."""
+        """Returns the surface of the controller's model, for any true one."""
         return UnknownSurface(self)
 
     @property
@@ -79,7 +79,7 @@ class SensedContact:
 
     @property
     def largest_advance(self) -> float:
-        """Largest ⟨𝔭̇⟩ of the tip, how fast it goes deeper at most [m/s]."""
+        """Largest ⟨𝔭̇⟩ of the tip, its speed of advance [m/s]."""
         return self.speed + self.walls.tilt * float(np.sqrt(2.0)) * self.speed_across
 
     @property
@@ -114,23 +114,13 @@ class SensedContact:
              ) -> float:
         """Returns the largest |n·𝐅 − F| of a tip whose plan steers for F [N]; inf if none is.
 
-        The plan steers for 𝔵 with n·𝔵 = x + (F − F̂)/κ̂ − 𝔱·(𝔲 − 𝔭), x the depth of the tip 𝔭 at the
-        last reading F̂ and 𝔲 the place, see `control.contact.press_target`; the inclination 𝔱 is
-        at most α
-        long. With the tip in its tube, x = x̄ + ε, and a plan that is short of 𝔵 by a vector 𝔪 this
-        is F̂ − F = κ̂ε', |ε'| ≤ E + ℓ, E = E_n + αE_t, ℓ = |n·𝔪| + α‖P_t 𝔪‖. The reading is of up to
-        a time W ago, and off by ν. What it is of is a normal force φ(1 + cδ̇) with |cδ̇| ≤ d = c₊s,
-        at a speed s of at most the tube's and what plan and wall go apart on a slide at v, each by
-        αv at most: s = Ė_n + α(Ė_t + 2v). Since then the tip has come nearer by no more than
-        Δ = min(2E + 2αvW, sW), and damping may have another sign. Of a normal force 1 between
-        a₋ = cos θ − μ sin θ and a₊ = cos θ + μ sin θ are along n, by tilt and friction, which may
-        have turned. So with κ̂ ≤ κ₊
+        With E = E_n + αE_t, d = c₊s < 1 at the speed s = Ė_n + α(Ė_t + 2v) of tip and wall,
+        Δ = min(2E + 2αvW, sW) since the reading, W the delay, and a± = cos θ ± μ sin θ, it is
 
-            |n·𝐅 − F| ≤ b(ℓ) = (1 + d) a₊ ((F + ν + κ₊(E + ℓ)) / (a₋(1 − d)) + κ₊Δ) − F.
+            b(ℓ) = (1 + d) a₊ ((F + ν + κ₊(E + ℓ)) / (a₋(1 − d)) + κ₊Δ) − F,
 
-        How far a plan is short is known while it is followed, not before: in a hold, at its target,
-        ℓ = 0; in a slide it follows. The force along the wall's own normal is between 1/a₊ and 1/a₋
-        of that along n.
+        model/surface/theory.md#force-band-of-a-sensed-contact. ℓ = |n·𝔪| + α‖P_t 𝔪‖ of a plan that
+        is short of its target by 𝔪: zero in a hold at the target.
 
         Args:
             force: F [N].
@@ -156,10 +146,10 @@ class SensedContact:
 
 
 class UnknownSurface(Surface):
-    """The wall of a `SensedContact` in the controller's model: free water, wherever the tip is.
+    """Wall of a `SensedContact` in the controller's model: free water everywhere.
 
     Args:
-        contact: What is known of the wall.
+        contact: The declared contact.
     """
 
     def __init__(self, contact: SensedContact):
@@ -184,7 +174,7 @@ class UnknownSurface(Surface):
         return self.contact.slope
 
     def checked(self) -> "UnknownSurface":
-        """Returns itself: what it is made of has been checked."""
+        """Returns itself: the contact has been checked."""
         return self
 
     def force(self, chi: np.ndarray, chi_dot: np.ndarray) -> np.ndarray:
@@ -196,7 +186,7 @@ class UnknownSurface(Surface):
         return np.zeros_like(chi[..., 0])
 
     def pose_for(self, force: np.ndarray, pose: np.ndarray | None) -> np.ndarray:
-        """Returns `pose`: where on the wall, and how the tool is held; the depth comes by feeling.
+        """Returns `pose`: place on the wall and attitude of the tool, without the depth.
 
         𝔉_des must press along n with no more than the largest force, without torque.
         """

@@ -1,12 +1,13 @@
-"""The effect of force-sensor errors on the tube, as a disturbance and on the input.
+"""Effect of the errors of the force sensor on the tube of the law `resolved`, and on its input.
 
-With the measured wrench 𝔉_s in the law, the contact leaves the acceleration
+With the measured wrench 𝔉_s in the law, the contact leaves of the error dynamics
 
-    ζ̇ − ζ̇_des = d + M⁻¹Jᵀ(𝔉_s − 𝔉),     Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e,                                 (1)
+    ζ̇ − ζ̇_des = d + M⁻¹Jᵀ(𝔉_s − 𝔉),                                                       (1)
 
-whatever the surface; e is the error in axes of the tip, J_E the Jacobian of its spatial velocity in
-these axes. The suprema are those of `sensor_gains`. Proof:
-`tube/contact/theory.md#error-of-the-force-sensor`.
+for any surface: its law, its place and its stiffness are in neither side. In axes of the tip,
+Jᵀ(𝔉_s − 𝔉) = J_Eᵀ e, J_E the Jacobian of the tip's spatial velocity in its own axes and e the
+sensor's error. Suprema are those of `sensor_gains`, proven by `sensor_gains_proof` or estimated.
+tube/contact/theory.md#error-of-the-force-sensor.
 """
 
 from dataclasses import dataclass
@@ -28,29 +29,29 @@ SOURCES = ("static reading", "delay of normal force", "delay of tangential force
 
 @dataclass(frozen=True)
 class MeasuredForceBounds:
-    """The forces of a class of walls on the tip, and what a sensor makes of them.
+    """Bounds of the forces of a class of walls on the tip, and of the errors of their readings.
 
     A force is F_N n + 𝔣, n the same at all times, F_N the size of the normal force and 𝔣 the rest:
-    friction, and what a normal off n makes of F_N; F_N and 𝔣 are each the sum of a slow part, which
-    changes at no more than a rate, and of a ripple of no more than a size, as fast as it likes. The
-    reading has a first-order lag, is held for a period, and is off by no more than `error` and
-    `torque_error` however long the force stands still.
+    friction, and the part of F_N by a normal off n; F_N and 𝔣 are each the sum of a slow part, of
+    bounded rate, and of a ripple of bounded size, arbitrarily fast. The reading has a first-order
+    lag, is held for a period, and is off by no more than `error` and `torque_error` however long
+    the force stands still.
     """
 
     size: float
     """Largest ‖F_N n + 𝔣‖ [N]."""
     rate: float
-    """Rate of F_N's slow part [N/s]."""
+    """Largest rate of F_N's slow part [N/s]."""
     ripple: float
-    """Size of the rest of it [N]."""
+    """Size of F_N's ripple [N]."""
     tangential_rate: float
-    """Rate of 𝔣's slow part [N/s]."""
+    """Largest rate of 𝔣's slow part [N/s]."""
     tangential_ripple: float
-    """Size of the rest of it [N]."""
+    """Size of 𝔣's ripple [N]."""
     error: float
-    """Bound of ‖F̂ − F‖ in rest: noise, bias, drift, tool [N]."""
+    """Bound of ‖F̂ − F‖ at rest: noise, bias, drift, tool [N]."""
     torque_error: float
-    """Bound of the torque's, about the tip [N m]."""
+    """Bound of the error of the torque about the tip, at rest [N m]."""
     lag: float
     """T [s]."""
     period: float
@@ -94,20 +95,12 @@ def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredF
     """Returns the effect of a force sensor's errors on the law `resolved`.
 
     By (1), δ = A(q)(F̂ − F) drives the rows, A = J_bM⁻¹J_Eᵀ in axes of the tip or the rows of
-    M⁻¹J_Eᵀ. With the `Gains` γ of anything and γ′ of what a sensor misses, F̂ − F being an error in
-    rest, a lagging slow part, at most its rate times T + h, and what the sensor misses of the
-    ripples a, a′,
+    M⁻¹J_Eᵀ. With the `Gains` γ of any δ and γ′ of the part that a lagging sensor misses,
 
         |row| ≤ γ [‖A_f‖(ε_f + (ρ′ + ωF̄)(T + h)) + ‖A_f n‖ρ(T + h) + ‖A_τ‖ε_τ + J̃‖𝔯‖
-                   + (T + h) Ȧ (a + a′)] + γ′(‖A_f n‖ a + ‖A_f‖ a′).                         (3)
+                   + (T + h) Ȧ (a + a′)] + γ′(‖A_f n‖ a + ‖A_f‖ a′),                         (3)
 
-    Ȧ = sup‖dA_f/dt‖ is the price of taking A out of the integral over what the sensor misses,
-    ∫∫g(t − s)H(s, u)[A(s) − A(u)]F(u), H averaging over ages of T + h at most; J̃‖𝔯‖ that of
-    taking J_b under the same filter, d/dt(J_b𝔯) = −kJ_b𝔯 + δ + J̇_b𝔯. In axes of the vehicle, which
-    turn at ν₂, ‖J̇_v‖ ≤ ‖ν₂‖‖J_v‖ + ‖q̇‖(Σ‖∂J_v/∂qᵢ‖²)^½. The tip's axes, in which the sensor holds
-    the force, turn at ω, and the rows of its position with them. The rows of Euler rates are
-    E(𝔬)J_ω, J_ω in axes of the tip, ‖E‖ = (1 − |sin θ|)^−½, and ‖∂E/∂φ‖ ≤ ‖E‖, ‖∂E/∂θ‖ =
-    √(1 + sin²θ)/cos²θ at the largest θ; their J̃ is ‖Ė‖‖J_ω‖ + ‖E‖‖q̇‖(Σ‖∂J_ω/∂qᵢ‖²)^½.
+    Ȧ = sup‖dA_f/dt‖ and J̃ = sup‖J̇_b‖; tube/contact/theory.md#error-of-the-force-sensor.
 
     Args:
         model: The controller's.
@@ -135,10 +128,12 @@ def sensor_effect_of(model: UvmsModel, declared: ConstraintSet, force: MeasuredF
             A.force * reading_off(force, turning) + A.torque * force.torque_error)
 
     # J̃‖𝔯‖ of (3): the rows are under the sensor's filter by their velocity, too.
+    # Rows that are under the filter by their velocity have J̃‖𝔯‖ in (3), 𝔯 the error of ζ.
     r = np.sum(parts("error", found.zeta), axis=0)
     size_r, turned = float(np.linalg.norm(r)), turning * float(found.position.force)
     J_r = size_r * (declared.nu2 * found.linear + declared.qdot * found.linear_by_joints)
     # The same of the Euler rates, whose matrix E(𝔬) grows with the pitch of the tip.
+    # Rows of Euler rates are E(𝔬) times those of the angular velocity.
     sine = float(np.sin(declared.tip_pitch))
     euler = 1.0 / np.sqrt(1.0 - sine)
     euler_rate = euler * turning * np.hypot(euler, np.sqrt(1.0 + sine**2) / (1.0 - sine**2))
@@ -196,22 +191,19 @@ def reading_input(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force:
             second_over_joints(sizes, lower, upper, seed))
 
 
-def contact_input_remainder(model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float,
-                       joints: float, orientation: float, seed: int = 0
-                       ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns by how much the contact's parts of 𝔲 and of τ may differ (6+n,) inside of the tube.
+def contact_input_remainder(
+        model: UvmsModel, lower: np.ndarray, upper: np.ndarray, force: float, joints: float,
+        orientation: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the largest difference of the contact's parts of 𝔲 and τ in the tube (6+n,).
 
     In one array (2(6+n),), by two searches; the first is to be claimed, with a factor.
 
-    The input for a contact force f in Σ_I is M⁻¹J_fᵀR_EW f, the force J_fᵀR_EW f. A plan counts
-    them at the nominal pose. Row i, aᵢ(q)ᵀR_EW f, differs at the real pose by at most
+    Row i, aᵢ(q)ᵀR_EW f, of the input for a contact force f in Σ_I differs at the real pose from the
+    nominal one by at most, to first order,
 
-        ‖f‖ (‖∂aᵢ/∂q‖ ‖q − q̄‖ + √2 ‖aᵢ‖ ‖𝔬 − 𝔬̄‖)                                             (2)
+        ‖f‖ (‖∂aᵢ/∂q‖ ‖q − q̄‖ + √2 ‖aᵢ‖ ‖𝔬 − 𝔬̄‖),                                            (2)
 
-    to first order: the angle of the rotation between two attitudes is at most √2 times the norm of
-    the difference of their Euler angles, since (φ̇, θ̇, ψ̇) ↦ ω has singular values √(1 ± |sin θ|), 1.
-    The orientation's part is no larger for a finite difference; the joints' is for one as small as
-    a tube.
+    tube/contact/theory.md#contact-input-at-the-real-pose.
 
     Args:
         model: The controller's.

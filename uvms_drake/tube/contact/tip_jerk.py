@@ -1,4 +1,4 @@
-"""The jerk of the planned end-effector, by which it is off a parabola between two knots."""
+"""Jerk of the planned end-effector, which bounds its deviation from a parabola at knots."""
 
 from dataclasses import dataclass
 
@@ -13,15 +13,14 @@ from uvms_drake.tube.search.search_problem import SearchProblem
 from uvms_drake.tube.search.second_search import second_search
 
 JERK = "jerk of the tip"
-"""Its name among estimates: on it rests how fast a plan may be between its knots, with all that
-follows from the tip's largest speed."""
+"""Name of the estimate; on it rest the speed of a plan between its knots and the tip's largest."""
 DIFFERENCE = 1e-3
 """Step of the differences [s]."""
 
 
 def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
              samples: int, seed: int = 0) -> float:
-    """Returns the largest |d³(n·𝔭)/dt³| [m/s³] that was found over the intervals of plans.
+    """Returns the largest |d³(n·𝔭)/dt³| [m/s³] found over the intervals of plans.
 
     In an interval ζ̄̇ is constant, so it is (ζ₁ − ζ₀)/h for two velocities of the set: one and its
     opposite at most, half of the time. A random search, an estimate from below; see `search_memo`.
@@ -31,7 +30,7 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
         planned: The set of the plans' states; `contact_measure` has no meaning here.
         step: h [s].
         tool_angle: Largest angle between n and the tip's x-axis [rad].
-        samples: Number of intervals looked at.
+        samples: Number of intervals.
         seed: Seed of the search.
     """
     def search() -> float:
@@ -50,7 +49,7 @@ def tip_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angl
 
 def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_angle: float,
                 seed: int = 0) -> float:
-    """Returns the largest that a second search finds; see `tip_jerk` for the arguments."""
+    """Returns the largest jerk of a second search [m/s³]; see `tip_jerk` for the arguments."""
     size = model.size
     eye = np.eye(2 * size)
     blocks = ((slice(0, 3), planned.nu1), (slice(3, 6), planned.nu2),
@@ -62,18 +61,18 @@ def second_jerk(model: ContactModel, planned: ConstraintSet, step: float, tool_a
 
 @dataclass(frozen=True)
 class _JerkProblem(SearchProblem):
-    """The jerk; its errors are ζ₁ and the direction in which n is off the tip's x-axis."""
+    """Search for the jerk; its errors are ζ₁ and the direction of n about the tip's x-axis."""
 
     step: float
     tool_angle: float
 
     @property
     def channels(self) -> list[slice]:
-        """The one."""
+        """One channel."""
         return [slice(0, 1)]
 
     def values(self, x: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Returns |d³(n·𝔭)/dt³| (m, 1) of motions x (m, 3(6+n)), of ū only for when and how far."""
+        """Returns |d³(n·𝔭)/dt³| (m, 1) of motions x (m, 3(6+n)); ū has time and angle in it."""
         pose, before, share = np.split(x, 3, axis=-1)
         after, across = error[..., : self.size], error[..., self.size: self.size + 2]
         return _jerk(self.model, self.step, self.config(pose), before, after,
@@ -83,7 +82,7 @@ class _JerkProblem(SearchProblem):
 
 def _jerk(model: ContactModel, step: float, config: np.ndarray, before: np.ndarray,
           after: np.ndarray, share: np.ndarray, off: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Returns |d³(n·𝔭)/dt³| (m,) a `share` (m, 1) of the way from one knot's ζ to the next one's.
+    """Returns |d³(n·𝔭)/dt³| (m,) at a `share` (m, 1) of the interval between two knots.
 
     n is `off` (m,) the tip's x-axis [rad], towards the direction `across` (m, 2).
     """

@@ -1,4 +1,4 @@
-"""Contribution of a force sensor's errors to the radii of `resolved`; see `sensor_error`."""
+"""Effect of the errors of a force sensor on the radii of the law `resolved`; see `sensor_error`."""
 
 from dataclasses import dataclass, field
 
@@ -34,6 +34,6 @@ class SensorEffect:
     proven: bool = False
     """Whether all of it is proven but `u` and `w`."""
     check: Check = no_estimates
-    """Returns what of it is estimated."""
+    """Function that returns the estimates it rests on."""
     budget: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parts of `depth`, `position` [m] and `depth_speed` [m/s] by their source."""

@@ -1,4 +1,4 @@
-"""Disturbance inputs of the rows of `tip first`: gain × bound, by block and by source.
+"""Disturbance inputs of the rows of `tip first`: gain × bound, by block and source.
 
 See (1) and (2) of `tube.laws.tip_first`.
 """
@@ -29,20 +29,20 @@ Parts = dict[str, np.ndarray]
 
 
 class LoopGains(NamedTuple):
-    """The gains of a loop, to e, ė, w and ë (4,)."""
+    """Gains of a loop, to e, ė, w and ë (4,)."""
 
     known: np.ndarray
     """Gains from any δ."""
     missed: np.ndarray
     """Gains from a force to the effect of its delayed measurement."""
     moment: np.ndarray
-    """∫t|g|."""
+    """First moments ∫t|g|."""
     age: float
     """Delay of the acting command [s]."""
 
 
 def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
-    """Returns the gains of a row's loop; see `lagged_gains` for one with nothing in between."""
+    """Returns the gains of a row's loop; see `lagged_gains` for one without actuator dynamics."""
     # ë is the feedback behind its delay, and the disturbance.
     gains, moment, contact = loop.gains["disturbance"], loop.moment, basis.contact
     known = np.array([*gains, 1.0 + gains.command])
@@ -53,7 +53,7 @@ def loop_gains(loop: RowLoop, age: float, basis: Basis) -> LoopGains:
 
 
 def grown_gains(loop: RowLoop, age: float, growth: float = 0.0) -> LoopGains:
-    """Returns the gains of a loop whose states grow by e^(growth · t), which counts what turns."""
+    """Returns the gains of a loop whose states grow by e^(growth · t), for axes that turn."""
     known = loop.grown(growth)
     return LoopGains(known, 2.0 * known, np.zeros(4), age)
 
@@ -71,7 +71,7 @@ class DisturbanceInputs:
     """Contribution of the error of the reading to u and τ (2(6+n),), see `reading_input`."""
     check: Check = no_estimates
     turning = 0.0
-    """ω, how fast the tip's axes turn [rad/s]."""
+    """ω, angular speed of the tip's axes [rad/s]."""
 
     def __init__(self, basis: Basis):
         self._basis, contact = basis, basis.contact
@@ -100,10 +100,10 @@ class DisturbanceInputs:
             ATTITUDE: (OperatorNorms(*(stretch * size for size in attitude)),
                        float(declared.nu2 * turning * attitude.force)),
             TIP: (found.position, tip_turned), DEPTH: (found.depth, tip_turned)}
-        """Suprema of A of each block, and how fast its axes turn A."""
+        """Suprema of A of each block, and the rate of A by the turn of its axes."""
 
     def zeta(self, blocks: list[int]) -> OperatorNorms:
-        """Returns suprema of the rows of ν₁, ν₂ and q̇ (0, 1, 2) of M⁻¹J_Eᵀ, some of them."""
+        """Returns suprema of some of the rows of ν₁, ν₂ and q̇ (0, 1, 2) of M⁻¹J_Eᵀ."""
         assert self._found is not None
         return OperatorNorms(*(float(np.linalg.norm(np.asarray(size)[blocks]))
                        for size in self._found.zeta))
@@ -112,9 +112,9 @@ class DisturbanceInputs:
         """Returns the bounds of a block by source.
 
         Args:
-            loop: Its loop.
+            loop: Gains of its loop.
             norm: Bound of ‖J_bŴ‖.
-            name: Of the block.
+            name: Name of the block.
         """
         by_d = {"d": self._basis.d_bound * norm * loop.known}
         return by_d if self._found is None else by_d | self.sensor_parts(loop, *self._rows[name])
@@ -148,5 +148,5 @@ def in_joints(basis: Basis, arm: Arm, tip: LoopGains, inputs: DisturbanceInputs)
 
 
 def euler_stretch(angle: float) -> float:
-    """Returns (1 − sin θ)^−½, the norm of what makes Euler rates of an angular velocity."""
+    """Returns (1 − sin θ)^−½, the norm of the map from angular velocity to Euler rates."""
     return float((1.0 - np.sin(angle)) ** -0.5)
