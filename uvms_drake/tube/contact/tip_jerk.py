@@ -1,4 +1,4 @@
-"""Jerk of the planned end-effector, which bounds its deviation from a parabola at knots."""
+"""Jerk of the planned tip, which bounds its deviation from a parabola between two knots."""
 
 from dataclasses import dataclass
 
