@@ -148,7 +148,6 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["bluerov2_real_loop", "dynamic", "tip-first"],
         ["girona500_bilateral", "dynamic", "resolved"],
         ["girona500_contact", "dynamic", "resolved"],
-        ["girona500_unknown_floor", "dynamic", "resolved"],
         ["girona500_floor", "dynamic", "resolved"],
         ["girona500_ideal", "dynamic", "resolved"],
         ["girona500_inspection", "dynamic", "resolved"],
@@ -158,6 +157,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
         ["girona500_slope", "dynamic", "resolved"],
         ["girona500_stiff", "dynamic", "resolved"],
         ["girona500_tip_first", "dynamic", "tip-first"],
+        ["girona500_unknown_floor", "dynamic", "resolved"],
         ["jacket_inspection", "dynamic", "resolved"],
         ["jacket_inspection_real", "dynamic", "tip-first"],
         ["paper_dynamic", "dynamic", "transpose"],
@@ -172,7 +172,7 @@ def test_the_scenarios_are_listed_with_motion_and_law(capsys):
 def test_the_keys_are_listed_with_default_and_meaning(capsys):
     assert main(["keys", "mpc.time"]) == 0
     assert capsys.readouterr().out == (
-        "mpc.time_step = 0.2  # h [s], length of an interval and the sampling period; T = N h.\n")
+        "mpc.time_step = 0.2  # Length h of an interval and sampling period [s]; T = N h.\n")
     assert main(["keys"]) == 0
     lines = capsys.readouterr().out.splitlines()
     keys = {line.split()[0] for line in lines}
@@ -262,7 +262,7 @@ def test_what_has_no_effect_is_said_before_anything_takes_long(
      "such that the vehicle's pitch"),
     (["--set", "motion=kinematic"], "must be left out, if the motion is kinematic"),
     (["--set", f"limits.tau={[9] * 10}"], "limits.tau = [9., 9., 9., 9., 9., 9., 9., 9., 9., 9.]: "
-     "must be left out, unless tube.tau says"),
+     "must be left out, unless tube.tau has"),
     (["--set", "current=[0, 0]"], "current = [0., 0.]: must be 3 finite numbers"),
     (["--set", "task.force_tolerance=0"], "task.force_tolerance = 0.0: must be positive"),
     (["--set", "task.force=[1]"], "task.force = [1.]: must be 6 finite numbers"),
@@ -331,7 +331,7 @@ def test_bad_input_names_the_scenario_file(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), [
-    ("[48.13, 0.25,", "[48.13, 9.25,", "it is not symmetric"),
+    ("[48.13, 0.25,", "[48.13, 9.25,", "must be symmetric"),
     ("[48.13, 0.25,", "[-48.13, 0.25,", "its smallest eigenvalue is -"),
     ("fluid_density:", "fluid_densty:", "fluid_densty"),
     ("fluid_density:", "fluid_density: [", "hydrodynamics.yaml"),
