@@ -7,7 +7,7 @@ more slowly, and turns it across the flow, while its one kilogram of spare buoya
 import argparse
 
 import numpy as np
-from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, StartMeshcat
+from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -17,6 +17,7 @@ from uvms_drake.model.coordinates import Coordinates
 from uvms_drake.model.uvms import add_uvms
 from uvms_drake.plant.hydrodynamics import Hydrodynamics
 from uvms_drake.plant.order import ToPaperOrder
+from uvms_drake.visual.server import open_meshcat
 from uvms_drake.visual.stage import NED, turn_down
 
 CURRENT = np.array([0.2, 0.1, 0.0])  # m/s, in World (north, east, down)
@@ -46,7 +47,7 @@ def main() -> None:
     coordinates = Coordinates(uvms)
     state = ToPaperOrder.AddToBuilder(builder, plant, coordinates)
     if arguments.meshcat:
-        meshcat = StartMeshcat()
+        meshcat = open_meshcat()
         turn_down(meshcat)  # Meshcat's z-axis points up, ours down.
         MeshcatVisualizer.AddToBuilder(
             builder, scene_graph, meshcat, MeshcatVisualizerParams(prefix=f"{NED}/uvms"))

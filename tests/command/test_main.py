@@ -9,10 +9,12 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.outputs import DATA, DATA_ONLY, broken_robot, written
+from support.sockets import LOCAL, listening_addresses
 
 from uvms_drake.command.main import main
 from uvms_drake.command.progress import LINES
@@ -189,7 +191,8 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
     [], ["fly"], ["run", "--fast"], ["run", "a", "b"], ["run", "--seed"], ["scenarios", "x"],
     ["certify", "--uncertified"], ["certify", "a", "b"], ["certify", "--propose", "0"],
     ["certify", "paper_kinematic", "--front"], ["certify", "paper_kinematic", "--laws"],
-    ["certify", "paper_kinematic", "--propose", "20"],
+    ["certify", "paper_kinematic", "--propose", "20"], ["run", "--host", "*"],
+    ["run", "--meshcat", "--host", "192.0.2.1", "--uncertified"],
     ["bench", "--seed", "1"], ["bench", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -355,6 +358,22 @@ def test_a_browser_can_watch(capsys, tmp_path):
                  "--output",
                  str(tmp_path), *QUICK]) == 0
     assert "watch at http://localhost:" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's /proc")
+def test_a_run_in_a_browser_listens_on_this_machine_alone(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "uvms_drake", "run", "girona500_ideal", "--duration", "30",
+         "--meshcat", "--output", str(tmp_path), *QUICK], stderr=subprocess.PIPE, text=True)
+    try:
+        while "watch at" not in process.stderr.readline():  # It waits for a browser from then on.
+            assert process.poll() is None
+        found = listening_addresses(process.pid)
+    finally:
+        process.kill()
+        process.wait()
+    assert found
+    assert set(found) <= LOCAL
 
 
 def test_an_output_that_cannot_be_written_to_is_refused_before_the_run(

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import screenshots
 from PIL import Image
-from pydrake.geometry import Meshcat
 from support.synthetic import synthetic_record
 
 from uvms_drake.common.errors import RunFailed
@@ -13,6 +12,7 @@ from uvms_drake.report.html import format_report
 from uvms_drake.report.replay import write_replay
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.scene import UP, ZOOM, Scene
+from uvms_drake.visual.server import open_meshcat
 
 pytestmark = pytest.mark.slow
 
@@ -46,7 +46,7 @@ def replay(record, tmp_path_factory):
 
 def pixel(record, point):
     """Returns column and row of a point (3,) in Σ_I."""
-    scene = Scene(Meshcat(), setting_of(record.scenario, record.model))
+    scene = Scene(open_meshcat(), setting_of(record.scenario, record.model))
     ahead = scene.target - scene.camera
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, [0.0, 0.0, 1.0])

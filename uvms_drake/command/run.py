@@ -28,7 +28,7 @@ from uvms_drake.command.files import (
 )
 from uvms_drake.command.interrupt import PROGRAM, postponed
 from uvms_drake.command.progress import CERTIFYING, Bar, alarms_above, stream_of
-from uvms_drake.common.errors import RunFailed
+from uvms_drake.common.errors import RunFailed, require
 from uvms_drake.common.output import output_folder
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
@@ -82,6 +82,10 @@ def add_run(commands: argparse._SubParsersAction) -> None:
     run.add_argument("--meshcat", action="store_true",
                      help="show the run in a browser, in real time: it begins when a browser has "
                           "opened the page, which stays until the button on it or Ctrl-C")
+    run.add_argument("--host", metavar="ADDRESS",
+                     help="with --meshcat: address of this machine that the page is served at, or "
+                          "'*' for all of them; whoever reaches it can move the sliders and stop "
+                          "the run (default: localhost, this machine alone)")
     run.add_argument("--no-wait", action="store_true",
                      help="with --meshcat: do not wait, neither before nor after the run")
     run.add_argument("--uncertified", action="store_true",
@@ -104,6 +108,7 @@ def run_scenario(args: argparse.Namespace) -> int:
     """Simulates a scenario, prints the summary and writes the files."""
     from uvms_drake.station.step_size import check_step
 
+    require(args.meshcat or args.host is None, "--host", args.host, "left out without --meshcat")
     overrides = scenario_overrides(args)
     options = [*set_options(args.overrides), *(f"--{name}={value}" for name, value in _named(args))]
     scenario = load_scenario(args.scenario, overrides, options)
@@ -130,7 +135,7 @@ def run_scenario(args: argparse.Namespace) -> int:
             model = load_model(scenario)
             check_step(scenario, model)
             note(scenario)
-        show = _open_meshcat(args.no_wait) if args.meshcat else None
+        show = _open_meshcat(args) if args.meshcat else None
         with postponed() as interrupted:
             record = _simulate(args, scenario, model, source, show, interrupted)
             summary = write_data(record, output.folder)
@@ -230,16 +235,15 @@ def sound(certificate: Certificate, source: str) -> Certificate:
     return certificate
 
 
-def _open_meshcat(no_wait: bool) -> "Meshcat":
-    """Returns a Meshcat with a browser on it, or at once with `no_wait`."""
-    from pydrake.geometry import Meshcat
-
+def _open_meshcat(args: argparse.Namespace) -> "Meshcat":
+    """Returns a Meshcat with a browser on it, or at once with --no-wait."""
     from uvms_drake.visual.controls import wait_for_browser
+    from uvms_drake.visual.server import LOCAL, open_meshcat
 
-    meshcat = Meshcat()
-    waiting = "" if no_wait else "; the run begins when a browser has opened it"
+    meshcat = open_meshcat(args.host or LOCAL)
+    waiting = "" if args.no_wait else "; the run begins when a browser has opened it"
     print(f"watch at {meshcat.web_url()}{waiting}", file=sys.stderr)
-    if not no_wait:
+    if not args.no_wait:
         wait_for_browser(meshcat)
     return meshcat
 

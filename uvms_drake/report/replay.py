@@ -9,6 +9,7 @@ from uvms_drake.station.record import Record
 from uvms_drake.station.scene_setting import setting_of
 from uvms_drake.visual.objects.contact_knowledge import contact_knowledge_from
 from uvms_drake.visual.scene import Moment, Scene
+from uvms_drake.visual.server import open_meshcat
 
 MOST_FRAMES = 1800
 """Largest number of pictures in a replay, of 4 kB each; the browser interpolates."""
@@ -17,7 +18,7 @@ MOST_FRAMES = 1800
 def write_replay(record: Record, path: Path) -> None:
     """Writes the run as an animation that plays at true speed."""
     rate = min(record.scenario.visual.rate, MOST_FRAMES / max(float(record.time[-1]), 1e-9))
-    meshcat = Meshcat()
+    meshcat = open_meshcat()
     scene = _scene(record, meshcat)
     meshcat.StartRecording(frames_per_second=rate, set_visualizations_while_recording=False)
     for i in frame_indices(record.time, rate):
@@ -36,7 +37,7 @@ def write_still(record: Record, time: float, path: Path, *, close: bool = False)
         path: File to write.
         close: Whether it is a close-up of the end-effector.
     """
-    meshcat = Meshcat()
+    meshcat = open_meshcat()
     scene = _scene(record, meshcat)
     so_far = record.time[record.time <= time + 1e-9]
     for i in frame_indices(so_far, record.scenario.visual.rate):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Cylinder, Meshcat, Rgba, Sphere
+from pydrake.geometry import Cylinder, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from uvms_drake.model.propulsion.thrusters import ThrusterModel
@@ -12,6 +12,7 @@ from uvms_drake.model.uvms import Uvms
 from uvms_drake.model.uvms_model import UvmsModel
 from uvms_drake.visual.objects.drawn_robot import DrawnRobot
 from uvms_drake.visual.objects.props import Arrow
+from uvms_drake.visual.server import open_meshcat
 from uvms_drake.visual.stage import NED, Stage, frame_at
 
 RATE = 20.0
@@ -33,7 +34,7 @@ def write_page(uvms: Uvms, model: str, posture: np.ndarray, path: Path) -> None:
         posture: Joint angles (n,) [rad] from which the joints start.
         path: Of the file.
     """
-    meshcat, chain = Meshcat(), UvmsModel(uvms)
+    meshcat, chain = open_meshcat(), UvmsModel(uvms)
     scene = _Scene(Stage(meshcat), uvms, model, chain)
     meshcat.StartRecording(frames_per_second=RATE, set_visualizations_while_recording=False)
     for i, angles in enumerate(sweeps(posture, chain.q_lower, chain.q_upper)):
