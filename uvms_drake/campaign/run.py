@@ -13,7 +13,7 @@ from uvms_drake.campaign.outside_assumptions import MEASURED_WRONG
 from uvms_drake.campaign.variation import Variation, vary
 from uvms_drake.common.alarm import LOGGER
 from uvms_drake.common.jsonable import jsonable
-from uvms_drake.control.feedback.tube_monitor import FIELDS
+from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import FAILED, KEPT, SOLVED
 from uvms_drake.control.mpc.solver_faults import solver_fault
 from uvms_drake.plant.model_error import FACTORS

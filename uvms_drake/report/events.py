@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uvms_drake.control.feedback.tube_monitor import FIELDS, SAID, beyond
+from uvms_drake.control.feedback.tube_monitor import SAID, beyond
+from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.control.mpc.planner import DROPPED, FAILED, HOVERED, KEPT, TIMED_OUT, TROUBLE
 from uvms_drake.report.signals import (
     constraint_signals,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_drake.control.feedback.tube_monitor import FIELDS
+from uvms_drake.control.laws.law import FIELDS
 from uvms_drake.model.contact_model import ContactModel
 from uvms_drake.station.problem import load_model
 from uvms_drake.station.scenario.scenario import Scenario, dump_scenario, load_scenario
@@ -132,7 +132,7 @@ class Record:
         return self.nominal_state[:, 6 + self.num_joints:]
 
     def deviation_of(self, part: str) -> np.ndarray:
-        """Returns the deviation (T,) of one of `tube_monitor.FIELDS`."""
+        """Returns the deviation (T,) of one of `laws.law.FIELDS`."""
         return self.tube_deviation[:, FIELDS.index(part)]
 
     def bound_of(self, part: str) -> np.ndarray:

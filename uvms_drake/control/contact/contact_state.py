@@ -39,7 +39,7 @@ class ForceSensorModel:
     largest: float = np.inf
     """Norm of the force from which on a reading is saturated, and invalid [N]."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for key in ("force_max", "noise", "period", "memory", "patience"):
             value = getattr(self, key)
             require(0.0 < value < np.inf, key, value, "positive")

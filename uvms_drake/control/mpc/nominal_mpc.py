@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -110,7 +111,7 @@ class NominalMpc(LeafSystem):
         committed: Number n of committed intervals; zero for a `KinematicOcp`.
     """
 
-    def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None,
+    def __init__(self, solver: SequentialConvexSolver[Any], targets: Targets | None = None,
                  committed: int = 0):
         super().__init__()
         self._planner = Planner(solver, targets, committed)
@@ -230,7 +231,7 @@ class NominalMpc(LeafSystem):
         output.SetFromVector([self._recall(context).solve_seconds])
 
     @staticmethod
-    def AddToBuilder(builder: DiagramBuilder, solver: SequentialConvexSolver, *,
+    def AddToBuilder(builder: DiagramBuilder, solver: SequentialConvexSolver[Any], *,
                      state: OutputPort | None = None, targets: Targets | None = None,
                      committed: int = 0, name: str = "nominal_mpc") -> "NominalMpc":
         """Adds the planner; `state` gives (𝔮, ζ) or 𝔮 and is left to the caller if None."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ TROUBLE = {FAILED: "the solver failed", TIMED_OUT: "the solver missed its deadli
            DROPPED: "the sample was dropped"}
 """Alarm about an outcome, given at the first of the samples in a row that have it."""
 
-NOTHING: Solution = Solution(None, None, 0, converged=False)
+NOTHING: Solution[Any] = Solution(None, None, 0, converged=False)
 """Solution of a solver that was not started."""
 
 SOLVERS_KEPT = 16
@@ -53,7 +53,7 @@ class Targets(NamedTuple):
 
     force: np.ndarray
     """𝔉_des at the start (6,) [N, N m]."""
-    ocp: Callable[[np.ndarray], Ocp]
+    ocp: Callable[[np.ndarray], Ocp[Any]]
     """Function from 𝔉_des to its problem; raises `InvalidParameter` if there is none."""
 
 
@@ -103,7 +103,7 @@ class Planner:
         committed: n, number of intervals at the beginning of a plan that are not decided.
     """
 
-    def __init__(self, solver: SequentialConvexSolver, targets: Targets | None = None,
+    def __init__(self, solver: SequentialConvexSolver[Any], targets: Targets | None = None,
                  committed: int = 0):
         self._solver, self._targets, self._committed = solver, targets, committed
         self._problem = lru_cache(maxsize=SOLVERS_KEPT)(self._make_solver)
@@ -206,7 +206,7 @@ class Planner:
         return state if state is not None and np.all(np.isfinite(state)) else None
 
     def _solve(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, guess: Plan
-               ) -> tuple[np.ndarray, Solution, int]:
+               ) -> tuple[np.ndarray, Solution[Any], int]:
         """Returns 𝔉_des (6,) of a new plan, its solution, and the outcome of the sample."""
         free = guess.after(self._committed)
         solution = self._retargeted(sample, memory, asked_before, free)
@@ -223,7 +223,7 @@ class Planner:
         return memory.force, solution, SOLVED if better else KEPT
 
     def _retargeted(self, sample: Sample, memory: MpcMemory, asked_before: np.ndarray, free: Plan
-                    ) -> Solution | None:
+                    ) -> Solution[Any] | None:
         """Returns the plan for a new desired force, or None if there is none or it is refused.
 
         The logger gets the reason at the first sample of the request.
@@ -243,27 +243,27 @@ class Planner:
             warn(sample.time, f"the desired force is refused: {why}")
         return None
 
-    def _current(self, sample: Sample, memory: MpcMemory) -> SequentialConvexSolver:
+    def _current(self, sample: Sample, memory: MpcMemory) -> SequentialConvexSolver[Any]:
         """Returns the solver of the plan's problem, with the inputs given now."""
         solver = self._solver_of(memory.force)
         assert solver is not None  # It made the plan.
         return SequentialConvexSolver(solver.ocp.given(sample.given)) if sample.given \
             else solver
 
-    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver | None:
+    def _solver_of(self, force: np.ndarray) -> SequentialConvexSolver[Any] | None:
         """Returns the solver of the problem of a desired force (6,), or None if there is none."""
         if np.array_equal(force, self.initial.force):
             return self._solver
         return self._problem(force.tobytes())[0]
 
-    def _make_solver(self, force: bytes) -> tuple[SequentialConvexSolver | None, str]:
+    def _make_solver(self, force: bytes) -> tuple[SequentialConvexSolver[Any] | None, str]:
         assert self._targets is not None
         try:
             return SequentialConvexSolver(self._targets.ocp(np.frombuffer(force))), ""
         except (InvalidParameter, np.linalg.LinAlgError) as error:
             return None, str(error)
 
-    def _remember(self, sample: Sample, memory: MpcMemory, guess: Plan, solution: Solution,
+    def _remember(self, sample: Sample, memory: MpcMemory, guess: Plan, solution: Solution[Any],
                status: int) -> MpcMemory:
         """Returns the memory with the plan of a solution; with the guess, if it has none."""
         value = solution.evaluation or self._current(sample, memory).ocp.evaluate(

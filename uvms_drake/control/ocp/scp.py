@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_drake.control.convex.correction import Correction
 from uvms_drake.control.convex.staged_program import StagedProgram
-from uvms_drake.control.convex.staged_solver import solve_staged
+from uvms_drake.control.convex.staged_solver import solve_staged as solve_staged
 from uvms_drake.control.ocp.ocp import Evaluation, Ocp, PlanPoints
 from uvms_drake.control.plan.plan import P
 

@@ -155,7 +155,7 @@ def format_thrusters(name: str, placed: list[tuple[Thruster, np.ndarray, np.ndar
         force: Of those whose curve is not known [N].
     """
     # Thrusters, each of a kind that is written when it first occurs.
-    kinds: dict[tuple, str] = {}
+    kinds: dict[tuple[object, ...], str] = {}
     lines = [f"# The thrusters of {name}; README.md says what is an ESTIMATE. SI units, in",
              "# the vehicle's frame (FRD). An axis points to where a positive force pushes.", "",
              f"undriven: [{', '.join(undriven)}]", "", "kinds:"]

@@ -6,6 +6,9 @@ from uvms_drake.model.surface.sensed_contact import SensedContact
 from uvms_drake.model.surface.shaped_surface import ShapedSurface
 from uvms_drake.model.surface.spring import BilateralSpring
 
+__all__ = ["AnyContact", "AnySurface", "BilateralSpring", "KnownSurface", "SensedContact",
+           "ShapedSurface", "UnilateralPlane"]
+
 AnySurface = UnilateralPlane | BilateralSpring | ShapedSurface
 """Surfaces that a file may name by tag; the first is the default."""
 

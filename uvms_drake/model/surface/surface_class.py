@@ -34,7 +34,7 @@ class SurfaceClass:
     least_stiffness: float = 0.0
     """Smallest slope κ₋ of the static force along n past the transition [N/m]; 0: unknown."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = vector("direction", self.direction, 3)
         require(bool(abs(np.linalg.norm(n) - 1.0) < 1e-6), "direction", n, "a unit vector")
         n.setflags(write=False)

@@ -4,6 +4,7 @@ All poses are in the frame of the model (URDF: of the root link), with every joi
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -107,7 +108,7 @@ class Tree:
 
     def add(self, item: Link | Joint) -> None:
         """Adds a link or joint; a name that stands twice is refused."""
-        items: dict = self.links if isinstance(item, Link) else self.joints
+        items: dict[str, Any] = self.links if isinstance(item, Link) else self.joints
         if item.name in items:
             raise InvalidParameter(f"{item.node.place()} name", item.name,
                                    f"given once: line {items[item.name].node.line} has it, too")
