@@ -193,6 +193,7 @@ def test_the_keys_are_listed_with_default_and_meaning(capsys):
     ["certify", "paper_kinematic", "--front"], ["certify", "paper_kinematic", "--laws"],
     ["certify", "paper_kinematic", "--propose", "20"], ["run", "--host", "*"],
     ["run", "--meshcat", "--host", "192.0.2.1", "--uncertified"],
+    ["certify", "girona500_tip_first", "--paper"],
     ["bench", "--seed", "1"], ["bench", "a", "b"]])
 def test_arguments_that_make_no_sense_are_one_line(args, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

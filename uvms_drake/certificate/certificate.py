@@ -97,7 +97,8 @@ class Certificate:
     bounds: dict[str, float] = field(default_factory=dict)
     """Ultimate bounds by name, see `tube.ultimate_bounds`."""
     paper: dict[str, float] = field(default_factory=dict)
-    """Radii of the paper's Lemma with the same constants, for comparison; inf if not certified."""
+    """Radii of the paper's Lemma with the same gains and d̃, for comparison; inf if not certified.
+    Not in the file, if they were not asked for."""
 
     @property
     def failed(self) -> Condition | None:
@@ -127,8 +128,9 @@ class Certificate:
             del data["weights"]
         if not self.budget:
             del data["budget"], data["margin"]
-        if not self.legs:
-            del data["legs"]
+        for name in ("legs", "paper"):
+            if not data[name]:
+                del data[name]
         return data | {"sha256": _digest(data)}
 
     @staticmethod

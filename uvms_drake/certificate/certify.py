@@ -91,8 +91,7 @@ def certify(scenario: Scenario, progress: Progress = silent) -> Certificate:
             found = motion.in_contact(found, scenario, basis)
         # These belong to the file even if the tube leaves nothing of a limit.
         draft = replace(
-            draft, constants=tuple(basis.constants.values()), paper=motion.paper_radii(law, basis),
-            tube=found.radii, budget={
+            draft, constants=tuple(basis.constants.values()), tube=found.radii, budget={
                 name: dict(parts) for name, parts in found.budget.items()},
             margin=budget_margins(scenario, found, model),
             conditions=(*found.conditions, *assumptions(scenario)))
@@ -209,6 +208,18 @@ def certified_once(scenario: Scenario, progress: Progress = silent) -> Certifica
     return replace(Certificate.from_data(data), scenario=scenario.name)
 
 
+def with_paper(certificate: Certificate, scenario: Scenario, model: ContactModel) -> Certificate:
+    """Returns the certificate with the paper's radii and the constants that these need.
+
+    See `Motion.paper_radii`; the model is the controller's.
+    """
+    motion = motion_of(scenario)
+    basis = basis_of(scenario, model, motion.paper_constants)
+    constants = {each.name: each for each in certificate.constants} | basis.constants
+    return replace(certificate, constants=tuple(constants.values()),
+                   paper=motion.paper_radii(scenario.ancillary, basis))
+
+
 def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
     """Returns the set that the constants are suprema over: the limits of the real robot."""
     limits = scenario.limits
@@ -222,37 +233,47 @@ def declared_set(scenario: Scenario, model: ContactModel) -> ConstraintSet:
         force_max=UNLIMITED if limits.static_force is None else limits.static_force)
 
 
-def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSet
-                 ) -> dict[str, Constant]:
-    """Returns the estimated and the proven constants by name, from the cache if they are there.
-
-    A kinematic scenario has those of the law `transpose` alone.
-    """
+def constants_of(scenario: Scenario, model: ContactModel, declared: ConstraintSet,
+                 names: tuple[str, ...]) -> dict[str, Constant]:
+    """Returns constants, estimated and proven, by name, from the cache if they are there."""
+    if not names:
+        return {}
     settings, weights = scenario.certificate, weights_of(scenario, model)
-    key = {"set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
+    key = {"names": names,
+           "set": {name: np.asarray(value).tolist() for name, value in vars(declared).items()},
            "surface": repr(scenario.surface), "samples": settings.constant_samples,
            "safety_factor": settings.safety_factor, "seed": settings.seed,
            "files": fingerprint(scenario)["files"], "motion": scenario.motion,
            "weights": weights.tolist()}
 
     def compute() -> dict:
-        found = motion_of(scenario).constants(model, declared, weights, settings)
+        found = motion_of(scenario).constants(names, model, declared, weights, settings)
         return {name: constant.to_data() for name, constant in found.items()}
 
     return {name: Constant.from_data(data) for name, data in cached(key, compute).items()}
 
 
-def basis_of(scenario: Scenario, model: ContactModel) -> Basis:
+def basis_of(scenario: Scenario, model: ContactModel, names: tuple[str, ...] | None = None
+             ) -> Basis:
     """Returns the basis of a scenario's tube, its constants from the cache if they are there.
 
     ζ̄̇ is constant between two knots, at which the speeds are within limits.
+
+    Args:
+        scenario: Scenario of the tube.
+        model: The controller's model.
+        names: Names of the constants; those that the scenario's law needs if None.
     """
     declared, contact = declared_set(scenario, model), motion_of(scenario).contact_force(scenario)
+    weights = weights_of(scenario, model)
+    if names is None:
+        names = motion_of(scenario).constant_names(scenario.ancillary, weights)
     limits = scenario.limits
     speeds = np.repeat([declared.nu1, declared.nu2, declared.qdot], [3, 3, model.num_joints])
     return Basis(
-        model=model, declared=declared, constants=constants_of(scenario, model, declared),
-        d_bound=scenario.disturbance.d_bound, weights=weights_of(scenario, model),
+        model=model, declared=declared,
+        constants=constants_of(scenario, model, declared, names),
+        d_bound=scenario.disturbance.d_bound, weights=weights,
         u_limit=np.asarray(limits.u, dtype=float), settings=scenario.certificate,
         contact=contact, forces=bool(
             limits.tau is not None or limits.thrusters is not None or limits.more),

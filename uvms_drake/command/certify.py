@@ -45,6 +45,9 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
     certify.add_argument("--propose", type=float, metavar="BANDWIDTH",
                          help="also propose gains up to BANDWIDTH [1/s] for the smallest certified "
                               "force error")
+    certify.add_argument("--paper", action="store_true",
+                         help="also search for the constants of the paper's Lemma, and print its "
+                              "radii with these gains and this disturbance")
     certify.add_argument("--laws", action="store_true",
                          help="also print both laws with several gains: certified radius, radius "
                               "reached by an adversary, radius of the paper")
@@ -52,7 +55,7 @@ def add_certify(commands: argparse._SubParsersAction) -> None:
 
 def certify_scenario(args: argparse.Namespace) -> int:
     """Prints and writes the certificate; returns 0 if it holds, else 1."""
-    from uvms_drake.certificate.certify import certified_once, check_inputs
+    from uvms_drake.certificate.certify import certified_once, check_inputs, with_paper
     from uvms_drake.certificate.table import format_certificate
     from uvms_drake.station.step_size import floored, largest_step
     from uvms_drake.studies.compare_laws import compare_laws, format_laws
@@ -75,6 +78,8 @@ def certify_scenario(args: argparse.Namespace) -> int:
             note(scenario)
             with closing(Bar(CERTIFYING, stream_of(args))) as progress:
                 certificate = certified_once(scenario, progress)
+            if args.paper:
+                certificate = with_paper(certificate, scenario, model)
         write_certificate(certificate, output.folder)
         _draw_budget(certificate, output.folder)
         files = sorted((item.name for item in output.folder.iterdir()), reverse=True)
@@ -130,6 +135,10 @@ def _check_studies(args: argparse.Namespace, scenario: Scenario) -> None:
 
     if args.pareto_front:
         check_pareto_front(scenario)
+    if args.paper and motion_of(scenario).has_forces:
+        law = scenario.ancillary
+        require(np.isfinite(law.k), "ancillary", type(law).__name__,
+                "a law with one k and one σ, for --paper")
     for option in ("propose", "laws", "margins"):
         require(getattr(args, option) in (None, False) or motion_of(scenario).has_forces,
                 "motion", scenario.motion, f"dynamic, for --{option}")

@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from uvms_drake.certificate.certify import basis_of
+from uvms_drake.certificate.certify import basis_of, weights_of
 from uvms_drake.common.errors import require
 from uvms_drake.common.progress import Progress, silent
 from uvms_drake.control.feedback.tube_monitor import TubeMonitor, TubeReport
@@ -27,7 +27,7 @@ from uvms_drake.plant.uvms_plant import make_uvms_plant, set_state
 from uvms_drake.station.motions.motions import motion_of
 from uvms_drake.station.problem import make_dynamic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
-from uvms_drake.tube.laws.dynamic import TASK_RADII, lemma_constants
+from uvms_drake.tube.laws.dynamic import TASK_RADII, TRANSPOSE, lemma_constants
 
 LAWS: tuple[AncillaryLaw, ...] = (
     Resolved(k=10.0, sigma=2.0), Resolved(k=10.0, sigma=5.0), Resolved(k=20.0, sigma=5.0),
@@ -59,11 +59,13 @@ def compare_laws(scenario: Scenario, model: ContactModel, laws: Iterable[Ancilla
                  progress: Progress = silent) -> list[LawRow]:
     """Returns a row for every law, with the controller's model and the scenario's limits and d̃."""
     require(motion_of(scenario).has_forces, "motion", scenario.motion, "dynamic to compare laws")
-    d = scenario.disturbance.d_bound
-    basis = basis_of(scenario, model)
+    d, laws = scenario.disturbance.d_bound, tuple(laws)
+    weights = weights_of(scenario, model)
+    needed = {name for law in laws if type(law) in TASK_RADII
+              for name in motion_of(scenario).constant_names(law, weights)}
+    basis = basis_of(scenario, model, tuple(sorted({*TRANSPOSE, *needed})))
     lemma = lemma_constants(basis.constants)
     rows: list[LawRow] = []
-    laws = tuple(laws)
     for law in laws:
         progress(law.name, len(rows) / len(laws))
         radius = TASK_RADII.get(type(law))

@@ -40,7 +40,7 @@ def propose_gains(scenario: Scenario, model: ContactModel, bandwidth: float
     surface = model.surface
     wrench = np.asarray(scenario.task.force, dtype=float)
     chi_des = surface.pose_for(wrench, scenario.task.pose)
-    basis = basis_of(scenario, model)
+    basis = basis_of(replace(scenario, ancillary=Resolved()), model)
 
     def force_error(law: Resolved) -> float:
         """Returns the bound of the force error with other gains [N]."""

@@ -17,7 +17,13 @@ from uvms_drake.certificate.certificate import (
     stale_reason,
     write_certificate,
 )
-from uvms_drake.certificate.certify import assumptions, certified_once, certify, declared_set
+from uvms_drake.certificate.certify import (
+    assumptions,
+    certified_once,
+    certify,
+    declared_set,
+    with_paper,
+)
 from uvms_drake.certificate.table import format_certificate, verdict
 from uvms_drake.common.errors import InvalidParameter
 from uvms_drake.control.laws import Resolved, Transpose
@@ -40,7 +46,7 @@ from uvms_drake.studies.propose_gains import propose_gains
 from uvms_drake.tube.constants.constants import estimate_constants
 from uvms_drake.tube.law_tube import Basis
 from uvms_drake.tube.laws.kinematic import (
-    CONSTANTS,
+    TRANSPOSE,
     transpose_kinematic_tube,
     velocity_deviation,
     worst_errors,
@@ -67,10 +73,7 @@ def scenario() -> Scenario:
 
 @pytest.fixture(scope="module")
 def certificate(scenario) -> Certificate:
-    """The constants, those of the paper's law, are searched for less than by `certify`."""
-    with pytest.MonkeyPatch.context() as patch:
-        search_constants_less(patch)
-        return certified_once(scenario)
+    return certified_once(scenario)
 
 
 @pytest.fixture(scope="module")
@@ -129,11 +132,15 @@ def test_the_declared_tube_is_the_certified_one_rounded_up(certificate, scenario
             assert value <= getattr(declared, name) <= 1.5 * value, name
 
 
-def test_the_constants_are_those_of_the_papers_law_and_show_that_it_has_no_tube(certificate):
-    assert {constant.name for constant in certificate.constants} == set(CONSTANTS)
-    assert np.isinf(certificate.paper["corrected radius"])
-    assert certificate.paper["printed radius"] < certificate.paper["radius of resolved"]
-    assert certificate.paper["smallest σ"] > 10.0 * certificate.sigma
+def test_the_constants_of_the_papers_law_show_that_it_has_no_tube(
+        certificate, scenario, monkeypatch):
+    assert (certificate.constants, certificate.paper) == ((), {})
+    search_constants_less(monkeypatch)
+    with_both = with_paper(certificate, scenario, load_model(scenario))
+    assert tuple(constant.name for constant in with_both.constants) == TRANSPOSE
+    assert np.isinf(with_both.paper["corrected radius"])
+    assert with_both.paper["printed radius"] < with_both.paper["radius of resolved"]
+    assert with_both.paper["smallest σ"] > 10.0 * certificate.sigma
 
 
 def test_it_is_the_same_after_json(certificate, scenario, tmp_path):
@@ -295,7 +302,7 @@ def test_without_an_arm_the_papers_law_has_a_tube_and_keeps_it(scenario):
         q_lower=np.zeros(0), q_upper=np.zeros(0), roll=0.5, pitch=0.5, tip_pitch=0.6, nu1=0.3,
         nu2=0.2, qdot=0.1)
     law = Transpose(sigma=12.0)
-    constants = estimate_constants(model, declared, CONSTANTS, samples=300)
+    constants = estimate_constants(model, declared, TRANSPOSE, samples=300)
     tube, conditions, *_ = transpose_kinematic_tube(
         law, Basis(
             model, declared, constants, 0.05, np.ones(6), np.zeros(0), scenario.certificate))

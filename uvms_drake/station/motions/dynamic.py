@@ -29,8 +29,8 @@ from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.station.series_connection import keyed
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
 from uvms_drake.tube.constants.covering import prove_constants
-from uvms_drake.tube.law_tube import WEIGHTED, Basis
-from uvms_drake.tube.laws.dynamic import DYNAMIC_TUBES, paper_radii
+from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis
+from uvms_drake.tube.laws.dynamic import DYNAMIC_TUBES, TRANSPOSE, dynamic_constants, paper_radii
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 from uvms_drake.visual.controls import ForceSlider
@@ -49,7 +49,7 @@ class Dynamic(Motion[DynamicOcp]):
     plant_signals = ("state", "chi", "force", "penetration", "disturbance", "acceleration")
     controller_signals: ClassVar[tuple[str, ...]] = (
         "nominal_state", "nominal_input", "u", "tau", "lost", "limited", "accepted_force")
-    tubes = DYNAMIC_TUBES
+    tubes, paper_constants = DYNAMIC_TUBES, TRANSPOSE
     disturbance_symbol, disturbance_unit = "d", "m/s², rad/s²"
     disturbance_blocks = ("surge, sway, heave", "roll, pitch, yaw", "joints")
     stages = (0.65, 0.72, 0.98)
@@ -118,17 +118,24 @@ class Dynamic(Motion[DynamicOcp]):
         return [("mpc.input_reference, not the equilibrium's input",
                  mpc.input_reference != "equilibrium")]
 
-    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
-                  settings: CertificateSettings) -> dict[str, Constant]:
-        """Returns all constants; those that decide the tube of `resolved` are proven."""
-        constants = estimate_constants(
-            model, declared, samples=settings.constant_samples,
-            safety_factor=settings.safety_factor, seed=settings.seed)
-        proven = prove_constants(model, declared, seed=settings.seed, weights=weights)
-        if np.all(weights == 1.0):
-            return constants | proven
-        return constants | {WEIGHTED[name]: replace(constant, name=WEIGHTED[name])
-                            for name, constant in proven.items()}
+    def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
+        """Returns the names of the constants that a law's tube is computed from, for a Ŵ."""
+        return dynamic_constants(law, weights)
+
+    def constants(self, names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
+                  weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns constants by name; those that decide the tube of `resolved` are proven."""
+        ball = bool(np.all(weights == 1.0))
+        norms = {name if ball else WEIGHTED[name]: name for name in PROVEN.values()}
+        proven = prove_constants(
+            model, declared, tuple(norms[name] for name in names if name in norms),
+            seed=settings.seed, weights=weights)
+        estimated = estimate_constants(
+            model, declared, tuple(name for name in names if name not in norms),
+            samples=settings.constant_samples, safety_factor=settings.safety_factor,
+            seed=settings.seed)
+        return estimated | {name: replace(proven[plain], name=name)
+                            for name, plain in norms.items() if plain in proven}
 
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:
         """Returns the radii of the paper's Lemma with the same gains and d̃; see `paper_radii`."""

@@ -20,7 +20,12 @@ from uvms_drake.station.problem import make_kinematic_ocp
 from uvms_drake.station.scenario.scenario import Scenario
 from uvms_drake.tube.constants.constants import Constant, estimate_constants
 from uvms_drake.tube.law_tube import Basis
-from uvms_drake.tube.laws.kinematic import CONSTANTS, KINEMATIC_TUBES, paper_kinematic_radii
+from uvms_drake.tube.laws.kinematic import (
+    KINEMATIC_TUBES,
+    TRANSPOSE,
+    kinematic_constants,
+    paper_kinematic_radii,
+)
 from uvms_drake.tube.search.constraint_set import ConstraintSet
 from uvms_drake.tube.settings import CertificateSettings
 
@@ -32,7 +37,7 @@ class Kinematic(Motion[KinematicOcp]):
     measured, command, effect = "configuration", "u", "zeta"
     plant_signals = ("state", "disturbance")
     controller_signals = ("nominal_state", "nominal_input", "u", "lost")
-    tubes = KINEMATIC_TUBES
+    tubes, paper_constants = KINEMATIC_TUBES, TRANSPOSE
     disturbance_symbol, disturbance_unit = "w", "m/s, rad/s"
     disturbance_blocks = ("position", "orientation")
     stages = (0.46, 0.98, 0.99)
@@ -100,11 +105,15 @@ class Kinematic(Motion[KinematicOcp]):
         free = int(np.count_nonzero(np.asarray(mpc.weight_y)[6:] == 0.0))
         return [("joints of weight zero, which no terminal set covers", free)]
 
-    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
-                  settings: CertificateSettings) -> dict[str, Constant]:
-        """Returns the constants of the law `transpose`; `resolved` needs none."""
+    def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
+        """Returns the names of the constants of the law `transpose`; `resolved` needs none."""
+        return kinematic_constants(law)
+
+    def constants(self, names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
+                  weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns constants by name, all estimated."""
         return estimate_constants(
-            model, declared, CONSTANTS, samples=settings.constant_samples,
+            model, declared, names, samples=settings.constant_samples,
             safety_factor=settings.safety_factor, seed=settings.seed)
 
     def paper_radii(self, law: AncillaryLaw, basis: Basis) -> dict[str, float]:

@@ -53,6 +53,8 @@ class Motion(ABC, Generic[AnyOcp]):
     """Output ports of the controller that are logged."""
     tubes: ClassVar[dict[type[AncillaryLaw], Callable[..., LawTube]]]
     """Tubes of the laws that have a certificate: functions of law and `Basis`."""
+    paper_constants: ClassVar[tuple[str, ...]]
+    """Names of the constants that `paper_radii` needs."""
     disturbance_symbol: ClassVar[str]
     """Letter of the disturbance."""
     disturbance_unit: ClassVar[str]
@@ -125,11 +127,16 @@ class Motion(ABC, Generic[AnyOcp]):
         """Returns this motion's assumptions about the MPC by name; 0 where one is kept."""
 
     @abstractmethod
-    def constants(self, model: ContactModel, declared: ConstraintSet, weights: np.ndarray,
-                  settings: CertificateSettings) -> dict[str, Constant]:
-        """Returns the constants that the tubes of this motion are computed from, by name.
+    def constant_names(self, law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
+        """Returns the names of the constants that a law's tube is computed from, for a Ŵ."""
+
+    @abstractmethod
+    def constants(self, names: tuple[str, ...], model: ContactModel, declared: ConstraintSet,
+                  weights: np.ndarray, settings: CertificateSettings) -> dict[str, Constant]:
+        """Returns constants by name.
 
         Args:
+            names: Names of `constant_names` and `paper_constants`.
             model: The prediction model.
             declared: Set of the suprema.
             weights: Diagonal of Ŵ, see `Basis`.

@@ -210,6 +210,8 @@ def estimate_constants(model: ContactModel, constraint_set: ConstraintSet,
     """
     require(samples >= 1, "samples", samples, "a positive integer")
     require(1.0 <= safety_factor < np.inf, "safety_factor", safety_factor, "at least 1")
+    if not names:
+        return {}
     config, zeta = constraint_set.sample(model, samples, np.random.default_rng(seed))
     values = sampled_values(model, config, zeta, names, weights)
     ends = [end for name in names for end in _local_maxima(

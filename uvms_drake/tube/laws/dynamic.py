@@ -18,7 +18,7 @@ from uvms_drake.tube.conditions import Condition, LemmaConstants, paper_conditio
 from uvms_drake.tube.constants.constant_check import checked_constants
 from uvms_drake.tube.constants.constants import Constant
 from uvms_drake.tube.contact.sensor_error import sensor_effect_of
-from uvms_drake.tube.law_tube import Basis, LawTube
+from uvms_drake.tube.law_tube import PROVEN, WEIGHTED, Basis, LawTube
 from uvms_drake.tube.laws.kinematic import undetermined_joints
 from uvms_drake.tube.laws.tip_first import tip_first_law_tube
 from uvms_drake.tube.resolved.bounds import (
@@ -37,6 +37,22 @@ ESTIMATED = ("z", "nu1", "nu2", "u", "tau", "between_knots")
 TRANSPOSE = ("J_min", "J_max", "J_dot_max", "L_c_chi", "L_1_chi", "L_2")
 TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "J_dot_max", "L_c", "L_1", "L_2")
 """Constants of `transpose`, see `lemma_constants`."""
+
+
+def dynamic_constants(law: AncillaryLaw, weights: np.ndarray) -> tuple[str, ...]:
+    """Returns the names of the constants that the tube of a law is computed from.
+
+    Args:
+        law: A law of `DYNAMIC_TUBES`.
+        weights: Diagonal of Ŵ, see `Basis`.
+    """
+    if isinstance(law, Transpose):
+        return TRANSPOSE_JOINTS if law.joints else TRANSPOSE
+    norms = (name if np.all(weights == 1.0) else WEIGHTED[name] for name in PROVEN.values())
+    task, position, orientation = norms
+    if isinstance(law, TipFirst):
+        return position, "J_dot_max"
+    return task, position, orientation
 
 
 def lemma_constants(constants: dict[str, Constant], *, joints: bool = False) -> LemmaConstants:
@@ -149,7 +165,7 @@ without a search; by the law's exact type."""
 def paper_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
     """Returns the radii of the paper's Lemma for the same constants, gains and d̃, to compare.
 
-    Empty for a law whose rows have gains of their own.
+    They depend on the constants `TRANSPOSE`. Empty for a law whose rows have gains of their own.
     """
     if np.isnan(law.k):
         return {}

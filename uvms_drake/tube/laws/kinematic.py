@@ -31,11 +31,19 @@ from uvms_drake.tube.search.local_search import DIFFERENCE, climb
 from uvms_drake.tube.search.search_problem import SearchProblem
 from uvms_drake.tube.search.second_search import second_search
 
-CONSTANTS = ("J_min", "J_max", "L_c_chi", "Jx_inv_max", "Jx_max", "L_c")
+TRANSPOSE = ("J_min", "J_max", "L_c_chi")
+TRANSPOSE_JOINTS = ("Jx_inv_max", "Jx_max", "L_c")
 """Constants of the law `transpose`, in χ and in y; `resolved` needs none."""
 STEPS = 4
 """Ascent steps of the search for the worst error 𝔢."""
 _BLOCKS = (slice(0, 3), slice(3, 6))
+
+
+def kinematic_constants(law: AncillaryLaw) -> tuple[str, ...]:
+    """Returns the names of the constants that the tube of a law is computed from."""
+    if isinstance(law, Transpose):
+        return TRANSPOSE_JOINTS if law.joints else TRANSPOSE
+    return ()
 
 
 def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
@@ -54,7 +62,7 @@ def resolved_kinematic_tube(law: Resolved, basis: Basis) -> LawTube:
 
 def transpose_kinematic_tube(law: Transpose, basis: Basis) -> LawTube:
     """Returns the tube of ζ = ζ̄ − σJ(𝔮̄)ᵀ𝔢, ‖ζ − ζ̄‖ ≤ σJ̄E; χ has to determine the joints."""
-    names = ("Jx_inv_max", "Jx_max", "L_c") if law.joints else ("J_min", "J_max", "L_c_chi")
+    names = kinematic_constants(law)
     J_min, J_max, L_c = (basis.value(name) for name in names)
     found = kinematic_tubes(J_min**-2 if law.joints else J_min, L_c, law.sigma, basis.d_bound)
     e, num_joints = found.corrected, basis.model.num_joints
@@ -83,7 +91,10 @@ def undetermined_joints(law: Transpose, model: ContactModel) -> Condition:
 
 
 def paper_kinematic_radii(law: AncillaryLaw, basis: Basis) -> dict[str, float]:
-    """Returns the radii of both laws with the same σ and w̃, and the least σ of the paper's law."""
+    """Returns the radii of both laws with the same σ and w̃, and the least σ of the paper's law.
+
+    They depend on the constants `TRANSPOSE`.
+    """
     J_min, L_c = basis.value("J_min"), basis.value("L_c_chi")
     found = kinematic_tubes(J_min, L_c, law.sigma, basis.d_bound)
     return {"printed radius": found.printed, "corrected radius": found.corrected,
